@@ -1,7 +1,7 @@
-"""A stand-in for `rclpy` and messages of ROS 2, with a robot in a map: `install(World(...))`.
+"""A substitute for `rclpy` and messages of ROS 2, with a robot in a map: `install(World(...))`.
 
-The messages have the fields and types of their definitions, and refuse others as those of rclpy do.
-Callbacks run in the thread that spins, as there.
+As in rclpy, messages refuse values that do not have the types of their definitions, and callbacks
+run in the thread that spins. Messages have the fields that jaxcell uses, and some others.
 """
 
 import enum
@@ -11,71 +11,36 @@ import sys
 import threading
 import time
 import types
+from concurrent.futures import Future
 
 from jaxcell.robot.create.packets import WHEEL_BASE
 
 
-DEFINITIONS = {
-    "builtin_interfaces.msg.Time": {"sec": int, "nanosec": int},
-    "std_msgs.msg.Header": {"stamp": "builtin_interfaces.msg.Time", "frame_id": str},
-    "std_msgs.msg.Bool": {"data": bool},
-    "geometry_msgs.msg.Vector3": {"x": float, "y": float, "z": float},
-    "geometry_msgs.msg.Point": {"x": float, "y": float, "z": float},
-    "geometry_msgs.msg.Quaternion": {"x": float, "y": float, "z": float, "w": float},
-    "geometry_msgs.msg.Pose": {
-        "position": "geometry_msgs.msg.Point",
-        "orientation": "geometry_msgs.msg.Quaternion",
-    },
-    "geometry_msgs.msg.PoseWithCovariance": {"pose": "geometry_msgs.msg.Pose"},
-    "geometry_msgs.msg.PoseArray": {"header": "std_msgs.msg.Header", "poses": list},
-    "geometry_msgs.msg.Twist": {
-        "linear": "geometry_msgs.msg.Vector3",
-        "angular": "geometry_msgs.msg.Vector3",
-    },
-    "geometry_msgs.msg.TwistStamped": {
-        "header": "std_msgs.msg.Header",
-        "twist": "geometry_msgs.msg.Twist",
-    },
-    "sensor_msgs.msg.BatteryState": {
-        "header": "std_msgs.msg.Header",
-        "percentage": float,
-        "power_supply_status": int,
-    },
-    "nav_msgs.msg.Odometry": {
-        "header": "std_msgs.msg.Header",
-        "child_frame_id": str,
-        "pose": "geometry_msgs.msg.PoseWithCovariance",
-    },
-    "nav_msgs.msg.MapMetaData": {
-        "map_load_time": "builtin_interfaces.msg.Time",
-        "resolution": float,
-        "width": int,
-        "height": int,
-        "origin": "geometry_msgs.msg.Pose",
-    },
-    "nav_msgs.msg.OccupancyGrid": {
-        "header": "std_msgs.msg.Header",
-        "info": "nav_msgs.msg.MapMetaData",
-        "data": list,
-    },
-    "irobot_create_msgs.msg.HazardDetection": {"header": "std_msgs.msg.Header", "type": int},
-    "irobot_create_msgs.msg.HazardDetectionVector": {
-        "header": "std_msgs.msg.Header",
-        "detections": list,
-    },
-    "irobot_create_msgs.msg.DockStatus": {
-        "header": "std_msgs.msg.Header",
-        "dock_visible": bool,
-        "is_docked": bool,
-    },
-    "irobot_create_msgs.action.DriveDistance.Goal": {
-        "distance": float,
-        "max_translation_speed": float,
-    },
-    "irobot_create_msgs.action.RotateAngle.Goal": {"angle": float, "max_rotation_speed": float},
-    "action_msgs.msg.GoalInfo": {"stamp": "builtin_interfaces.msg.Time"},
-    "action_msgs.srv.CancelGoal.Request": {"goal_info": "action_msgs.msg.GoalInfo"},
-}
+# The fields of each message, by name and type.
+DEFINITIONS = """
+builtin_interfaces.msg.Time: sec int, nanosec int
+std_msgs.msg.Header: stamp builtin_interfaces.msg.Time, frame_id str
+std_msgs.msg.Bool: data bool
+geometry_msgs.msg.Vector3: x float, y float, z float
+geometry_msgs.msg.Point: x float, y float, z float
+geometry_msgs.msg.Quaternion: x float, y float, z float, w float
+geometry_msgs.msg.Pose: position geometry_msgs.msg.Point, orientation geometry_msgs.msg.Quaternion
+geometry_msgs.msg.PoseWithCovariance: pose geometry_msgs.msg.Pose
+geometry_msgs.msg.PoseArray: header std_msgs.msg.Header, poses list
+geometry_msgs.msg.Twist: linear geometry_msgs.msg.Vector3, angular geometry_msgs.msg.Vector3
+geometry_msgs.msg.TwistStamped: header std_msgs.msg.Header, twist geometry_msgs.msg.Twist
+sensor_msgs.msg.BatteryState: header std_msgs.msg.Header, percentage float, power_supply_status int
+nav_msgs.msg.Odometry: header std_msgs.msg.Header, pose geometry_msgs.msg.PoseWithCovariance
+nav_msgs.msg.MapMetaData: resolution float, width int, height int, origin geometry_msgs.msg.Pose
+nav_msgs.msg.OccupancyGrid: header std_msgs.msg.Header, info nav_msgs.msg.MapMetaData, data list
+irobot_create_msgs.msg.HazardDetection: header std_msgs.msg.Header, type int
+irobot_create_msgs.msg.HazardDetectionVector: header std_msgs.msg.Header, detections list
+irobot_create_msgs.msg.DockStatus: header std_msgs.msg.Header, is_docked bool
+irobot_create_msgs.action.DriveDistance.Goal: distance float, max_translation_speed float
+irobot_create_msgs.action.RotateAngle.Goal: angle float, max_rotation_speed float
+action_msgs.msg.GoalInfo: stamp builtin_interfaces.msg.Time
+action_msgs.srv.CancelGoal.Request: goal_info action_msgs.msg.GoalInfo
+"""
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BACKUP_LIMIT, BUMP, CLIFF, STALL, WHEEL_DROP = range(5)
@@ -85,24 +50,23 @@ TICK = 0.02
 class Message:
     def __init__(self):
         for name, kind in self.fields.items():
-            value = CLASSES[kind]() if isinstance(kind, str) else kind()
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, CLASSES[kind]())
 
     def __setattr__(self, name, value):
-        kind = self.fields[name]
-        kind = CLASSES[kind] if isinstance(kind, str) else kind
+        kind = CLASSES[self.fields[name]]
         assert type(value) is kind, f"{type(self).__name__}.{name}: {value!r} is no {kind.__name__}"
         object.__setattr__(self, name, value)
 
 
-CLASSES = {
-    name: type(name.rpartition(".")[2], (Message,), {"fields": fields})
-    for name, fields in DEFINITIONS.items()
-}
+CLASSES = {kind.__name__: kind for kind in (bool, int, float, str, list)}
+for line in DEFINITIONS.split("\n")[1:-1]:
+    message, fields = line.split(": ")
+    kinds = dict(field.split() for field in fields.split(", "))
+    CLASSES[message] = type(message.rpartition(".")[2], (Message,), {"fields": kinds})
 
 
 class World:
-    """A robot, a Create 3 or another base; `body` is where it is, 50 ticks are its second."""
+    """A Create 3 or another base with a body, whose time passes by ticks."""
 
     def __init__(self, body=None, *, kind="create3", pause=0.0005):
         self.body, self.kind, self.pause = body, kind, pause
@@ -197,27 +161,6 @@ def bounded(speed, least, most, whole):
     return 0.0 if whole == 0 else math.copysign(min(max(abs(speed), least), most), speed)
 
 
-class Future:
-    def __init__(self):
-        self._done, self._result, self._callbacks = False, None, []
-
-    def done(self):
-        return self._done
-
-    def result(self):
-        return self._result
-
-    def add_done_callback(self, callback):
-        self._callbacks.append(callback)
-        if self._done:
-            callback(self)
-
-    def set_result(self, result):
-        self._result, self._done = result, True
-        for callback in self._callbacks:
-            callback(self)
-
-
 class Node:
     def __init__(self, world, name):
         self.world, self.name = world, name
@@ -235,7 +178,7 @@ class Node:
     def create_publisher(self, kind, topic, qos):
         def publish(message):
             assert type(message) is kind
-            # A subscription hears its own type only.
+            # A subscription receives messages of its own type only.
             if topic == "cmd_vel" and f"geometry_msgs/msg/{kind.__name__}" in self.world.speeds:
                 self.world.roll(message)
             self.world.published.setdefault(topic, []).append(message)
@@ -316,7 +259,7 @@ class Executor:
 
 
 def install(world=None, modules=sys.modules):
-    """Make these modules importable, with a world that nodes are in."""
+    """Make the modules of ROS importable, with nodes in a world."""
     world = world or World()
     made = {}
 
@@ -330,6 +273,8 @@ def install(world=None, modules=sys.modules):
         return made[name]
 
     for name, kind in CLASSES.items():
+        if not issubclass(kind, Message):
+            continue
         package, inner, *path = name.split(".")
         place = module(f"{package}.{inner}")
         for part in path[:-1]:

@@ -22,9 +22,9 @@ USES = {
     "mutations.py": (2, "Seconds of the processor: a reader takes a hundredth of them."),
     "record/test_robot.py": (1, "A process that waits to be killed, however long that takes."),
     "robot/test_create.py": (
-        6,
-        "The fake robot moves by the time that passes, at most 20 ms a tick; callers pause between "
-        "commands; a jammed motion ends whenever its time is over.",
+        5,
+        "Pauses between exchanges or commands; a process that is ended; a motion that ends after "
+        "its time is over.",
     ),
     "robot/test_emulator.py": (
         2,

@@ -1,61 +1,61 @@
 """Filters, plans and policies on an iRobot Create 2 or Roomba, over a serial line. Imports no JAX.
 
-**The robot** speaks the *Open Interface*: commands of a few bytes from the host, and every 15 ms a
-*frame* of sensor *packets* from the robot. It has four *modes* (`Mode`): Off; Passive, in which it
-only senses; Safe, in which the host drives it, and a cliff, a dropped wheel or a charger takes it
-back to Passive; and Full, in which nothing does. This package never uses Full. Lengths are in
-metres, angles in radians counter-clockwise, times in seconds.
+**The robot** speaks the *Open Interface*: the host sends commands of a few bytes, and every 15 ms
+the robot sends a *frame* of sensor *packets*. It has four *modes* (`Mode`). In Off and Passive it
+does not drive. In Safe the host drives it, and a cliff, a dropped wheel or a charger takes it back
+to Passive. In Full nothing does; this package never uses Full. Lengths are in metres, angles in
+radians counter-clockwise, times in seconds.
 
-**What is guaranteed.** The Open Interface has no timeout: the wheels keep their last speed until
-the next command. So a `Driver`, as `Create` is one, stops them when its `with` block ends, when
-the robot is in danger or silent, when the caller does not renew its speeds, and when the driving
-process hangs or is killed. A cable pulled out, or a computer without power, is beyond that. Of a
-damaged line, `StreamParser` lets no wrong values through if of three frames in a row one byte is
-changed, lost or doubled.
+**Safety.** The Open Interface has no timeout: the wheels keep their last speed until the next
+command. Therefore a `Driver`, such as `Create`, stops them when its `with` block ends, when the
+robot is in danger or silent, when the caller does not renew its speeds, and when the driving
+process hangs or is killed. It cannot stop a robot whose cable is pulled out, or whose computer
+loses power. On a damaged line, `StreamParser` accepts no wrong values as long as at most one byte
+in three consecutive frames is changed, lost or doubled.
 
 **Steps.** A `Walker` makes the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from cell
-to cell, by the encoders of the wheels, with the strides of `cell_strides`: each ends at the centre
-of a cell, or where it began if a bumper was pressed. So what it observes, 0 for a step and 1 for a
-bump, is what a filter expects.
+to cell, by the encoders of the wheels, with the strides of `cell_strides`. A step ends at the
+centre of a cell, or where it began if a bumper was pressed. So the robot observes 0 for a step and
+1 for a bump, as a filter expects.
 
-| what runs (`load_task` reads it) | run | from a log | source |
+| task (read by `load_task`) | run | replay of a log | source |
 | --- | --- | --- | --- |
 | `FilterFollower`: a localization filter | `run_follower` | `replay_follower` | section 2.4 |
 | `PolicyFollower`: a localization policy | `run_follower` | `replay_follower` | chapter 2 |
-| `BeliefFollower`: a belief, if it slips | `run_follower` | `replay_follower` | |
+| `BeliefFollower`: a belief of a robot that slips | `run_follower` | `replay_follower` | |
 | sets on walls, from anywhere | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
 
-Each gives an `RunOutcome`. A `RunLog` has every observation on the disk before the robot goes on;
-`read_log` reads it, also if it was cut off, and a replay comes to the same outcome.
+Each run returns a `RunOutcome`. A `RunLog` writes every observation to the disk before the robot
+continues. `read_log` reads the log, even if it was cut off, and a replay has the same outcome.
 
-A run that was stopped goes on: a `Walker` that is given what its robot sensed before takes those
-steps as made, and what runs comes to the state where it was. Where the wheels are not those of the
-book, `Calibrated` goes by a `Calibration`, which `jaxcell robot calibrate` measures and keeps in
-`calibration_file`.
+A run that was stopped can be resumed: a `Walker` with the earlier observations counts these steps
+without driving, which brings the task to its last state. `Calibrated` corrects the encoders of a
+robot by a `Calibration`, which `jaxcell robot calibrate` measures and saves in `calibration_file`.
 
-**On the way.** Patrols go from cell to cell by Lee's wave routing: `grid_steps` has the ways of a
-grid, `wave` the number of steps to a goal, `route` a shortest way, in time proportional to the
-cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_cross` makes the
-sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
-`CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
+**Patrols** go from cell to cell by Lee's wave routing. `grid_steps` makes the steps of a grid,
+`wave` counts the steps to a goal, and `route` finds a shortest path, in time proportional to the
+number of cells. A patrol may look for a dummy intruder, a dark cross on a light sheet: `draw_cross`
+draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames
+for `CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
 
-**If the robot slips** unseen by its encoders, `Particles` are an estimator beside the belief and
-the sets of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
+**Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, as an
+alternative to the belief and the sets of `jaxcell.automata`: each has `start`, `observe` and
+`estimate`.
 
-**On ROS 2**, `jaxcell.robot.ros` has an iRobot Create 3 or TurtleBot 4, and any base with `cmd_vel`
-and `odom`, as what a `Walker` drives, and publishes where the robot may be. It is imported when it
-is asked for, as it needs `rclpy`, and it has met no robot.
+**On ROS 2**, `jaxcell.robot.ros` drives an iRobot Create 3 or TurtleBot 4, or any base with
+`cmd_vel` and `odom`, and publishes the possible places of the robot. It must be imported
+separately because it needs `rclpy`. It has not been tested on a robot.
 
-**Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
-program that `filter_sketch` or `policy_sketch` writes, or bounces forever by that of
-`bounce_sketch` (section 3.5.4).
+**Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the program
+that `filter_sketch` or `policy_sketch` writes, or bounces forever by the program of `bounce_sketch`
+(section 3.5.4).
 
-`jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
-`jaxcell.robot.emulation.simulated` the driver and that robot on one clock, and
-`jaxcell.robot.physics` the body of a Create 2 that a physics engine moves, for either.
+**Without hardware**, `jaxcell.robot.emulation.emulator` is a robot at the other end of a serial
+line, `jaxcell.robot.emulation.simulated` runs the driver and this robot on one clock, and
+`jaxcell.robot.physics` moves the body of the robot by a physics engine.
 """
 
 from .anywhere import (

@@ -16,26 +16,26 @@ class AnywhereOutcome(RunOutcome):
     """The outcome of the run of a robot that started anywhere."""
 
     place: tuple[float, float] | None = None
-    "The middle of the places where the robot may be, in metres."
+    "The middle of the possible places of the robot, in metres."
     extent: float = math.inf
-    "The diagonal of the box around these places, in metres."
+    "The diagonal of the box around the possible places, in metres."
 
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereSettings:
-    """The filter, the angles and the aim of a robot that starts anywhere."""
+    """The filter, the bouncing angles and the goal of a robot that starts anywhere."""
 
     filter: WallFilter
     bounces: tuple[float, ...]
     "The angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot is localized when all places are this near to their middle, in metres."
+    "The robot is localized if the extent of its possible places is at most twice this, in metres."
     homing: Homing | None = None
-    "The goal of the robot; `None` if it only finds out where it is."
+    "The navigation to the goal of the robot; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "The extent to minimize by the choice of an angle without a goal, the worst or the mean."
+    "The extent that the choice of an angle minimizes without a goal: the worst or the mean."
     ahead: int = 1
-    "The number of bumps to look ahead in this choice."
+    "The number of bumps that this choice looks ahead."
     seed: int = 0
     "The seed of the places that are drawn to choose an angle."
 
@@ -43,18 +43,18 @@ class AnywhereSettings:
 def run_anywhere(
     walker: Walker, settings: AnywhereSettings, *, log: RunLog | None = None, limit: int = 10_000
 ) -> AnywhereOutcome:
-    """Let a robot that was put down anywhere find out where it is, or come home.
+    """Localize a robot that starts anywhere, or lead it to its goal.
 
     The robot drives straight until it bumps, backs off by half of the displacement that its errors
-    allow, and turns. It knows nothing but the lengths of its runs.
+    allow, and turns. It measures only the lengths of its runs.
 
-    **Arguments:** a walker; the filter, the angles and the aim; the log, which gets each run as
-    soon as it ends; and the largest number of bumps.
+    **Arguments:** a walker; the filter, the angles and the goal; the log, to which each run is
+    written at once; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
-    `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
+    `"arrived"` at the goal, or `"refuted"` if the runs are impossible from every place.
 
-    A point robot in an L-shaped room, without a serial line:
+    A simulated point robot in an L-shaped room:
 
         >>> import math
         >>> from jaxcell import robot, space, walls
@@ -92,10 +92,9 @@ def run_anywhere(
 
 
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
-    """Replay the runs of a robot through its filter.
+    """Replay the logged runs of a robot through its filter.
 
-    **Arguments:** a log, and the settings of its run. **Returns:** the outcome of the run if it was
-    not cut off.
+    **Arguments:** a log, and the settings of its run. **Returns:** the outcome of the run so far.
 
     **Raises:** `ValueError` if a length or an angle in the log is not a number.
 
@@ -115,7 +114,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """A filter along the runs of one robot."""
+    """The state of the filter of one robot, updated by its runs and turns."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
@@ -125,7 +124,7 @@ class SetFollower:
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
-        """Take in the length of a run; `None` if it met no wall."""
+        """Update the sets by the length of a run in metres; `None` for a run without a bump."""
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:
@@ -151,13 +150,14 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Take in that the robot turned by an angle in radians."""
+        """Turn the sets by an angle in radians."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
-        """Take in a logged run; yield the length and the turn of each bump before the turn.
+        """Update the sets by a logged run, and yield the length and the turn at each bump.
 
-        **Raises:** `ValueError` if a length or an angle is not a number.
+        The turn follows after the yield. Raises `ValueError` if a length or an angle is not a
+        number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):
@@ -165,7 +165,7 @@ class SetFollower:
                 continue
             if turn is None:
                 raise ValueError(
-                    f"event {number}: expected no more, since the bump before has no turn"
+                    f"event {number}: expected no observation after a bump without a turn"
                 )
             length, turn = event.get("run"), event.get("turn")
             if length is not None and not (isinstance(length, float | int) and length >= 0):
@@ -193,8 +193,8 @@ class SetFollower:
             "localized": f"known to be {where} after {self.bumps} bumps",
             "arrived": f"at the goal after {self.bumps} bumps, {where}",
             "refuted": (
-                f"no place in the room explains the first {self.bumps} runs: the map is another, "
-                "or the errors of the robot are larger than said"
+                f"the first {self.bumps} runs are impossible from every place in the room: the map "
+                "is wrong, or the errors of the robot are larger than their bounds"
             ),
             None: f"not known after {self.bumps} bumps: {where}",
         }[self.result]

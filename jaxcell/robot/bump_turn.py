@@ -8,25 +8,25 @@ from .anywhere import AnywhereSettings, SetFollower
 from .run_log import LoggedRun
 
 
-# Turns toward the wall that are compared, in radians.
+# The turns toward the wall that are compared, in radians.
 _TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
-# A window begins where the robot is known to within this, and has this many runs.
+# A window begins at a set of at most this extent in metres, and has this number of runs.
 _EXTENT, _RUNS = 1.5, 3
-# Places that are drawn from a set, those of them that explain the runs of a window best, and the
-# spreads by which others are drawn around the best, in metres along the wall and in radians.
+# The number of places that are drawn from a set, and of the best ones among them. Around the best
+# places, others are drawn with these standard deviations, in metres along the wall and in radians.
 _DRAWN, _BEST = 1000, 10
 _SPREADS = (0.03, 0.02), (0.01, 0.007), (0.003, 0.002)
-# Runs that are off by more are those to another wall, in metres.
+# The largest error of a run that counts, in metres. A larger error means another wall.
 _FAR = 0.5
 
 
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
-    """Estimate by how much a bump turns a robot, from the log of a robot that started anywhere.
+    """Estimate the turn that a bump causes, from the log of a robot that started anywhere.
 
-    Where the sets are small, places and headings are drawn from them, and each drives on to the
-    next walls with each possible turn by bumps. The turn is chosen whose best places explain the
-    lengths of the logged runs with the least squared error; more places are drawn around the best,
-    ever closer to them.
+    Places and headings are drawn from the small sets of the run. From each place, a simulated robot
+    drives to the next walls with each possible turn by bumps. Then more places are drawn around the
+    places with the smallest squared error of the lengths of the runs, closer and closer. The turn
+    with the smallest error is chosen.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].
@@ -57,8 +57,8 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
             )
     if not windows:
         raise ValueError(
-            f"the run never knows its robot to within {_EXTENT:g} m, with {_RUNS} more runs after "
-            "that: expected a longer run"
+            f"the robot is never known to within {_EXTENT:g} m with {_RUNS} runs after that: "
+            "expected a longer run"
         )
     return float(_TURNS[error.argmin()])
 
@@ -72,7 +72,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Find the least squared error of the runs, for each turn by bumps, around the best places."""
+    """Find the least squared error of the runs over all places, in square metres, for each turn."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
@@ -93,7 +93,7 @@ def _error(
     lengths: list[float],
     back: float,
 ) -> Float[np.ndarray, "turns places"]:
-    """Sum the squared errors of the runs from each place, for each turn by bumps."""
+    """Sum the squared errors of the runs from each place, in square metres, for each turn."""
     shape = heading.shape
     by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)
@@ -110,7 +110,7 @@ def _error(
 
 
 def _wall_at(boundary: Boundary, place: Float[np.ndarray, "places 2"]) -> Int[np.ndarray, "places"]:
-    """Find the wall that each place is on."""
+    """Find the wall on which each place lies."""
     offset = place[:, None] - boundary.begin
     along = (offset * boundary.tangent).sum(axis=2)
     beyond = np.maximum(np.maximum(-along, along - boundary.length), 0.0)

@@ -10,7 +10,7 @@ from .walker import Drivable
 
 
 _FORMAT = "jaxcell-robot-calibration"
-# A wheel that is wrong by more is another wheel.
+# A larger error means other wheels.
 _LEAST, _MOST = 0.5, 2.0
 
 
@@ -20,7 +20,7 @@ class Calibration:
 
     Wheels wear and sink into carpets, and robots of one kind differ by a few percent.
 
-    Of a robot that went 0.98 m for 1 m, and turned by 365 degrees for 360:
+    A robot drove 0.98 m for 1 m, and turned by 365 degrees for 360:
 
         >>> from jaxcell import robot
         >>> robot.Calibration.measured(0.98 / 1.0, 365 / 360)
@@ -28,9 +28,9 @@ class Calibration:
     """
 
     distance: float = 1.0
-    "True metres for a metre of the encoders."
+    "True metres per metre of the encoders."
     angle: float = 1.0
-    "True radians for a radian of the encoders."
+    "True radians per radian of the encoders."
 
     def __post_init__(self) -> None:
         expected = f"a number from {_LEAST} to {_MOST}"
@@ -40,17 +40,17 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Round two measured ratios to the precision of a ruler.
+        """Make a calibration of two measured ratios, rounded to four digits.
 
-        **Raises:** `ValueError` for one that is not from 0.5 to 2.
+        **Raises:** `ValueError` for a ratio that is not from 0.5 to 2.
         """
         return cls(round(distance, 4), round(angle, 4))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read a file that `save` wrote.
+        """Read a calibration from a file of `save`.
 
-        **Raises:** `ValueError` that names the file and the field; `FileNotFoundError`.
+        **Raises:** `ValueError`, with the file and the field; `FileNotFoundError`.
         """
         path = Path(path)
         check_file(path, "a calibration")
@@ -64,7 +64,7 @@ class Calibration:
             raise ValueError(f"{path}: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the calibration, and make its folder."""
+        """Write the calibration to a file, and make the folder of the file."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
@@ -75,7 +75,7 @@ class Calibration:
 class Calibrated:
     """A robot whose distances and angles are corrected by a calibration.
 
-    A robot whose wheels slip by a fiftieth, without a serial line:
+    A robot whose wheels slip by 2 %:
 
         >>> from jaxcell import robot
         >>> class Slipping:
@@ -94,12 +94,12 @@ class Calibrated:
         self._robot, self._calibration = robot, calibration
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         ratio = self._calibration.distance
         return self._truly(self._robot.forward(distance / ratio, tolerance=tolerance / ratio))
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise."""
+        """Turn in place by radians, counter-clockwise."""
         ratio = self._calibration.angle
         return self._truly(self._robot.turn(angle / ratio, tolerance=tolerance / ratio))
 
@@ -109,9 +109,9 @@ class Calibrated:
 
 
 def calibration_file() -> Path:
-    """Get the default path of the calibration of a user's robot, in the folder for settings.
+    """Get the default path of the calibration of a user's robot.
 
-    **Returns:** a path in `XDG_CONFIG_HOME`, or in `~/.config` if the environment has none.
+    **Returns:** a path in the folder `XDG_CONFIG_HOME` of the environment, by default `~/.config`.
 
         >>> from jaxcell import robot
         >>> robot.calibration_file().name

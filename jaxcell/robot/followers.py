@@ -10,11 +10,12 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The end of a run of a filter: one configuration left or a knowledge cycle, or only the cycle."""
+"""The end of the run of a filter: `"cycle"` in a knowledge cycle, `"known"` there or as soon as one
+configuration is left."""
 
 
 class Follower(abc.ABC):
-    """The cells where a robot may be, along a run from an unknown cell."""
+    """The possible cells of a robot, updated by its observations from an unknown cell."""
 
     kind: ClassVar[str]
     observations: str
@@ -22,43 +23,43 @@ class Follower(abc.ABC):
     colors: list[int]
     "The colour after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
-    "The result of the run, or `None` while it goes on."
+    "The result of the run, or `None` before its end."
 
     def __init__(self) -> None:
         self.observations, self.colors, self.result = "", [], None
 
     @abc.abstractmethod
     def observe(self, observation: int) -> None:
-        """Take the next observation, 0 or 1."""
+        """Update the cells by the next observation, 0 or 1."""
 
     @property
     def over(self) -> bool:
-        """True if the run cannot go on from here."""
+        """True if no observation can follow."""
         return self.result is not None
 
     @property
     @abc.abstractmethod
     def turn(self) -> int | None:
-        """The number of the angle to turn by now, or `None`."""
+        """The number of the angle by which the robot must turn now, or `None`."""
 
     @property
     @abc.abstractmethod
     def cells(self) -> list[int]:
-        """The cells where the robot may be."""
+        """The possible cells of the robot."""
 
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields of the last observation in the log."""
+        """The fields that the log has for the last observation."""
 
     @property
     def localized(self) -> str:
-        """The sentence that reports a localized robot."""
+        """The reason of an outcome "localized", as a sentence."""
         return f"localized to {self.places} after {len(self.observations)} observations"
 
     @property
     def refuted(self) -> str:
-        """The sentence that reports a contradiction."""
+        """The reason of an outcome "refuted", as a sentence."""
         return (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
             f"occur in the map of the {self.kind} after those before it: the map is another, or "
@@ -67,7 +68,7 @@ class Follower(abc.ABC):
 
     @property
     def places(self) -> str:
-        """The number of cells that are left, in words."""
+        """The number of possible cells, in words."""
         count = len(self.cells)
         return "1 configuration" if count == 1 else f"{count} configurations"
 
@@ -85,15 +86,15 @@ class Follower(abc.ABC):
 
 
 class FilterFollower(Follower):
-    """A localization filter along a run (Alam 2018, section 2.4).
+    """The state of a localization filter during a run (Alam 2018, section 2.4).
 
-    An observation that cannot occur refutes the filter, also if it has no trap.
+    An impossible observation refutes the filter, even if the filter has no trap state.
     """
 
     kind = "filter"
 
     def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """End the run in a knowledge cycle, or with `until` `"known"` also at one configuration."""
+        """Put the filter at its start; `until` is the end of the run, `"known"` or `"cycle"`."""
         super().__init__()
         self._filter, self._state, self._until = filter, filter.start(), until
 
@@ -112,7 +113,7 @@ class FilterFollower(Follower):
 
     @property
     def over(self) -> bool:
-        # A run until the cycle goes on from where one configuration is left.
+        # A run until the cycle continues after one configuration is left.
         return self.result == "refuted" or self._state.localized
 
     @property
@@ -134,7 +135,7 @@ class FilterFollower(Follower):
 
 
 class PolicyFollower(Follower):
-    """A localization policy along a run: it chooses the angle at each bump."""
+    """The state of a localization policy, which chooses the angle at each bump, during a run."""
 
     kind = "policy"
 
@@ -161,7 +162,7 @@ class PolicyFollower(Follower):
 
     @property
     def fields(self) -> dict[str, Any]:
-        # It has a state only at a bump.
+        # A policy has a numbered state only at a bump.
         state = self._state
         known = not state.refuted and not state.steps
         return {
@@ -172,10 +173,10 @@ class PolicyFollower(Follower):
 
 
 class BeliefFollower(Follower):
-    """A belief along the run of a robot that slips.
+    """The belief of a robot that slips, during a run.
 
-    The robot is localized when the credible set has at most four configurations. It is refuted when
-    it is nowhere on the map with a probability of 0.99.
+    The robot is localized when the credible set has at most four configurations. The map is refuted
+    when the probability that the robot is nowhere on it exceeds 0.99.
     """
 
     kind = "belief"
@@ -237,12 +238,12 @@ def run_follower(
 ) -> RunOutcome:
     """Let a robot bounce until a filter, a policy or a belief ends the run.
 
-    **Arguments:** a robot at the centre of an unknown cell; a follower at its start; the angles
-    that it chooses from, or the angle of the filter, in radians counter-clockwise; the log; and the
-    largest number of observations. **Returns:** the outcome.
+    **Arguments:** a robot at the centre of an unknown cell; a follower at its start; the angles of
+    its choices, or the angle of the filter, in radians counter-clockwise; the log; and the largest
+    number of observations. **Returns:** the outcome.
 
-    A point robot in a corridor of three cells, without a serial line, and a filter for robots that
-    go West in it and stay at the end:
+    A simulated robot in a corridor of three cells, and the filter of robots that drive West in it
+    and stay at the end:
 
         >>> from jaxcell import examples, robot
         >>> walker = examples.walker(x=2.5, direction=2)
@@ -264,15 +265,14 @@ def run_follower(
 
 
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
-    """Replay the observations of a logged run through the filter, policy or belief of the run.
+    """Replay the observations of a logged run through its filter, policy or belief.
 
-    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run if it was
-    not cut off.
+    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run so far.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
-    goes on after the end of the run: it is of another filter, policy or belief.
+    continues after the end of the run, because it is the log of another filter, policy or belief.
 
-    The log of a robot that bumped where no robot can:
+    The log of a robot that bumped in a room where no robot can bump:
 
         >>> import numpy as np
         >>> from jaxcell import automata, robot

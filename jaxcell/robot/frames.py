@@ -1,6 +1,6 @@
-"""Takes frames from a camera or from pictures in a folder.
+"""Take frames from a camera, or from pictures in a folder.
 
-OpenCV is imported when it is needed; `pip install 'jaxcell[vision]'` brings it.
+This needs OpenCV (`pip install 'jaxcell[vision]'`), which is imported at the first use.
 """
 
 import itertools
@@ -15,16 +15,16 @@ from ..base.optional_modules import import_module
 
 
 Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
-"""Grey, or with three channels in OpenCV's order: blue, green, red."""
+"""A grey picture, or a picture with the channels blue, green and red, the order of OpenCV."""
 
 
 def camera(device: int = 0) -> Callable[[], Frame]:
-    """Open a camera, by its number, as a source of frames.
+    """Open a camera as a source of frames.
 
-    **Arguments:** the number of the camera. **Returns:** a function that takes the next frame after
-    those that wait in the driver.
+    **Arguments:** the number of the camera. **Returns:** a function that takes a new frame, and
+    drops the older frames that wait in the driver of the camera.
 
-    **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
+    **Raises:** `OSError` if the camera does not open; the function raises it if no frame comes.
 
     Without a camera:
 
@@ -40,7 +40,7 @@ def camera(device: int = 0) -> Callable[[], Frame]:
         raise OSError(f"camera {device} does not open")
 
     def look() -> Frame:
-        # Drivers keep up to four frames, taken while the robot was still on its way.
+        # The driver keeps up to four frames, which were taken before the robot arrived.
         for _ in range(5):
             capture.grab()
         whole, frame = capture.retrieve()
@@ -55,9 +55,10 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
     """Make a source of frames from the pictures in a folder, in the order of their names.
 
     **Arguments:** a folder with files that end in `.png`, `.jpg` or `.jpeg`. **Returns:** a
-    function that reads the next picture, and after the last the first.
+    function that reads the next picture; the first picture follows the last one.
 
-    **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
+    **Raises:** `ValueError` if the folder has no picture; the function raises it if it cannot read
+    a picture.
 
     A folder with one picture:
 
@@ -82,7 +83,7 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
         path = next(in_turn)
         frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if frame is None:
-            raise ValueError(f"{path}: expected a picture, and this cannot be read")
+            raise ValueError(f"{path}: expected a picture, but it cannot be read")
         return np.asarray(frame)
 
     return look

@@ -1,23 +1,23 @@
-"""Find the marker of a dummy intruder in a camera's frames: a dark cross on a light sheet.
+"""Find the marker of a dummy intruder in the frames of a camera: a dark cross on a light sheet.
 
-Alam 2018, section 4.5.7, has robots on patrol look for a cross, without saying how it was made or
-found. Here it is a black cross on a white square. In units of half an arm's width, the arms are 2
-wide and end 3 from the middle, and the sheet ends 5 from it:
+In Alam 2018, section 4.5.7, robots on patrol look for a cross, whose shape and detection are not
+described. Here the marker is a black cross on a white square. In units of half the width of an arm,
+the arms are 2 wide, their ends are 3 from the centre, and the sides of the sheet are 5 from it:
 
 ```text
 +-----------+
 |    ###    |
-|  #######  |    turned as you like: + and x are the same marker
+|  #######  |    in any rotation: + and x are the same marker
 |    ###    |
 +-----------+
 ```
 
-`draw_cross` draws it, to be printed at any size. A camera of 640 pixels over 62 degrees sees the
-cross of a sheet of 20 cm as 24 pixels from end to end at 2.7 m. Other dark crosses of these
-proportions on something light, such as a plus sign in bold type, are the marker too. A cross that
-something dark touches is mostly missed.
+`draw_cross` draws the marker, which can be printed at any size. A camera with 640 pixels over 62
+degrees sees the cross of a sheet of 20 cm as 24 pixels at a distance of 2.7 m. Every dark cross
+with these proportions on a light ground is found, for example a bold plus sign. A cross that
+touches something dark is usually missed.
 
-OpenCV is imported when it is needed; `pip install 'jaxcell[vision]'` brings it.
+This needs OpenCV (`pip install 'jaxcell[vision]'`), which is imported at the first use.
 """
 
 import functools
@@ -33,33 +33,35 @@ from ..base.optional_modules import import_module
 from .frames import Frame
 
 
-# The cross in units of half an arm's width: its edges that face right, down, left and up, first the
-# four ends of the arms. An edge lies `_AT` along the axis that it faces (0 for x, 1 for y), and
-# runs from `_FROM` to `_TO` along the other one.
+# The edges of the cross in units of half the width of an arm, facing right, down, left and up in
+# turn; the first four are the ends of the arms. An edge lies at `_AT` along the axis that it faces
+# (`_FACING`, 0 for x and 1 for y), and extends from `_FROM` to `_TO` along the other axis.
 _FACING = np.array([0, 1, 0, 1] * 3)
 _AT = np.array([3.0, 3, -3, -3] + [1.0, 1, -1, -1] * 2)
 _FROM = np.array([-1.0] * 4 + [1.0] * 4 + [-3.0] * 4)
 _TO = np.array([1.0] * 4 + [3.0] * 4 + [-1.0] * 4)
-_VARIANCE = 29 / 15  # Of x over the cross, and of y.
+# The variance of x over the cross, which equals that of y.
+_VARIANCE = 29 / 15
 
-# The local mean is taken over a window of this many pixels, and a frame is halved as long as its
-# shorter side stays above `_SMALLEST`. Outlines of fewer pixels than `_SHORTEST` are skipped.
+# The width in pixels of the window of the local mean.
 _WINDOW = 31
+# A frame is halved as long as its shorter side stays above this number of pixels.
 _SMALLEST = 96
-_SHORTEST = 48
-_MAX_POINTS = 400
-# The bounds of two measures that an affine map leaves alone: area over the root of the determinant
-# of the second moments (10.3 for the cross), and area over that of the convex hull (0.71).
+# Outlines with fewer pixels are skipped, and at most this number of their points is fitted.
+_SHORTEST, _MAX_POINTS = 48, 400
+# The bounds of two affine invariants: the area divided by the root of the determinant of the second
+# moments (10.3 for the cross), and the area divided by the area of the convex hull (0.71).
 _COMPACT = (8.5, 11.5)
 _SOLID = (0.58, 0.85)
-# Points nearer than this to the edges take part in each round of the fit, units.
+# The largest distance from the edges of the points that each round of the fit uses, in units.
 _ROUNDS = (0.9, 0.7, 0.5, 0.4)
-# In the end, which part of the outline has to be how near to an edge (units; pixels).
+# The least share of the outline that must be near an edge after the fit.
 _LEAST_FITTING = 0.9
-_NEAR = 0.25
-_NEAR_PIXELS = 0.75
-# The correlation with the marker, over a patch of pixels that shows the inner 9 by 9 units.
+# A point is near an edge within either distance, in units and in pixels.
+_NEAR, _NEAR_PIXELS = 0.25, 0.75
+# The least correlation with the marker, over a square patch that shows the inner 9 by 9 units.
 _LEAST_SCORE = 0.8
+# The side of the patch in pixels.
 _PATCH = 32
 
 _SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
@@ -70,27 +72,27 @@ class Marker:
     """A cross in a frame."""
 
     centre: tuple[float, float]
-    "Pixels to the right of and below the middle of the first pixel."
+    "The position of the centre in pixels, right and down from the middle of the first pixel."
     arm: float
-    "Pixels from the centre to the end of an arm; the geometric mean over all directions."
+    "The length of an arm from the centre in pixels, as the geometric mean over all directions."
     rotation: float
-    "Angle from the frame's x axis to the next arm, clockwise in the frame, 0 to pi / 2 radians."
+    "The angle from the x axis to the next arm, clockwise in the frame, from 0 to pi / 2 radians."
     score: float
     "The correlation with a perfect marker, at most 1."
 
 
 def find_cross(frame: Frame) -> Marker | None:
-    """Find the marker, or the one with the highest score if there are several.
+    """Find the marker with the highest score in a frame.
 
-    At the frame's resolution and halves of it, shapes darker than the mean around them are taken
-    out. An affine map takes the moments of a shape to those of the cross, and then a homography its
-    outline, as near as they get. Where that is near enough, and the sheet could be seen so by a
-    camera, the frame is rectified by the homography and correlated with the marker.
+    At the resolution of the frame, and at repeated halves of it, shapes are cut out that are darker
+    than the mean around them. An affine map fits the moments of each shape to the moments of the
+    cross, and then a homography fits the outline. If the fit is close, and possible for the view of
+    a camera, the frame is rectified by the homography and correlated with the marker.
 
-    **Arguments:** a frame, of which 640 by 480 pixels are enough; the time grows with their number.
-    **Returns:** the marker, or `None`.
+    **Arguments:** a frame; 640 by 480 pixels are enough, and the time is proportional to the number
+    of pixels. **Returns:** the marker, or `None`.
 
-    **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
+    **Raises:** `ValueError` if the array is not a frame; `ModuleNotFoundError` without OpenCV.
 
     A sheet on a grey wall:
 
@@ -112,17 +114,18 @@ def find_cross(frame: Frame) -> Marker | None:
                 best = _marker(homography, 2**doublings, score)
         if min(level.shape) < 2 * _SMALLEST:
             break
-        # The middle of a pixel of the next level is that of every second one of this.
+        # The middles of the pixels of the next level are those of every second pixel of this level.
         level = cv2.pyrDown(level)
     return best
 
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
-    """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
+    """Draw the marker with its sheet.
 
-    **Arguments:** the side in pixels. **Returns:** 0 for the cross, and 255 around it.
+    **Arguments:** the side in pixels; the drawing is exact for multiples of 10. **Returns:** 0 for
+    the cross, and 255 around it.
 
-    The smallest sheet that is exact:
+    The smallest exact sheet:
 
         >>> from jaxcell import robot
         >>> robot.draw_cross(10)[5].tolist()
@@ -136,16 +139,13 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
 @dataclass(frozen=True)
 class CrossLook:
-    """Look for the marker from each cell of a patrol."""
+    """A search for the marker from each cell of a patrol."""
 
     source: Callable[[], Frame]
-    "Function that returns a picture of the view ahead, such as `camera()` or `pictures(folder)`."
+    "The function that returns a frame of the view ahead, as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Take a frame, and report the marker if it is in the frame.
-
-        **Raises:** what the source and `find_cross` raise.
-        """
+        """Take a frame, and describe the marker in it, if any."""
         marker = find_cross(self.source())
         if marker is None:
             return None
@@ -155,15 +155,12 @@ class CrossLook:
         )
 
 
-# Shapes, and whether they are crosses.
-
-
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """Compute the homographies that take possible markers to the cross."""
+    """Compute a homography for each possible marker, which maps the marker to the cross."""
     cv2 = import_module("cv2")
     height, width = level.shape
-    # The median of second differences estimates the noise (Immerkaer 1996), of which the smoothing
-    # leaves 3/8. What is darker by three deviations is not noise.
+    # The median of second differences estimates the noise (Immerkaer 1996). The smoothing leaves
+    # 3/8 of it, and a pixel that is darker by three standard deviations is not noise.
     rough = cv2.filter2D(level, cv2.CV_16S, _SECOND_DIFFERENCES)[::4, ::4]
     noise = float(np.median(np.abs(rough))) / (6 * 0.6745)
     smooth = cv2.GaussianBlur(level, (3, 3), 0)
@@ -172,7 +169,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
     dark = cv2.adaptiveThreshold(smooth, 255, mean, below, _WINDOW, margin)
     outlines, family = cv2.findContours(dark, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     for k, outline in enumerate(outlines):
-        # Outlines with a parent are holes.
+        # An outline with a parent is a hole.
         if len(outline) < _SHORTEST or family[0, k, 3] >= 0:
             continue
         left, top, across, down = cv2.boundingRect(outline)
@@ -188,9 +185,9 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
 
 
 def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3 3"] | None:
-    """Compute the affine map that takes the moments of a shape to those of the cross.
+    """Compute the affine map from the moments of a shape to the moments of the cross.
 
-    `None` if its invariants are not those of a cross.
+    Returns `None` if the affine invariants of the shape differ from those of a cross.
     """
     cv2 = import_module("cv2")
     moments = cv2.moments(outline)
@@ -198,7 +195,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     mixed = moments["mu11"]
     second = np.array([(moments["mu20"], mixed), (mixed, moments["mu02"])])
     spread = math.sqrt(max(np.linalg.det(second), 0.0))
-    # The second moments are not divided by the area, hence its square.
+    # The area is squared because the second moments are not divided by it.
     if not _COMPACT[0] * spread < area**2 < _COMPACT[1] * spread:
         return None
     hull = cv2.contourArea(cv2.convexHull(outline))
@@ -208,7 +205,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     affine[:2, :2] = np.linalg.inv(np.linalg.cholesky(second / area / _VARIANCE))
     centre = np.array([moments["m10"], moments["m01"]]) / area
     affine[:2, 2] = -affine[:2, :2] @ centre
-    # The rest is a rotation, which the fourth moment of the outline gives up to quarter turns.
+    # The rest is a rotation; the fourth moment of the outline determines it up to quarter turns.
     x, y = _through(affine, outline[:, 0].astype(np.float64)).T
     angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
     cos, sin = math.cos(angle), math.sin(angle)
@@ -218,9 +215,9 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 def _fit(
     points: Float[np.ndarray, "points 2"], unit: float, width: int
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Fit the homography that takes an outline to that of the cross, `None` if it does not fit.
+    """Fit the homography from an outline to the outline of the cross; `None` if it does not fit.
 
-    In each round a point belongs to the edge nearest to it. The points are normalized so that the
+    Each round assigns each point to its nearest edge. The points are normalized so that the
     homography is near the identity; a unit has `unit` pixels, and the frame is `width` pixels wide.
     """
     homography, inset = np.eye(3), 0.0
@@ -233,7 +230,7 @@ def _fit(
         edge, distance = distances.argmin(axis=1), distances.min(axis=1)
         used = distance < reach
         if reach:
-            # A cross differs by less; most outlines end here.
+            # Most outlines are refused here.
             if used.mean() < _LEAST_FITTING:
                 return None
             homography, inset = _onto_edges(points[used], edge[used])
@@ -241,13 +238,13 @@ def _fit(
                 return None
     fitting = distance < max(_NEAR, _NEAR_PIXELS / unit)
     per_edge = np.bincount(edge[fitting], minlength=len(_AT)) / (len(points) / len(_AT))
-    # One edge may be hidden.
+    # One edge of the twelve may be hidden.
     if fitting.mean() < _LEAST_FITTING or (per_edge > 0.4).sum() < len(_AT) - 1:
         return None
-    # The threshold moves an outline by less than a pixel; more is a cross with other arms.
+    # The threshold moves an outline by less than a pixel; a larger inset means other proportions.
     if not -0.6 < inset / (1 / unit + 0.05) < 0.8:
         return None
-    # The foreshortening of a sheet so far away, before a camera that sees at most a right angle.
+    # The foreshortening is limited by the distance of the sheet if the view is at most 90 degrees.
     slope = math.hypot(homography[2, 0], homography[2, 1])
     return homography if slope < 0.02 + 1.7 * unit / width else None
 
@@ -255,10 +252,10 @@ def _fit(
 def _onto_edges(
     points: Float[np.ndarray, "points 2"], edge: Int[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "3 3"], float]:
-    """Fit the homography that puts points on the lines of their edges, by linear least squares.
+    """Fit the homography that moves points to the lines of their edges, by linear least squares.
 
-    The pixels of an outline lie within the shape, and a threshold moves it, so that all edges may
-    be further inside by the same length, which is the second thing returned.
+    All edges may lie further inside by one common length, because the pixels of an outline belong
+    to the shape and depend on the threshold. The second result is this length, in units.
     """
     at, sideways = _AT[edge], _FACING[edge] == 0
     extended = np.column_stack([points, np.ones(len(points))])
@@ -278,12 +275,9 @@ def _through(
     return ends / (points @ homography[2, :2] + homography[2, 2])[:, None]
 
 
-# The picture of a perfect cross.
-
-
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Make the marker as a unit vector, and a basis of light that falls off evenly to one side."""
+    """Make the perfect patch as a unit vector, and a basis of light that varies linearly."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)
@@ -311,7 +305,7 @@ def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> M
     back = np.linalg.inv(homography)
     back /= back[2, 2]
     centre = back[:2, 2]
-    # The derivative at the centre; its polar decomposition gives the rotation.
+    # The polar decomposition of the derivative at the centre contains the rotation.
     slope = back[:2, :2] - np.outer(centre, back[2, :2])
     turned = math.atan2(slope[1, 0] - slope[0, 1], slope[0, 0] + slope[1, 1])
     arm = 3 * scale * math.sqrt(np.linalg.det(slope))

@@ -10,18 +10,18 @@ class RunOutcome:
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
     ]
     """`"localized"`: one configuration is left, or the filter is in a knowledge cycle, the policy
-    at an end, or the belief in few cells; `"arrived"`: the plan, or the trajectory, is done;
-    `"patrolled"`: the number of cells was visited; `"reported"`: an intruder was seen;
-    `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot, or a
-    person the run; `"unfinished"`: none of these, after as many observations as were allowed."""
+    at an end, or the belief in few cells; `"arrived"`: the plan or the trajectory is done;
+    `"patrolled"`: the wanted number of cells was visited; `"reported"`: an intruder was seen;
+    `"refuted"`: an observation is impossible in the map; `"stopped"`: the driver stopped the robot,
+    or a person stopped the run; `"unfinished"`: the largest number of observations is reached."""
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     reason: str
-    "A sentence for people."
+    "The result as a sentence."
     colors: tuple[int, ...] = ()
-    "Colour of the filter after each observation; 0 if a filter without a trap has no state for it."
+    "The colour of the filter after each observation; 0 after an impossible one without a trap."
     cells: tuple[int, ...] = ()
-    "The cells where the robot may be, by the filter."
+    "The possible cells of the robot by the filter, policy or belief."
 
 
 def observed(reason: str, observations: str) -> str:

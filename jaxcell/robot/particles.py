@@ -15,23 +15,23 @@ class Cloud:
     """The particles after some observations."""
 
     pose: Float[np.ndarray, "particles 3"]
-    "x and y in metres, and the heading in radians."
+    "The pose of each particle: x and y in metres, and the heading in radians."
     believed: Int[np.ndarray, "particles"]
-    "The direction that each particle believes to face."
+    "The number of the direction of each particle according to its turns, which ignore slip."
     observations: int
-    "Number of observations so far."
+    "The number of observations so far."
     matched: float
-    "The share of the particles that the last observation did not refute."
+    "The share of the particles that agreed with the last observation."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Particles:
-    """Monte Carlo localization: simulated robots that slip survive if they observe the same.
+    """Monte Carlo localization by simulated robots that slip, the particles.
 
-    The particles start at the centres of cells and move by [`jaxcell.space.slipping_step`][].
-    The same seed gives the same run.
+    The particles start at the centres of cells, move by [`jaxcell.space.slipping_step`][], and are
+    resampled if they agree with the observation of the robot. Runs with the same seed are equal.
 
-    In a corridor of three cells, after a bump at the East end and three steps:
+    In a corridor of three cells, after two steps and a bump:
 
         >>> import math
         >>> from jaxcell import examples, robot, space
@@ -46,12 +46,12 @@ class Particles:
 
     cells: CellSpace
     bounce: float
-    "The bouncing angle in radians."
+    "The bouncing angle in radians, counter-clockwise."
     slip: Slip
     step: float | None = None
-    "Length of a step in metres, by default one cell."
+    "The length of a step in metres, by default one cell."
     count: int = 10_000
-    "Number of particles."
+    "The number of particles."
     seed: int = 0
     share: float = 0.95
     "The least total probability of the configurations in an estimate."
@@ -70,13 +70,13 @@ class Particles:
         return felt_walls(self.cells.room, self.slip.give)
 
     def start(self) -> Cloud:
-        """Put equally many particles at the centre of each cell."""
+        """Put an equal number of particles at the centre of each cell."""
         chosen = np.random.default_rng([self.seed, 0]).permutation(self.count) % self.cells.size
         pose = np.stack(self.cells.centre(chosen), axis=1)
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles, and resample those that agree with an observation, 0 or 1."""
+        """Move the particles, and resample the ones that agree with an observation, 0 or 1."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]
@@ -85,14 +85,14 @@ class Particles:
         believed = (state.believed + shift * bumped) % self.cells.directions
         match = bumped == observation
         weight = np.where(match, 1.0, MISSED)
-        # Evenly spaced draws along the weights put the fewest particles in the wrong place.
+        # Systematic resampling: evenly spaced draws along the weights have the least variance.
         ends = np.cumsum(weight)
         drawn = (np.arange(self.count) + rng.random()) / self.count * ends[-1]
         kept = np.minimum(np.searchsorted(ends, drawn, side="right"), self.count - 1)
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set; `nowhere` is 1 if no particle fits the last observation."""
+        """Compute the credible set; `nowhere` is 1 if no particle agreed with the observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

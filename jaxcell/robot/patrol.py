@@ -17,22 +17,22 @@ class PatrolOutcome(RunOutcome):
     """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
-    "The drawn positions that the robot reached."
+    "The drawn positions that the robot reached, in order."
     obstacles: tuple[tuple[int, int], ...] = ()
-    "Obstacles that are not in the map: a position, and 0 East to 3 South for each."
+    "The position and direction, 0 East to 3 South, of each bump where the map has free space."
     position: int = -1
-    "The position of the robot."
+    "The position of the robot at the end."
     intruder: Any = None
     "The report of an intruder, or `None`."
 
 
 class Patrol:
-    """A robot on its patrol, step by step, so that a log can be replayed through it.
+    """The state of a robot on its patrol, updated by its steps.
 
-    The next cell is drawn by the policy, and the robot goes there by wave routing. A way on which
-    it bumps is closed, and the robot takes another way. Because the obstacle may have been another
+    The policy draws the next cell, and the robot goes there by wave routing. A way on which it
+    bumps is closed, and the robot takes another way. Because the obstacle may have been another
     robot, all ways are opened again when none of the cells to draw can be reached. The number of
-    bumps is limited, because many bumps mean that the map is wrong or that the robot is lost.
+    bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
 
     A patrol between the ends of a corridor without obstacles:
 
@@ -57,10 +57,10 @@ class Patrol:
         most_bumps: int,
         limit: int,
     ) -> None:
-        """Put the robot at a position, facing a way, 0 East to 3 South.
+        """Put the robot at the position `start`, in the direction `facing`, 0 East to 3 South.
 
-        The patrol ends after a number of visits to drawn cells, of bumps, or of steps. The robots
-        of a team draw differently with the same seed.
+        The patrol ends after `visits` visits to drawn cells, `most_bumps` bumps, or `limit` steps.
+        With the same seed, the robots of a team still draw different cells.
 
         **Raises:** `ValueError` for a number out of range.
         """
@@ -71,13 +71,13 @@ class Patrol:
             raise ValueError(f"start: expected 0 to {task.cells.positions - 1}, got {start}")
         self.settings = {"start": start, "facing": facing, "seed": seed, "visits": visits}
         self.settings |= {"most_bumps": most_bumps, "limit": limit}
-        "The settings that a log needs for a replay, as `patrol` in its header."
+        "The settings, which a log needs for a replay as `patrol` in its header."
         self.position, self.facing = start, facing
         self.observations = ""
         self.visited: list[int] = []
         self.obstacles: list[tuple[int, int]] = []
         self.goal: int | None = None
-        "The drawn cell that the robot is on its way to, or `None`."
+        "The drawn cell to which the robot is on its way, or `None`."
         self._task, self._ways = task, task.ways.copy()
         self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])
@@ -86,7 +86,7 @@ class Patrol:
         self._intruder: Any = None
 
     def next(self) -> int | None:
-        """Choose the way of the next step; `None` when the patrol is over."""
+        """Choose the direction of the next step, 0 East to 3 South; `None` at the end."""
         while not self._result:
             if self.goal is None:
                 self._draw()
@@ -98,7 +98,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Update the patrol after a step, which bumped or not."""
+        """Update the patrol by a step in the direction `way`, which bumped or not."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -126,7 +126,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, with the state of the memory, among those that can be reached."""
+        """Draw the next cell, with the state of the memory, among the cells in reach."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0
@@ -140,7 +140,7 @@ class Patrol:
         self._distance = wave(self._ways, self.goal)
 
     def outcome(self) -> PatrolOutcome:
-        """Return the outcome of the patrol so far."""
+        """Make the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
         x, y, _ = map(float, self._task.cells.centre(self.position))
         place = f"({x:g} m, {y:g} m)"
@@ -178,15 +178,15 @@ def run_patrol(
 
     **Arguments:**
 
-    - `walker`: the robot, at the centre of its first cell, with 4 directions and a step of a cell.
+    - `walker`: the robot, at the centre of its first cell, with 4 directions and steps of one cell.
     - `patrol`: the patrol, which chooses each step.
-    - `look`: called with each position that the robot reaches, also on its way; it returns `None`,
+    - `look`: called with each position that the robot reaches, also on its way. It returns `None`,
         or a JSON value, which is reported as an intruder and ends the patrol.
-    - `log`: the log to which each observation is written at once.
+    - `log`: the log, to which each observation is written at once.
 
     **Returns:** the outcome.
 
-    A simulated robot, without a serial line, that patrols between the ends of a corridor:
+    A simulated robot that patrols between the ends of a corridor:
 
         >>> from jaxcell import examples, robot
         >>> task = examples.patrol_task()
@@ -222,10 +222,10 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     """Replay the observations and reports of a logged run through a patrol.
 
     **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
-    **Returns:** the outcome of the run if it was not cut off.
+    **Returns:** the outcome of the run so far.
 
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
-    because the log is of another policy.
+    because it is the log of another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 

@@ -12,15 +12,15 @@ def run_plan(
 
     **Arguments:**
 
-    - `walker`: the robot, at the centre of the plan's first cell, in its direction.
-    - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians,
+    - `walker`: the robot, at the centre and in the direction of the first cell of the plan.
+    - `actions`: 0 for a step without a bump, else the angle of the turn after a bump, in radians,
         counter-clockwise; as `jaxcell.bounce.Plan.actions`.
-    - `log`: the log to which each observation is written at once.
+    - `log`: the log, to which each observation is written at once.
 
-    **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that meets a wall where none can
-    be, or none where one must be.
+    **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that bumps where the plan has free
+    space, or does not bump where the plan has a wall; else `"arrived"`.
 
-    A point robot in a corridor of three cells, without a serial line; it goes to the end and turns:
+    A simulated robot in a corridor of three cells, which goes to the end and turns:
 
         >>> import math
         >>> from jaxcell import examples, robot
@@ -43,10 +43,10 @@ def run_plan(
 def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
     """Make the outcome of a plan so far from the observations of the robot.
 
-    **Arguments:** the actions, and the observations, 0 for a step and 1 for a bump, one for each
-    action that was tried. **Returns:** the outcome.
+    **Arguments:** the actions, and the observation of each tried action, 0 for a step and 1 for a
+    bump. **Returns:** the outcome.
 
-    The second step met a wall where none can be:
+    The second step bumped in free space:
 
         >>> from jaxcell import robot
         >>> robot.plan_outcome([0.0, 0.0], "01").result

@@ -1,4 +1,4 @@
-"""Ways through a grid by Lee's wave routing."""
+"""Find shortest paths through a grid by Lee's wave routing."""
 
 from collections.abc import Collection
 
@@ -9,16 +9,18 @@ from jaxtyping import Bool, Int
 def grid_steps(
     free: Bool[np.ndarray, "rows columns"], closed: Collection[tuple[int, int]] = ()
 ) -> Int[np.ndarray, "4 positions"]:
-    """Find the position after each way from each square of a grid; a blocked step stays.
+    """Find the position after a step in each direction from each free square of a grid.
 
-    **Arguments:** a mask of free squares, whose row 0 is the lowest, and ways that do not exist
-    either, as a position and a way: 0 East, 1 North, 2 West or 3 South. Each is closed from both
-    sides.
+    A step into a square that is not free stays at its position.
 
-    **Returns:** a row for each of the four ways. The free squares are the positions, counted row by
-    row, as in [`jaxcell.space.CellSpace`][].
+    **Arguments:** a mask of free squares, whose row 0 is the lowest, and the `closed` steps between
+    free squares, as pairs of a position and a direction: 0 East, 1 North, 2 West or 3 South. A
+    closed step is blocked from both sides.
 
-    **Raises:** `ValueError` if a position or way does not exist.
+    **Returns:** a row for each of the four directions. The positions are the free squares, counted
+    row by row, as in [`jaxcell.space.CellSpace`][].
+
+    **Raises:** `ValueError` if a position or a direction does not exist.
 
     Two free squares, one above the other:
 
@@ -42,17 +44,18 @@ def grid_steps(
 
 
 def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
-    """Close a way and its way back, in place."""
+    """Close a step from a position and the step back, in place."""
     there = int(steps[way, position])
     if there != position:
         steps[way, position], steps[(way + 2) % 4, there] = position, there
 
 
 def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
-    """Count the steps from each position to a goal, -1 if it cannot be reached (Lee 1961).
+    """Count the steps from each position to a goal (Lee 1961).
 
-    The wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
-    [`grid_steps`][], and a position. **Returns:** the number of steps.
+    A wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
+    [`grid_steps`][], and the position of the goal. **Returns:** the number of steps; -1 if the goal
+    cannot be reached.
 
     **Raises:** `ValueError` if the goal does not exist.
 
@@ -82,11 +85,11 @@ def next_way(
     position: int,
     ahead: int,
 ) -> int:
-    """Choose the way of the next step down a wave.
+    """Choose the direction of the next step toward the goal of a wave.
 
-    It is the way straight ahead if that leads nearer, because turns take time and cost precision;
-    else the first of the four ways that leads nearer. The robot is not at the goal, and has a way
-    to it.
+    The robot goes straight ahead if this leads nearer to the goal, because turns take time and cost
+    precision; else in the first of the four directions that leads nearer. It must not be at the
+    goal, and a path to the goal must exist.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())
@@ -95,15 +98,15 @@ def next_way(
 def route(
     steps: Int[np.ndarray, "4 positions"], start: int, goal: int, ahead: int = 0
 ) -> list[int]:
-    """Find a shortest way through a grid (Lee 1961).
+    """Find a shortest path through a grid (Lee 1961).
 
-    **Arguments:** the steps of [`grid_steps`][]; two positions; and the way that the robot faces at
-    the start: it goes straight ahead where that leads nearer. **Returns:** ways, 0 East, 1 North, 2
-    West or 3 South.
+    **Arguments:** the steps of [`grid_steps`][], the positions of the start and the goal, and the
+    direction of the robot at the start. The robot goes straight ahead where this leads nearer.
+    **Returns:** the direction of each step, 0 East, 1 North, 2 West or 3 South.
 
-    **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
+    **Raises:** `ValueError` if a position does not exist, or no path leads to the goal.
 
-    Around the middle of three times three squares; it is the way ahead as long as that leads there:
+    Around the blocked middle of three times three squares, for a robot that faces North:
 
         >>> import numpy as np
         >>> from jaxcell import robot

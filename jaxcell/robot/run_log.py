@@ -21,28 +21,17 @@ _VERSION = 1
 
 
 class RunLog:
-    """The log of a run: one JSON object per line, each flushed before the robot goes on.
+    """The log of a run: one JSON object per line, each flushed before the robot continues.
 
     The first line describes the run. Every other line is an event, with the seconds since the
-    beginning of the log. A log is a context manager.
-
-    A log of one event, read back:
-
-        >>> import pathlib, tempfile
-        >>> from jaxcell import robot
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.jsonl")
-        ...     with robot.RunLog(path, {"kind": "trial"}) as log:
-        ...         log.event("note", text="off we go")
-        ...     robot.read_log(path).header["kind"]
-        'trial'
+    beginning of the log. A log is a context manager; [`read_log`][] has an example.
     """
 
     on_event: Callable[[str, Mapping[str, Any]], None] | None
-    "Called with the name and the fields of each event after it is written, or `None`."
+    "The function that is called with the name and the fields of each written event, or `None`."
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
-        """Create the file, with a JSON object that describes the run as its header.
+        """Create the file. The header is a JSON object that describes the run.
 
         **Raises:** `FileExistsError`, because a log is never overwritten.
         """
@@ -67,7 +56,7 @@ class RunLog:
             "observation",
             observation=int(walker.observations[-1]),
             **fields,
-            # Without the sign of a zero.
+            # The sum removes the sign of a zero.
             estimate=(np.round(walker.estimate, 4) + 0.0).tolist(),
         )
 
@@ -90,23 +79,23 @@ def _line(values: Mapping[str, Any]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRun:
-    """A log of a run from a file."""
+    """The log of a run, as read from its file."""
 
     header: Mapping[str, Any]
-    "The task that was run."
+    "The description of the run."
     events: tuple[Mapping[str, Any], ...]
     "The events in order."
     whole: bool
-    "True if the last line is complete: the log ends within a line if the robot lost its power."
+    "True if the last line is complete; it is not if the computer lost its power."
 
     @property
     def observations(self) -> str:
-        """The observations: 0 for a step, 1 for a bump."""
+        """The observations of the robot: 0 for a step, 1 for a bump."""
         return "".join(str(event["observation"]) for event in self._observed())
 
     @property
     def direction(self) -> int | None:
-        """The direction of the robot at the start, or `None`."""
+        """The number of the direction of the robot at the start, or `None`."""
         direction = self.header.get("direction")
         if direction is not None and (type(direction) is not int or direction < 0):
             raise ValueError(f"direction: expected a whole number or null, got {direction!r}")
@@ -114,7 +103,7 @@ class LoggedRun:
 
     @property
     def colors(self) -> list[int]:
-        """The colours of the filter at each observation; empty without a filter."""
+        """The colour of the filter after each observation; empty without a filter."""
         return [event["color"] for event in self._observed() if "color" in event]
 
     @property
@@ -128,7 +117,7 @@ class LoggedRun:
 
 
 def why_stopped(error: BaseException) -> str:
-    """Describe the reason why a run was stopped."""
+    """Describe the error that stopped a run."""
     match error:
         case RobotStopped():
             return f"the robot was stopped: {error}"
@@ -140,7 +129,7 @@ def why_stopped(error: BaseException) -> str:
 
 
 def stopped(outcome: _O, run: LoggedRun) -> _O:
-    """Add the reason why a run was stopped to the outcome of its replay."""
+    """Mark the outcome of a replay as stopped, with the reason, if the run was stopped."""
     if run.stopped is None or outcome.result != "unfinished":
         return outcome
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")
@@ -154,14 +143,14 @@ def finished(outcome: _O, log: RunLog | None) -> _O:
 
 
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
-    """Read the log of a run, even of a run that was cut off.
+    """Read the log of a run, even if the file was cut off.
 
     **Arguments:** the path of the file. **Returns:** the run so far.
 
-    **Raises:** `ValueError` that names the file and the line, if it is not such a log;
+    **Raises:** `ValueError`, with the file and the line, if the file is not such a log;
     `FileNotFoundError`.
 
-    A log of one event; the end of the file is cut off:
+    A log with one event, whose file is cut off:
 
         >>> import pathlib, tempfile
         >>> from jaxcell import robot
@@ -175,7 +164,7 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """
     text = Path(path).read_bytes()
     lines = text.split(b"\n")
-    # The rest after the last newline is an unfinished line.
+    # The text after the last newline is an incomplete line.
     unfinished = lines.pop()
     parsed = []
     for number, line in enumerate(lines, 1):
@@ -202,7 +191,7 @@ def _check_event(event: Mapping[str, Any]) -> None:
     if not isinstance(name, str):
         raise ValueError(f"event: expected a name, got {reprlib.repr(name)}")
     observation = event.get("observation")
-    # Not `in (0, 1)`: JSON has a true and a 1.0, which equal 1.
+    # A test by `in (0, 1)` would accept the JSON values true and 1.0, which equal 1.
     if name == "observation" and (type(observation) is not int or not 0 <= observation <= 1):
         raise ValueError(f"observation: expected 0 or 1, got {reprlib.repr(observation)}")
     if type(event.get("color", 0)) is not int:

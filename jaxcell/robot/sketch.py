@@ -21,14 +21,15 @@ from .tasks.files import FilterTask, PolicyTask
 
 
 FLASH = 32256
-"""Bytes of flash that an Arduino Uno has for a sketch and the libraries it uses."""
+"""The bytes of flash of an Arduino Uno for a sketch and its libraries."""
 
 PROGRAM_BYTES = 15_000
-"""Flash of a sketch without its tables: 12 to 14 kB by GCC 5.4 and the Arduino core 1.8.7."""
+"""The bytes of flash of a sketch without its tables: 12 to 14 kB by GCC 5.4 and the Arduino core
+1.8.7."""
 
 _TEMPLATE = Path(__file__).with_name("sketch.ino.in")
 
-# An object of the AVR is at most this large, and what lies beyond 64 KiB is not read by the header.
+# The largest object of an AVR, and the end of the flash that the header can read, in bytes.
 _LARGEST_TABLE = 2**15 - 1
 _NEAR_FLASH = 2**16
 
@@ -42,25 +43,25 @@ def filter_sketch(
 ) -> str:
     """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
-    It does what [`jaxcell.robot.FilterFollower`][] until the cycle does with a
-    [`jaxcell.robot.Walker`][]: the same observations give the same colours. The comment at its top
-    says how to wire it, and what stops the robot.
+    It computes the same colours as a [`jaxcell.robot.FilterFollower`][] with a
+    [`jaxcell.robot.Walker`][] until a knowledge cycle. The comment at the top of the program
+    explains the wiring, and what stops the robot.
 
     **Arguments:**
 
     - `task`: the filter, with its cells and bouncing angle.
-    - `direction`: the heading at the start, as a number of directions, if it is known; see
-        [`jaxcell.robot.Walker`][].
-    - `flash`: bytes of flash of the board.
-    - `machine`: a smaller machine with the default output of the filter or policy, to run in its
-        place; see [`jaxcell.automata.fewest_bytes`][].
+    - `direction`: the number of the direction of the robot at the start; `None` if it is unknown.
+        See [`jaxcell.robot.Walker`][].
+    - `flash`: the bytes of flash of the board.
+    - `machine`: a smaller machine with the default output of the filter or policy, which runs in
+        its place; see [`jaxcell.automata.fewest_bytes`][].
 
-    **Returns:** the text.
+    **Returns:** the text of the program.
 
-    **Raises:** `ValueError` if the tables are too large, or with a heading for a direction that is
-    not one or a bouncing angle that is no whole number of directions.
+    **Raises:** `ValueError` if the tables are too large; or, with a direction, if it does not exist
+    or a bouncing angle is not a whole number of directions.
 
-    The filter of a robot that goes to cell 0 of three and stays there:
+    The filter of a robot that goes to cell 0 of three cells and stays there:
 
         >>> import pathlib
         >>> import numpy as np
@@ -73,11 +74,7 @@ def filter_sketch(
         >>> print(*robot.filter_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
-    if machine is None:
-        text, tables = to_c_header(task.filter), table_bytes(task.filter)
-        return _localizing(task, direction, flash, len(task.filter.transition), text, tables)
-    tables_of_machine = _machine_tables(task.filter, machine)
-    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
+    return _localizing(task, task.filter, direction, flash, machine)
 
 
 def policy_sketch(
@@ -87,12 +84,13 @@ def policy_sketch(
     flash: int = FLASH,
     machine: MooreMachine | None = None,
 ) -> str:
-    """Write a program for an Arduino that lets a Create choose its angles, without a host.
+    """Write a program for an Arduino that runs a localization policy on a Create, without a host.
 
-    It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
+    It chooses the same angles as a [`jaxcell.robot.PolicyFollower`][] with a
+    [`jaxcell.robot.Walker`][].
 
-    **Arguments:** the policy, and as for [`filter_sketch`][], with its errors. **Returns:** the
-    text.
+    **Arguments:** the policy, and the options of [`filter_sketch`][], with the same errors.
+    **Returns:** the text of the program.
 
     The policy of a robot that bumps after two steps, and is localized there:
 
@@ -109,24 +107,24 @@ def policy_sketch(
         >>> print(*robot.policy_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
     """
-    if machine is None:
-        text = policy_to_c_header(task.policy, name="filter")
-        tables = policy_table_bytes(task.policy)
-        return _localizing(task, direction, flash, task.policy.turn.size, text, tables)
-    tables_of_machine = _machine_tables(task.policy, machine)
-    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
+    return _localizing(task, task.policy, direction, flash, machine)
 
 
 def _localizing(
     task: FilterTask | PolicyTask,
+    source: Filter | Policy,
     direction: int | None,
     flash: int,
-    states: int,
-    text: str,
-    tables: dict[str, int],
+    machine: MooreMachine | None,
 ) -> str:
-    """Write the program of a filter or a policy with these tables."""
-    choosing = isinstance(task, PolicyTask)
+    choosing = isinstance(source, Policy)
+    if machine is not None:
+        text, tables = _machine_tables(source, machine)
+    elif isinstance(source, Policy):
+        text, tables = policy_to_c_header(source, name="filter"), policy_table_bytes(source)
+    else:
+        text, tables = to_c_header(source), table_bytes(source)
+    states = len(source.uncertainty if machine is None else machine.transition)
     kind, field = ("policy", "bounces_deg") if choosing else ("filter", "bounce_deg")
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
     _check_direction(task, direction, field)
@@ -153,11 +151,12 @@ def _localizing(
 def bounce_sketch(bounce: float, step: float) -> str:
     """Write a program for an Arduino that lets a Create bounce forever, without a filter.
 
-    Any number of robots can run it, as in the coverage experiment of Alam 2018, section 3.5.4,
-    where two robots with an Arduino each turn by the same angle at a wall or at each other.
+    Any number of robots can run it. In the coverage experiment of Alam 2018, section 3.5.4, two
+    robots with an Arduino turn by the same angle when they bump into a wall or each other.
 
     **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
-    metres. After a bump the robot goes back to where the step began. **Returns:** the text.
+    metres. After a bump the robot returns to the start of the step. **Returns:** the text of the
+    program.
 
     **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
 
@@ -200,7 +199,7 @@ static inline uint8_t filter_turn(filter_state state) {
 
 
 def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str, dict[str, int]]:
-    """Write the tables of a machine in place of its source, and count their bytes."""
+    """Write the tables of a machine that replaces a filter or policy, and count their bytes."""
     whole = MooreMachine.of(source)
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
@@ -215,7 +214,7 @@ def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str
 def table_bytes(filter: Filter) -> dict[str, int]:
     """Count the bytes of each table of [`jaxcell.automata.to_c_header`][], by name."""
     states = len(filter.transition)
-    # The number after the last state is that of IMPOSSIBLE, in a type that has room for it.
+    # The number after the last state stands for IMPOSSIBLE.
     largest = {
         "transitions": states,
         "colours": int(filter.color.max()),
@@ -234,7 +233,7 @@ def policy_table_bytes(policy: Policy) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise `ValueError` if the heading, or an angle, is not a whole number of directions."""
+    """Raise `ValueError` if a direction does not exist, or an angle leads between directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
@@ -280,11 +279,11 @@ def _fill(
     choosing: bool = False,
 ) -> str:
     placing = (
-        "Put it in the middle of a cell, along one of the directions. Its heading is not known, so "
-        "that all steps are of one length."
+        "Put the robot in the middle of a cell, along one of the directions. Its heading is not "
+        "known, so that all steps have one length."
         if strides is None
-        else f"Put it in the middle of a cell, facing {360 * direction / len(strides):g} degrees "
-        "counterclockwise from the x axis of the map."
+        else "Put the robot in the middle of a cell, facing "
+        f"{360 * direction / len(strides):g} degrees counter-clockwise from the x axis of the map."
     )
     rows = [] if strides is None else strides.tolist()
     return string.Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
@@ -292,9 +291,9 @@ def _fill(
         source="\n".join(f" *     {_comment(line)}" for line in source),
         placing="\n * ".join(textwrap.wrap(placing, 96)),
         says="" if tables is None else ", and the colour after it",
-        lights="it blinks slowly when the robot was stopped; the USB port says why"
+        lights="it blinks slowly if the robot was stopped; the USB port prints the reason"
         if tables is None
-        else "on, localized; fast, refuted; slow, stopped for the reason that the USB port says",
+        else "on: localized; fast: refuted; slow: stopped for the reason that the USB port prints",
         table_bytes=f"{table_bytes:,}",
         program_bytes=f"{PROGRAM_BYTES:,}",
         filtered=int(tables is not None),
@@ -304,7 +303,7 @@ def _fill(
         start_direction=direction,
         step=_float(step),
         choosing=int(choosing),
-        # The same turns, by the short way.
+        # Each turn takes the shorter way.
         bounces=", ".join(_float(math.remainder(bounce, 2 * math.pi)) for bounce in bounces),
         metres_per_count=_float(METRES_PER_COUNT),
         wheel_base=_float(WHEEL_BASE),
@@ -312,11 +311,11 @@ def _fill(
 
 
 def _float(value: float) -> str:
-    """Write a literal of C: a float, because an AVR has no doubles."""
+    """Write a literal of C, as a float because an AVR has no doubles."""
     return f"{float(value)!r}f"
 
 
 def _comment(text: str) -> str:
-    """Write a text as part of a comment, without the marks that begin or end comments."""
+    """Write a text as part of a comment of C, which it cannot begin or end."""
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return printable.replace("*/", "* /").replace("/*", "/ *")

@@ -16,13 +16,13 @@ from .tasks.task import Task, common_fields, robot_fields, write_task
 from .walker import Walker
 
 
-# The actions of a robot of a team; `member_actions` says what they are.
+# The actions of a robot of a team, as `member_actions` describes them.
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
 
 KIND = "team"
 
 TRIES = 3
-"""Number of times that a robot of a team tries a blocked step."""
+"""The number of times that a robot of a team tries a blocked step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,9 +30,9 @@ class MemberTask(Task):
     """The part of one robot of a team in a joint trajectory."""
 
     robot: int
-    "Number of the robot."
+    "The number of the robot."
     robots: int
-    "Number of robots."
+    "The number of robots in the team."
     start: tuple[float, float, float]
     "The pose at the start: x and y in metres, and the heading in radians."
     bounce: float
@@ -65,15 +65,15 @@ def member_actions(
     **Arguments:**
 
     - `path`, `bumped`: `cell` and `bumped` of a [`jaxcell.bounce.TeamTrajectory`][].
-    - `steps`: the position where a step leads from each, itself at a wall, of
+    - `steps`: the position after a step from each position, the same one at a wall, by
         [`jaxcell.space.free_steps`][] for the motion of the trajectory.
 
-    **Returns:** for each robot its actions in the order of the trajectory, one character each: `0`
-    a step; `1` a step that meets a wall, after which the robot turns by its bouncing angle; `2` a
-    stay where another robot is in the way, with that turn as well; `+` and `-` a turn by one
-    direction to the left and to the right, which is no step.
+    **Returns:** the actions of each robot in order, one character each: `0` for a free step; `1`
+    for a step that meets a wall, and a turn by the bouncing angle; `2` for a stay because another
+    robot is in the way, and this turn as well; `+` and `-` for a turn by one direction to the left
+    and to the right, without a step.
 
-    A robot alone in a row of two cells makes a step and turns at the wall:
+    A single robot in a row of two cells makes a step, and turns at the wall:
 
         >>> import numpy as np
         >>> from jaxcell import robot, space
@@ -87,7 +87,7 @@ def member_actions(
     direction, position = np.divmod(path, positions)
     wall = np.take(steps, path[:-1]) == position[:-1]
     moved = position[1:] != position[:-1]
-    # A row in which a robot neither bumps nor moves begins a part, with a turn of one robot.
+    # In a row without bumps and moves, one robot turns, which begins a part of the trajectory.
     turned = (direction[1:] - direction[:-1]) % directions
     begins = np.where(turned == 0, "", np.where(turned == 1, LEFT, RIGHT))
     kind = np.where(bumped, np.where(wall, WALL, ROBOT), np.where(moved, FREE, begins))
@@ -103,11 +103,11 @@ def save_team(
 ) -> None:
     """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
 
-    **Arguments:** the path; `cell_m`, `directions`, `step_m`, `robot_radius_m`, and further fields
-    to keep; poses at the start in metres and radians; bouncing angles in radians; and actions of
-    [`member_actions`][].
+    **Arguments:** the path of the file; its common fields, which are `cell_m`, `directions`,
+    `step_m`, `robot_radius_m`, and any others; the poses at the start in metres and radians; the
+    bouncing angles in radians; and the actions by [`member_actions`][].
 
-    One robot, that makes two steps and turns at a wall:
+    A robot that makes two steps and turns at a wall:
 
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot
@@ -123,17 +123,17 @@ def save_team(
         {
             "start": [x, y, round(math.degrees(theta), 9)],
             "bounce_deg": round(math.degrees(bounce), 9),
-            "actions": does,
+            "actions": own,
         }
-        for (x, y, theta), bounce, does in zip(starts, bounces, actions, strict=True)
+        for (x, y, theta), bounce, own in zip(starts, bounces, actions, strict=True)
     ]
     write_task(path, KIND, **(common | {"robots": robots}))
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """Read a robot of a team from the fields of its file.
+    """Read the task of a robot from the file of a team.
 
-    **Raises:** `ValueError` that names the field.
+    **Raises:** `ValueError`, with the file and the field.
     """
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
@@ -152,7 +152,7 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
 
 class Member:
-    """A robot along its actions, step by step, so that a log can be replayed."""
+    """The state of a robot of a team, updated by its observations."""
 
     def __init__(self, actions: str) -> None:
         self.observations = ""
@@ -163,17 +163,17 @@ class Member:
 
     @property
     def action(self) -> str | None:
-        """The next action, `None` at the end."""
+        """The next action, or `None` at the end."""
         over = self._refuted or self.index == len(self._actions)
         return None if over else self._actions[self.index]
 
     @property
     def waits(self) -> bool:
-        """True if the last step failed, so that the robot tries it again."""
+        """True if the last step was blocked, so that the robot waits and tries it again."""
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
-        """Take in whether the step of the action bumped."""
+        """Update the state by the step of the next action, which bumped or not."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -185,18 +185,18 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Take in all observations of a run."""
-        for observation in observations:
-            while self.action in (ROBOT, LEFT, RIGHT):
-                self.index += 1
+        """Update the state by all observations of a run, and the actions without observations."""
+        left = list(observations)
+        while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
                 raise ValueError("the log has more observations than the robot has steps")
-            self.observe(observation == "1")
-        while self.action in (ROBOT, LEFT, RIGHT):
-            self.index += 1
+            if self.action in (FREE, WALL):
+                self.observe(left.pop(0) == "1")
+            else:
+                self.index += 1
 
     def outcome(self) -> RunOutcome:
-        """Make the outcome of the part so far."""
+        """Make the outcome of the run so far."""
         count = len(self._actions)
         if self._refuted:
             reason = f"action {self.index} of {count}: {self._refuted}"
@@ -216,17 +216,17 @@ def run_member(
 ) -> RunOutcome:
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
-    The robots neither see each other nor share a clock, so they come a little early or late to the
-    places where two of them meet in the trajectory. There each robot stays for one step and turns,
-    as in the trajectory, without sensing the other robot. If a robot bumps on a way that is free in
-    the trajectory, another robot may stand there: the robot goes back, waits, and tries again, up
-    to 3 times in all.
+    The robots do not see each other and share no clock, so they come a little early or late to the
+    places where two robots meet in the trajectory. At such a place, each robot stays for one step
+    and turns, as in the trajectory, without sensing the other robot. If a robot bumps on a way that
+    is free in the trajectory, another robot may stand there. Then the robot goes back, waits, and
+    tries again, at most 3 times in all.
 
-    **Arguments:** a walker; the task; the log; the seconds to wait; and a function that waits.
-    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
-    wall where there is one, or something three times where the way is free.
+    **Arguments:** a walker; the task; the log; the seconds of a wait; and a function that waits.
+    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that does not
+    meet a wall of the map, or bumps three times on a free way.
 
-    A point robot in a corridor of three cells, without a serial line:
+    A simulated robot in a corridor of three cells:
 
         >>> import math, pathlib
         >>> from jaxcell import examples, robot
@@ -257,7 +257,7 @@ def run_member(
 
 
 def replay_member(run: LoggedRun) -> RunOutcome:
-    """Make the outcome of a robot of a team so far from its log."""
+    """Make the outcome of the run of a robot of a team so far from its log."""
     member = Member(run.header["actions"])
     member.replay(run.observations)
     return member.outcome()

@@ -14,53 +14,47 @@ class Drivable(Protocol):
     """A robot for a walker, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise."""
+        """Turn in place by radians, counter-clockwise."""
 
 
 class Walker:
-    """Take a robot through the cells of a map, step by step, by the odometry of its wheels.
+    """A driver of a robot through the cells of a map, step by step, by the odometry of its wheels.
 
-    The model of a bouncing robot (Alam 2018, Eq. 2.4) knows only centres of cells. A step goes from
-    one straight along the heading; if nothing is in the way, the robot is next at the centre of the
-    cell where the step ended, which is not on its line unless it runs along an axis. If something
-    is in the way, the robot is where it was. A real robot does neither by itself, so the walker
-    does: after a step it drives on to the centre of the cell, and after a bump back to the centre
-    that it came from. A wall on the way to the centre counts as one in the way of the step.
+    In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
+    cell. A step goes straight along the heading. After a free step the robot is at the centre of
+    the cell where the step ended, which need not lie on its line. After a bump it is where the step
+    began. Therefore the walker drives on to the centre of the cell after a step, and back to its
+    start after a bump. A wall on the way to the centre counts as a bump as well.
 
-    To know where the centre is takes the heading, as from a compass, or from how the robot was put
-    down; the filter does not know it. Without `strides` the walker needs none and takes every step
-    to be of one length, which is the model's where all headings are along the axes, and an
-    approximation otherwise.
+    To drive to the centre, the walker must know the heading, from a compass or from the start of
+    the robot; the filter does not know it. Without `strides` the walker needs no heading, and all
+    steps have one length. This agrees with the model if all directions are along the axes, and is
+    an approximation otherwise.
 
-    Each target is a place in the frame of the odometry: what a step misses is made good in the
-    next. What the encoders do not see (slip) is not.
+    Each target is a place in the frame of the odometry, so that each step corrects the error of the
+    step before. The encoders do not sense slip, which is not corrected.
 
-    A point robot in a corridor of three cells, without a serial line:
+    A simulated robot in a corridor of three cells:
 
         >>> import math
-        >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
+        >>> from jaxcell import examples
+        >>> walker = examples.walker()
         >>> walker.step(), walker.step(), walker.step(), walker.observations
         (False, False, True, '001')
         >>> walker.rotate(math.pi / 2)
-        >>> [round(x, 2) for x in body.pose]
-        [2.5, 0.5, 1.57]
+        >>> [round(x, 2) for x in walker.place]
+        [2.0, 0.0, 1.57]
     """
 
     observations: str
     "The observations so far: 0 for a step, 1 for a bump."
     recalled: str = ""
-    "The observations of the run before this one."
+    "The observations of the earlier run that is resumed."
     drives: bool = True
-    "True while the robot moves; false while it recalls an earlier run."
+    "True if the robot moves; false while the walker only counts the steps of an earlier run."
 
     def __init__(
         self,
@@ -75,16 +69,16 @@ class Walker:
     ) -> None:
         """**Arguments:**
 
-        - `robot`: e.g. [`jaxcell.robot.Create`][].
-        - `step`: length of a step, in metres.
+        - `robot`: a robot such as [`jaxcell.robot.Create`][].
+        - `step`: the length of a step, in metres.
         - `strides`: the result of [`cell_strides`][], if the heading is known.
         - `direction`: with `strides`, the number of the direction of the robot at the start.
-        - `recalled`: the observations of the run to resume. The robot does not drive these steps,
-            the turns between them, or the turn after the last one: it is at the end of the last
-            step, and heads for the next one.
+        - `recalled`: the observations of the run to resume. The robot does not drive these steps
+            and the turns after them, because it is at the end of the last step and faces the next
+            one.
         - `tolerance`, `turn_tolerance`: the largest error by the encoders, in metres and in
             radians. The default for places is 4 mm, or 0.4 % of a step that is shorter than 1 m,
-            but at least 1 mm, which the wheels can still drive.
+            but at least 1 mm, the least that the wheels can drive.
 
         **Raises:** `ValueError` for a step or a tolerance that is not positive, or for a direction
         that does not exist.
@@ -101,27 +95,27 @@ class Walker:
         self._robot, self._step, self._strides = robot, step, strides
         self._direction = direction
         self._tolerance, self._turn_tolerance = tolerance, turn_tolerance
-        # The frame of the odometry has the start at 0, and its heading along the real axis.
+        # In the frame of the odometry, the start is 0 and its heading is the real axis.
         self._at, self._facing = 0j, 0.0
         self._centre, self._heading = 0j, 0.0
 
     @property
     def estimate(self) -> tuple[float, float, float]:
-        """The pose by the wheels: metres ahead and left of the start, and radians turned."""
+        """The pose by the encoders: metres ahead and left of the start, and the turn in radians."""
         return self._at.real, self._at.imag, self._facing
 
     @property
     def place(self) -> tuple[float, float, float]:
-        """The pose in the model: metres ahead and left of the start, and radians turned."""
+        """The pose in the model: metres ahead and left of the start, and the turn in radians."""
         return self._centre.real, self._centre.imag, self._heading
 
     @property
     def error(self) -> float:
-        """The distance of the two poses in metres: by the wheels and in the model."""
+        """The distance between the pose by the encoders and the pose in the model, in metres."""
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Take a step; return whether it was a bump, after which the robot is back at its start."""
+        """Take a step; after a bump, drive back to its start. Returns whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -141,7 +135,7 @@ class Walker:
                 break
             passed.append(target)
         if bumped:
-            # The way back is the way there: beside it there may be walls, which it does not feel.
+            # The robot returns on its own path, because it does not feel walls behind it.
             for place in reversed(passed):
                 self._go(place, back=True)
         else:
@@ -153,14 +147,14 @@ class Walker:
     def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
         """Drive straight until a bump, at most `most` metres, and back off by `back` metres.
 
-        Returns the length of the run in metres, by the encoders; `None` without a bump.
+        Returns the length of the run by the encoders, in metres, or `None` without a bump.
         """
         self.drives = True
         moved = self._robot.forward(most, tolerance=self._tolerance)
         self._count(moved)
         if not moved.bumped:
             return None
-        # A bumper that is still pressed would end the next run at once.
+        # A bumper that stays pressed would end the next run at once.
         if back > self._tolerance:
             self._count(self._robot.forward(-back, tolerance=self._tolerance))
         self._centre = self._at
@@ -170,7 +164,7 @@ class Walker:
     def rotate(self, angle: float) -> None:
         """Turn the heading by an angle in radians, counter-clockwise.
 
-        **Raises:** `ValueError` if the heading is known and the angle is no whole number of
+        **Raises:** `ValueError` if the heading is known, and the angle is not a whole number of
         directions.
         """
         if self._strides is not None:
@@ -186,7 +180,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Count a step of an earlier run without driving, by its observation."""
+        """Count a step of the earlier run by its observation, without driving."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target
@@ -194,7 +188,7 @@ class Walker:
         return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drive to a place; return whether a bump ended the drive."""
+        """Drive to a place in the frame of the odometry. Returns whether a bump ended the drive."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False
@@ -214,7 +208,7 @@ class Walker:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
     def _count(self, moved: Moved) -> bool:
-        """Add a motion to the estimate; return whether a bump ended it."""
+        """Add a motion to the estimate of the pose. Returns whether a bump ended the motion."""
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped

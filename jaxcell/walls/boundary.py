@@ -11,9 +11,9 @@ from ..space import Workspace
 from ..space.workspace import edges
 
 
-# A wall is met, and a corner passed, within this distance in metres: above any rounding.
+# The tolerance of intersections in metres, which is larger than any rounding error.
 ROUNDING = 1e-11
-# Elements of an array of rays and walls that is made at a time.
+# The largest number of pairs of a ray and a wall that are computed together.
 _CHUNK = 1_000_000
 
 
@@ -24,19 +24,20 @@ class Boundary:
     begin: Float[np.ndarray, "walls 2"]
     "The corner where each wall begins, in metres."
     tangent: Float[np.ndarray, "walls 2"]
-    "The unit vector from the begin of each wall to its end."
+    "The unit vector along each wall, from its start to its end."
     length: Float[np.ndarray, "walls"]
     "The length of each wall, in metres."
     following: Int[np.ndarray, "walls"]
-    "The wall that begins where each wall ends."
+    "The number of the wall that begins at the end of each wall."
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Take the walls of the free space: those that the centre of a disc robot cannot cross."""
+        """Make the walls of the free space, which the centre of a disc robot cannot cross."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
-        # Rings are listed wall by wall, so a ring begins where the wall before it is not the last.
+        # The walls of a ring are consecutive, so a new ring begins at a wall that does not continue
+        # the wall before it.
         number = np.arange(len(begin))
         first = np.r_[True, (before[1:] != begin[:-1]).any(axis=1)]
         ring_begin = np.maximum.accumulate(np.where(first, number, 0))
@@ -51,7 +52,7 @@ class Boundary:
 
     @functools.cached_property
     def preceding(self) -> Int[np.ndarray, "walls"]:
-        """The wall that ends where each wall begins."""
+        """The number of the wall that ends at the start of each wall."""
         return np.argsort(self.following)
 
     @functools.cached_property
@@ -62,7 +63,7 @@ class Boundary:
     def point(
         self, wall: Int[np.ndarray, "points"], arc: Float[np.ndarray, "points"]
     ) -> Float[np.ndarray, "points 2"]:
-        """Give the points at arc lengths of walls, in metres."""
+        """Compute the points at arc lengths on walls, in metres."""
         return self.begin[wall] + arc[:, None] * self.tangent[wall]
 
 
@@ -71,13 +72,14 @@ def run_to_wall(
     place: Float[np.ndarray, "robots 2"],
     heading: Float[np.ndarray, "robots"],
 ) -> tuple[Int[np.ndarray, "robots"], Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
-    """Drive robots straight until each meets a wall.
+    """Drive robots straight until each robot meets a wall.
 
-    A robot that stands at a wall and faces it runs no distance. One that drives along a wall, or
-    grazes a corner, goes on.
+    The run of a robot that stands at a wall and faces it has length 0. A robot that drives along a
+    wall, or grazes a corner, drives on. Places are in metres, in the free space or on a wall, and
+    headings in radians.
 
-    Places lie in the free space or on a wall. The results are the wall that each robot meets, its
-    arc length there, and the length of the run, in metres.
+    Returns the number of the wall that each robot meets, the arc length on it, and the length of
+    the run, in metres.
     """
     wall = np.zeros(len(place), np.int32)
     arc, run = np.zeros(len(place)), np.full(len(place), np.inf)

@@ -1,4 +1,4 @@
-"""The choice of a bouncing angle at each bump that localizes a robot in few bumps."""
+"""Choose a bouncing angle at each bump so that a robot is localized after few bumps."""
 
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
@@ -11,12 +11,13 @@ from .filter import WallFilter
 from .sets import WallSet
 
 
-# Largest number of stretches of a set that a trial follows; larger sets are sampled.
+# The largest number of stretches of a set that a trial follows. Larger sets are sampled.
 _FOLLOWED = 96
-# Number of trials that are computed at once.
+# The largest number of trials that are computed together.
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
+"""The statistic of the extents of the sets after the next bumps that a choice minimizes."""
 
 
 def choose_angles(
@@ -32,10 +33,10 @@ def choose_angles(
 ) -> Int[np.ndarray, "robots"]:
     """Choose for each robot the number of the angle after which its set is smallest.
 
-    Places are drawn from the set of each robot (`draws` for each of the bumps `ahead`), and the set
-    is followed through the next bump as a robot at each of these places would observe it. The sets
-    are those after a bump and before the turn. The aim is the mean of the extents over the places,
-    or the worst of them.
+    `draws` places are drawn from the set of each robot, and the set is followed through the next
+    bump with the run of a robot from each place; likewise for each of the `ahead` next bumps. The
+    sets in `state` are those after a bump and before the turn, and `angles` are in radians. The
+    chosen angle minimizes the mean of the extents over the places, or the worst extent.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:
@@ -60,9 +61,9 @@ def _extents(
     ahead: int,
     draws: int,
 ) -> Float[np.ndarray, "angles robots"]:
-    """Estimate the extent of the set of each robot after it turns by each angle.
+    """Estimate the extent of the set of each robot after a turn by each angle, in metres.
 
-    All angles are tried at the same places, so that their extents differ by the angles alone.
+    All angles are tried at the same places, so that only the angles cause differences.
     """
     trials = robots * draws
     place, heading, _ = draw_places(filter, state, robots, draws, rng)
@@ -79,15 +80,17 @@ def _extents(
         else:
             later = _extents(filter, after, trials, angles, rng, aim, ahead - 1, draws)
             extents.append(later.min(axis=0))
-    # A robot with an empty set, which draws nothing, needs no choice.
-    of_trials = np.reshape(extents, (len(angles), robots, draws))
-    return of_trials.max(axis=2) if aim == "worst" else of_trials.mean(axis=2)
+    by_draw = np.reshape(extents, (len(angles), robots, draws))
+    return by_draw.max(axis=2) if aim == "worst" else by_draw.mean(axis=2)
 
 
 def draw_places(
     filter: WallFilter, state: WallSet, robots: int, count: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "draws 2"], Float[np.ndarray, "draws"], Int[np.ndarray, "draws"]]:
-    """Draw places in metres and headings in radians from sets, with the robot of each."""
+    """Draw `count` places in metres and headings in radians from the set of each robot.
+
+    The third result is the robot of each place. The places of an empty set have no meaning.
+    """
     robot = np.repeat(np.arange(robots), count)
     order = np.argsort(state.robot, kind="stable")
     state = state.take(order)

@@ -1,4 +1,4 @@
-"""The chords of a room: the runs of robots from wall to wall, by heading."""
+"""Compute the chords of a room: the straight runs from wall to wall, by heading."""
 
 import dataclasses
 import functools
@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .boundary import Boundary
-from .meeting import Met, Pairs, Rows
+from .meeting import Met, Pairs, Rows, copies
 
 
-# Headings are followed from slices of at most this width down to slices of the wanted width.
+# The largest width in radians of a group of slices, which is halved down to single slices.
 _WIDEST = np.pi / 5
-# Slices reach over their ends by this angle, so that rounding loses no heading between them.
+# The angle by which slices overlap, so that rounding loses no heading between them, in radians.
 _OVERLAP = 1e-9
 
 
@@ -20,9 +20,9 @@ _OVERLAP = 1e-9
 class Chords:
     """The straight runs from wall to wall, for slices of headings.
 
-    Each row describes the runs from a stretch of a wall, with a heading of a slice, to one wall. A
-    stretch has a row for each wall that a robot from there may meet, so that every possible run is
-    in a row. For a heading that is known exactly a stretch has one row, which is exact.
+    Each row describes the runs from a stretch of a wall, with the headings of a slice, to one wall.
+    A stretch has a row for each wall that a robot from there may meet, so that every possible run
+    belongs to a row. If the heading is known exactly, a stretch has one row, which is exact.
 
     A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
     the wall that it meets. The length of its run is this distance times a number between
@@ -32,25 +32,26 @@ class Chords:
 
     boundary: Boundary
     slices: int
-    "Number of slices of headings; slice k begins at the heading `2 pi k / slices`."
+    "The number of slices of headings; slice k begins at the heading `2 pi k / slices`."
     width: float
-    "Width of a slice in radians; 0 for headings that are known exactly."
+    "The width of a slice in radians; 0 for headings that are known exactly."
     displacement: float
-    "Largest distance of a robot from its place on the wall when it leaves, in metres."
+    "The largest distance of a robot from its place on the wall when it leaves, in metres."
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
+    "The arc length on the wall, in metres."
     end: Float[np.ndarray, "rows"]
     hit: Int[np.ndarray, "rows"]
     "The wall at the end of the run."
     clearance: Float[np.ndarray, "2 rows"]
-    "The distance from the line of that wall, as a constant and a slope in the arc length."
+    "The distance from the line of the wall `hit`: a constant and a slope in the arc length."
     stretch: Float[np.ndarray, "2 rows"]
-    "The least and the largest ratio of a run to that distance."
+    "The smallest and the largest ratio of the length of a run to this distance."
     arc: Float[np.ndarray, "2 2 rows"]
-    "Arc lengths on that wall: for both ends of the slice, a constant and a slope."
+    "The arc length on the wall `hit`: for each end of the slice, a constant and a slope."
     spread: Float[np.ndarray, "2 rows"]
-    "Largest change of these arc lengths by `displacement`, in metres."
+    "The largest change of this arc length by `displacement`, in metres."
 
     @classmethod
     def of(
@@ -60,20 +61,19 @@ class Chords:
         *,
         known: bool,
         displacement: float = 0.0,
-        gap: float | None = None,
     ) -> "Chords":
         """Follow all headings from all walls.
 
-        Headings are `2 pi k / slices` exactly if they are `known`; else any heading of a slice. No
-        stretch is shorter than `gap` metres; by default, stretches of known headings are cut
-        wherever the next wall changes.
+        If headings are `known`, they are exactly `2 pi k / slices`; else a row has all headings of
+        its slice. `displacement` is in metres.
         """
         turn = 2 * np.pi / slices
         width = 0.0 if known else turn
-        if gap is None:
-            gap = 1e-9 if known else max(0.01, boundary.diameter * width / 8)
+        # The least length of a stretch: those of known headings are cut wherever the next wall
+        # changes.
+        gap = 1e-9 if known else max(0.01, boundary.diameter * width / 8)
         level = max(0, int(np.log2(max(1.0, _WIDEST / turn))))
-        # Groups of slices one after the other, whose arrays stay in the cache of the processor.
+        # The groups are followed one by one, so that their arrays stay in the processor's cache.
         parts = [
             _followed(boundary, group, level, slices, width, displacement, gap)
             for group in range(-(-slices // 2**level))
@@ -95,7 +95,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """The number of the slice and the wall of each row; rows are sorted by this number."""
+        """The number of the pair of slice and wall of each row; rows are sorted by this number."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 
@@ -116,7 +116,7 @@ def _followed(
         low, high = _ends(rows.slice, level, slices, width)
         if level:
             reach = max(gap, (high - low).max() * boundary.diameter / 4)
-            rows, pairs = _halved(rows, pairs, reach)
+            rows, pairs = _cut(rows, pairs, reach)
             low, high = _ends(rows.slice, level, slices, width)
         pairs = Met.of(boundary, rows, pairs, low, high, displacement).kept(pairs)
         if level == 0:
@@ -143,7 +143,7 @@ def _ends(
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
-    """Cut each group of slices in two."""
+    """Cut each group of `2**level` slices in two."""
     group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
     source = np.repeat(np.arange(rows.slice.size), 2)
     there = (group << (level - 1)) < slices
@@ -153,15 +153,14 @@ def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pai
     return finer.take(order), pairs.copied(source[order], rows.slice.size)
 
 
-def _halved(rows: Rows, pairs: Pairs, longest: float) -> tuple[Rows, Pairs]:
-    """Cut stretches into equal parts of at most a length."""
+def _cut(rows: Rows, pairs: Pairs, longest: float) -> tuple[Rows, Pairs]:
+    """Cut stretches into equal parts of at most `longest` metres."""
     parts = np.maximum(1, np.ceil((rows.end - rows.begin) / longest)).astype(int)
-    source = np.repeat(np.arange(parts.size), parts)
-    place = np.arange(source.size) - np.repeat(np.cumsum(parts) - parts, parts)
-    length = (rows.end - rows.begin)[source] / parts[source]
+    source, number = copies(parts)
     cut = rows.take(source)
-    begin = cut.begin + place * length
-    end = np.where(place + 1 == parts[source], cut.end, begin + length)
+    length = (cut.end - cut.begin) / parts[source]
+    begin = cut.begin + number * length
+    end = np.where(number + 1 == parts[source], cut.end, begin + length)
     return cut._replace(begin=begin, end=end), pairs.copied(source, parts.size)
 
 
@@ -173,7 +172,10 @@ def _cut_at_corners(
     high: Float[np.ndarray, "rows"],
     gap: float,
 ) -> tuple[Rows, Pairs]:
-    """Cut stretches where a ray at an end of their slice passes a corner that it may meet."""
+    """Cut stretches where a ray with the first or last heading of the slice passes a corner.
+
+    No part is shorter than `gap` metres.
+    """
     at, wall = boundary.begin[rows.wall[pairs.row]], rows.wall[pairs.row]
     corners = boundary.begin[pairs.wall], boundary.begin[boundary.following[pairs.wall]]
     cuts = []
@@ -193,7 +195,7 @@ def _cut_at_corners(
     begin = np.concatenate([rows.begin, place[pair, column]])
     order = np.lexsort((begin, source))
     source, begin = source[order], begin[order]
-    # Of cuts that are closer than the gap the first counts.
+    # Of cuts that are closer together than the gap, only the first counts.
     while True:
         near = np.r_[False, (np.diff(begin) < gap) & (np.diff(source) == 0)]
         near &= ~np.r_[False, near[:-1]]
@@ -203,7 +205,7 @@ def _cut_at_corners(
     last = np.r_[source[1:] != source[:-1], True]
     end = np.where(last, rows.end[source], np.r_[begin[1:], 0.0])
     if np.array_equal(low, high):
-        # From a cut itself a ray may pass between two corners that both stretches beside it hit.
+        # From the cut itself, a ray may pass between two corners that the rays on both sides hit.
         source, begin = np.repeat(source, 2), np.repeat(begin, 2)
         end = np.stack([begin[::2], end], axis=1).ravel()
     return rows.take(source)._replace(begin=begin, end=end), pairs.copied(source, number.size)

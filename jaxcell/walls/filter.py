@@ -1,4 +1,4 @@
-"""The filter of a robot that starts anywhere, and observes how far it runs between bumps."""
+"""The filter of a robot that starts anywhere, and observes the length of each run to a wall."""
 
 import dataclasses
 import functools
@@ -13,14 +13,14 @@ from ..base import memory
 from ..space import Workspace
 from .boundary import Boundary
 from .chords import Chords
-from .sets import OUTWARD, WallSet, arrivals, extent, observe, turned
+from .sets import OUTWARD, WallSet, arrivals, observe, turned
 
 
-# Slices of headings of a robot whose heading is not known.
+# The default number of slices of headings.
 _SLICES = 360
-# The first run is rounded down to one of this many lengths, for which the places are kept.
+# The first run is rounded down to one of this many lengths, whose sets are computed once.
 _LENGTHS = 16
-# Bytes for each chord of a room, with what it is made from.
+# The bytes for each chord of a room at the peak of its computation.
 _BYTES = 700
 
 _Runs: TypeAlias = Float[np.ndarray, "robots"]
@@ -29,28 +29,28 @@ Lengths: TypeAlias = float | npt.ArrayLike
 
 @dataclasses.dataclass(frozen=True)
 class Errors:
-    """Bounds of the errors of a robot. All are 0 for a robot that moves exactly."""
+    """Bounds of the errors of a robot. All bounds are 0 for a robot that moves exactly."""
 
     run: float = 0.0
-    "Error of the observed length of a run, as a share of it."
+    "The largest relative error of the observed length of a run."
     distance: float = 0.0
-    "Error of the observed length of a run, in metres."
+    "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    "Distance that a robot counts beyond the wall before it feels a bump, in metres."
+    "The largest distance that a robot counts after it meets a wall until it feels the bump, in m."
     turn: float = 0.0
-    "Error of a turn at a bump, in radians, with the turn by the bump itself."
+    "The largest error of the turn at a bump, in radians, with the turn that the bump causes."
     heading: float = 0.0
-    "Error of the heading at the start, in radians."
+    "The largest error of the heading at the start, in radians."
     displacement: float = 0.0
-    "Largest distance from a bump to the begin of the next run, in metres."
+    "The largest distance from a bump to the start of the next run, in metres."
 
     def __post_init__(self) -> None:
         for field, limit, expected in (
-            ("run", 1.0, "a share below 1, since otherwise a run tells nothing"),
+            ("run", 1.0, "a share below 1, because otherwise any run is possible"),
             ("distance", math.inf, "a finite length in metres"),
             ("late", math.inf, "a finite length in metres"),
-            ("turn", math.pi, "less than half a turn, since otherwise all headings are possible"),
-            ("heading", math.pi, "less than half a turn; for any heading, give none"),
+            ("turn", math.pi, "less than half a turn, because otherwise all are possible"),
+            ("heading", math.pi, "less than half a turn; omit the headings if any is possible"),
             ("displacement", math.inf, "a finite length in metres"),
         ):
             value = getattr(self, field)
@@ -59,25 +59,26 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """True if a heading that is known at the start stays known exactly."""
+        """True if a heading that is known at the start remains known exactly."""
         return not (self.turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
-        """Bound runs that were observed to be between two lengths, in metres."""
+        """Bound the true lengths of runs observed between `least` and `most`, in metres."""
         low = (least - self.distance - self.late) / (1 + self.run)
         return np.maximum(low, 0.0), (most + self.distance) / (1 - self.run)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WallFilter:
-    """A filter for robots that are put down anywhere, run straight until they bump, and turn.
+    """A filter for robots that start anywhere, run straight until they bump, and turn.
 
-    Its states are sets of places on walls and headings ([`WallSet`][jaxcell.walls.WallSet]). The
-    true place is always in the set, if the errors are within their bounds and the map is right.
-    One `WallSet` has the sets of many robots, and functions take and return arrays over robots.
+    Its states are sets of places on walls with headings ([`WallSet`][jaxcell.walls.WallSet]). The
+    set always contains the true place if the errors are within their bounds and the map is right.
+    One `WallSet` contains the sets of many robots, and the methods take and return arrays over
+    robots.
 
-    A room without symmetry, and a robot that turns by 135 degrees at each bump and measures its
-    runs to within a centimetre:
+    A robot in a room without symmetry turns by 135 degrees at each bump, and measures its runs to
+    within a centimetre:
 
         >>> import math
         >>> import numpy as np
@@ -97,7 +98,7 @@ class WallFilter:
     chords: Chords
     errors: Errors
     first: Bool[np.ndarray, "slices"]
-    "The slices of headings that a robot may start with."
+    "True for each slice of headings that a robot may start with."
     step: float
     "The length of the steps that a robot counts, in metres; 0 if it measures its runs."
 
@@ -111,21 +112,21 @@ class WallFilter:
         errors: Errors | None = None,
         step: float = 0.0,
     ) -> "WallFilter":
-        """Find the chords of a room.
+        """Make the filter of a room.
 
         **Arguments:**
 
-        - `workspace`: the room, for a robot of its radius.
+        - `workspace`: the room, for a robot with the radius of the workspace.
         - `headings`: a robot starts with one of the headings `2 pi k / headings`, up to its error;
-            `None` if its heading is not known at all.
-        - `slices`: number of slices of headings, where these are not known exactly. Half as wide
-            slices make sets some half as large, and take four times the memory.
-        - `errors`: bounds of the errors of the robot, by default none.
-        - `step`: the length of the steps that the robot counts, in metres; 0 if it measures how far
-            it runs.
+            `None` if its heading is unknown.
+        - `slices`: the number of slices of headings, if headings are not known exactly. Twice as
+            many slices make sets about half as large, and need four times the memory.
+        - `errors`: bounds of the errors of the robot; by default the robot moves exactly.
+        - `step`: the length of the steps that the robot counts, in metres; 0 if it measures its
+            runs.
 
-        **Raises:** `ValueError` for a number of headings or slices that is not even, or does not
-        fit the other; `MemoryError` if the chords would not fit the free memory.
+        **Raises:** `ValueError` if `headings` or `slices` is odd, or `slices` is not a multiple of
+        `headings`; `MemoryError` if the chords exceed the free memory.
         """
         errors = errors or Errors()
         if not 0 <= step < math.inf:
@@ -144,14 +145,14 @@ class WallFilter:
         memory.check(needed, f"a map of {walls} walls and {slices} headings", "use fewer slices")
         if errors.distance > boundary.diameter:
             raise ValueError(
-                f"errors: distance: expected at most the {boundary.diameter:.3g} m that the room "
-                f"is wide, got {errors.distance:g} m: no two runs would differ"
+                f"errors: distance: expected at most {boundary.diameter:.3g} m, the diameter of "
+                f"the room, got {errors.distance:g} m: no two runs would differ"
             )
         chords = Chords.of(boundary, slices, known=known, displacement=errors.displacement)
         first = np.ones(slices, bool)
         if headings is not None and not known:
             width = 2 * math.pi / slices
-            # A heading at the edge of two slices may be in either.
+            # A heading at the edge of two slices may be in either slice.
             off = np.arange(slices) - np.round(np.arange(slices) * headings / slices) * (
                 slices // headings
             )
@@ -165,10 +166,11 @@ class WallFilter:
         return self.chords.boundary
 
     def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
-        """Take in the length of the run of each robot to a wall.
+        """Update the sets by the length of the run of each robot to a wall, in metres.
 
-        A robot that counts steps may stop anywhere in the next one. Robots without sets may be
-        anywhere. The set of a robot is empty if no place explains its runs.
+        A robot that counts steps may bump anywhere within the next step. The state `None` stands
+        for robots that may be anywhere. The set of a robot is empty if its runs are impossible from
+        every place.
         """
         least = np.atleast_1d(np.asarray(run, float))
         if not (np.isfinite(least) & (least >= 0)).all():
@@ -191,7 +193,7 @@ class WallFilter:
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
         """Turn each robot in place by an angle in radians, counter-clockwise.
 
-        **Raises:** `ValueError` for an angle that is no whole number of slices of headings.
+        **Raises:** `ValueError` for an angle that is not a whole number of slices of headings.
         """
         slices = self.chords.slices
         exact = np.asarray(angle) * slices / (2 * math.pi)
@@ -208,15 +210,23 @@ class WallFilter:
         return turned(state, each, slices, error)
 
     def extent(self, state: WallSet, robots: int) -> Float[np.ndarray, "robots"]:
-        """Measure the diagonal of the box around the places of each robot, in metres."""
-        return extent(self.boundary, state, robots)
+        """Compute the diagonal of the box around the places of each robot, in metres.
+
+        The extent of an empty set is 0.
+        """
+        low, high = np.full((robots, 2), np.inf), np.full((robots, 2), -np.inf)
+        for arc in (state.begin, state.end):
+            end = self.boundary.point(state.wall, arc)
+            np.minimum.at(low, state.robot, end)
+            np.maximum.at(high, state.robot, end)
+        return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=1)
 
     def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
         """Check for each robot whether its set is empty."""
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
-        """Number the slices of headings in radians; known headings have the nearest slice."""
+        """Find the slices of headings in radians; of exactly known headings the nearest slices."""
         place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
         whole = np.floor(place) if self.chords.width else np.round(place)
         return whole.astype(int) % self.chords.slices
@@ -227,8 +237,7 @@ class WallFilter:
 
     def _after_first_run(self, level: int) -> WallSet:
         if level not in self._arrivals:
-            least = level * self.boundary.diameter / _LENGTHS
-            places = arrivals(self.chords, np.array([least]))
+            places = arrivals(self.chords, level * self.boundary.diameter / _LENGTHS)
             possible = self.first[places.slice] & (level <= _LENGTHS)
             self._arrivals[level] = places.take(possible)
         return self._arrivals[level]

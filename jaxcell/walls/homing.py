@@ -1,4 +1,4 @@
-"""The choice of an angle at each bump that brings a robot into a goal region from anywhere."""
+"""Choose an angle at each bump so that a robot comes from anywhere into a goal region."""
 
 import dataclasses
 import functools
@@ -9,16 +9,18 @@ from jaxtyping import Bool, Float, Int
 from .boundary import run_to_wall
 from .choice import choose_angles
 from .filter import WallFilter
+from .meeting import copies
 from .sets import WallSet
 
 
-# Walls are cut into parts of at most this length for the numbers of bumps to the goal, in metres.
+# The largest length in metres of the parts of walls for which the bumps to the goal are counted.
 _PART = 0.2
-# Number of slices of headings for these numbers, if the filter has a larger multiple of it.
+# The largest number of slices of headings for which bumps are counted, if it divides that of the
+# filter.
 _SLICES = 72
-# Number of simulated robots from each part of a wall, for each slice of headings.
+# The number of simulated robots from each part of a wall, for each slice of headings.
 _DRIVEN = 4
-# The largest expected number of bumps; greater numbers and infinity are replaced by it.
+# The largest expected number of bumps. It replaces larger numbers and infinity.
 _NEVER = 100.0
 
 
@@ -26,9 +28,9 @@ _NEVER = 100.0
 class Homing:
     """The navigation of robots that start anywhere into a goal region, a disc.
 
-    The expected number of bumps to the goal is known for each part of a wall and each heading. A
-    robot takes the angle that minimizes the mean of this number over its set. While its set is
-    large, it takes the angle after which the set is expected to be smallest.
+    The expected number of bumps to the goal is computed for each part of a wall and each heading. A
+    robot turns by the angle that minimizes the mean of this number over its set. While the set is
+    large, the robot turns by the angle after which the set is expected to be smallest.
     """
 
     filter: WallFilter
@@ -52,19 +54,15 @@ class Homing:
 
     @functools.cached_property
     def parts(self) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "2 parts"]]:
-        """The wall of each part, and the arc lengths where it begins and ends, in metres."""
-        length = self.filter.boundary.length
-        count = np.ceil(length / _PART).astype(int)
-        wall = np.repeat(np.arange(length.size), count)
-        number = np.arange(wall.size) - self._first[wall]
-        size = (length / count)[wall]
+        """The wall of each part, and the arc lengths of its two ends, in metres."""
+        wall, number = copies(self._count)
+        size = (self.filter.boundary.length / self._count)[wall]
         return wall, np.stack([number * size, (number + 1) * size])
 
     @functools.cached_property
-    def _first(self) -> Int[np.ndarray, "walls"]:
-        """The number of the first part of each wall."""
-        count = np.ceil(self.filter.boundary.length / _PART).astype(int)
-        return np.cumsum(count) - count
+    def _count(self) -> Int[np.ndarray, "walls"]:
+        """The number of parts of each wall."""
+        return np.ceil(self.filter.boundary.length / _PART).astype(int)
 
     @functools.cached_property
     def arrived_parts(self) -> Bool[np.ndarray, "parts"]:
@@ -74,7 +72,7 @@ class Homing:
 
     @functools.cached_property
     def slices(self) -> int:
-        """Number of slices of headings for which bumps are counted."""
+        """The number of slices of headings for which bumps are counted."""
         own = self.filter.chords.slices
         return own if own <= _SLICES or own % _SLICES else _SLICES
 
@@ -83,7 +81,7 @@ class Homing:
         """The expected number of bumps to the goal from each part of a wall, for each heading."""
         boundary, rng = self.filter.boundary, np.random.default_rng(0)
         wall, ends = self.parts
-        slice_, part = (index.ravel() for index in np.indices((self.slices, wall.size)))
+        slice_, part = np.indices((self.slices, wall.size)).reshape(2, -1)
         known = self.filter.chords.width == 0
         image = np.empty((_DRIVEN, slice_.size), np.int64)
         for k in range(_DRIVEN):
@@ -93,7 +91,7 @@ class Homing:
             place = boundary.point(wall[part], arc)
             heading = (slice_ + within) * 2 * np.pi / self.slices
             hit, at, _ = run_to_wall(boundary, place, heading)
-            image[k] = slice_ * wall.size + self._part(hit, at)
+            image[k] = slice_ * wall.size + self.part_at(hit, at)
         shifts = self._shifts
         leaving = np.full((self.slices, wall.size), _NEVER)
         for _ in range(int(_NEVER)):
@@ -110,12 +108,14 @@ class Homing:
     def _shifts(self) -> list[int]:
         return [round(angle * self.slices / (2 * np.pi)) for angle in self.angles]
 
-    def _part(
+    def part_at(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
     ) -> Int[np.ndarray, "places"]:
-        length = self.filter.boundary.length[wall]
-        count = np.ceil(length / _PART).astype(int)
-        return self._first[wall] + np.minimum((arc * count / length).astype(int), count - 1)
+        """Number the parts of walls at arc lengths, in metres."""
+        count = self._count[wall]
+        number = (arc * count / self.filter.boundary.length[wall]).astype(int)
+        first = np.cumsum(self._count) - self._count
+        return first[wall] + np.minimum(number, count - 1)
 
     def _within(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
@@ -124,7 +124,7 @@ class Homing:
         return np.hypot(*(place - np.array(self.goal)).T) <= self.radius
 
     def arrived(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
-        """Check for each robot whether its whole set is in the goal."""
+        """Check for each robot whether its whole set is in the goal, and not empty."""
         inside = self._within(state.wall, state.begin) & self._within(state.wall, state.end)
         outside = np.bincount(state.robot[~inside], minlength=robots)
         return (outside == 0) & ~self.filter.refuted(state, robots)
@@ -134,10 +134,9 @@ class Homing:
     ) -> Int[np.ndarray, "robots"]:
         """Choose the number of the next angle of each robot.
 
-        A robot heads for the goal if the extent of its set is at most a quarter of the diameter of
-        the room.
+        The angle minimizes the expected number of bumps if the extent of the set is at most a
+        quarter of the diameter of the room; else it minimizes the expected extent.
         """
-        known = self.filter.boundary.diameter / 4
         arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
         weight = state.end - state.begin + 1e-3
         wide = self.filter.chords.slices // self.slices
@@ -145,11 +144,12 @@ class Homing:
         for k, shift in enumerate(self._shifts):
             after = (state.slice // wide + shift) % self.slices
             bumps = np.mean(
-                [self.bumps[after, self._part(state.wall, arc)] for arc in arcs], axis=0
+                [self.bumps[after, self.part_at(state.wall, arc)] for arc in arcs], axis=0
             )
             expected[k] = np.bincount(state.robot, bumps * weight, robots)
         chosen = expected.argmin(axis=0)
-        lost = np.flatnonzero(self.filter.extent(state, robots) > known)
+        large = self.filter.extent(state, robots) > self.filter.boundary.diameter / 4
+        lost = np.flatnonzero(large)
         if lost.size:
             number = np.full(robots, -1)
             number[lost] = np.arange(lost.size)

@@ -1,4 +1,4 @@
-"""The walls that robots may meet after they leave a stretch of a wall, by slice of headings."""
+"""Find the walls that robots may meet after they leave a stretch of a wall."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,21 @@ from jaxtyping import Bool, Float, Int
 from .boundary import ROUNDING, Boundary
 
 
+def copies(
+    count: Int[np.ndarray, "originals"],
+) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
+    """Copy each index `count` times. Returns the index of each copy, and its number from 0."""
+    index = np.repeat(np.arange(count.size), count)
+    return index, np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
+
+
 class Rows(NamedTuple):
-    """Stretches of walls that robots leave with a heading of a slice."""
+    """Stretches of walls that robots leave, each with a slice of headings."""
 
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
+    "The arc length on the wall, in metres."
     end: Float[np.ndarray, "rows"]
 
     def take(self, row: Int[np.ndarray, "taken"]) -> "Rows":
@@ -21,22 +30,20 @@ class Rows(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Walls that the robots of each row may meet, sorted by row and wall."""
+    """Pairs of a row and a wall that robots of the row may meet, sorted by row and wall."""
 
     row: Int[np.ndarray, "pairs"]
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Give each new row the walls of its source row."""
+        """Copy the walls of `source[k]`, one of the old `rows`, to each new row `k`."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
-        count = np.diff(first)[source]
-        new = np.repeat(np.arange(source.size), count)
-        place = np.arange(new.size) - np.repeat(np.cumsum(count) - count, count)
-        return Pairs(new, self.wall[first[source][new] + place])
+        new, number = copies(np.diff(first)[source])
+        return Pairs(new, self.wall[first[source][new] + number])
 
 
 class Met(NamedTuple):
-    """The bounds of the runs of rows to walls; see [`Chords`][jaxcell.walls.Chords]."""
+    """Bounds of the runs from each row to each wall; see [`Chords`][jaxcell.walls.Chords]."""
 
     keep: Bool[np.ndarray, "pairs"]
     clearance: Float[np.ndarray, "2 pairs"]
@@ -59,13 +66,13 @@ class Met(NamedTuple):
         *,
         apart: bool = False,
     ) -> "Met":
-        """Bound the runs from all of a stretch with all of a slice to each wall.
+        """Bound the runs from all places of a stretch, with all headings of a slice, to each wall.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
-        at the four corners of the stretch and the slice. A wall is left out if no corner leads
-        to it, or if walls before it stand in the way of every ray. A ray from an end of a stretch
-        may graze a corner where all others meet a wall: it counts, unless the ends have rows of
-        their own (`apart`).
+        at the ends of the stretch with the ends of the slice, `low` and `high` in radians. A wall
+        is not kept if none of these four rays leads to it, or if nearer walls block every ray. A
+        ray from an end of a stretch may graze a corner although all other rays meet a wall. This
+        ray counts unless each end has a row of its own (`apart`).
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -83,7 +90,7 @@ class Met(NamedTuple):
             ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)[row]
             facing[side] = -_dot(ahead, normal)
             aside[side] = _dot(ahead, tangent)
-            # Beyond the heading along the wall the ray meets its line at infinity.
+            # A ray that does not face the wall meets the line of the wall at infinity.
             meets = facing[side] > 1e-12
             ratio = aside[side] / np.where(meets, facing[side], 1.0)
             endless = np.copysign(np.inf, aside[side])
@@ -107,12 +114,12 @@ class Met(NamedTuple):
         length = boundary.length[wall]
         keep = sure.any(axis=0) & (np.maximum(near, far) >= -ROUNDING - displacement)
         keep &= (lowest <= length + ROUNDING) & (highest >= -ROUNDING)
-        # A robot that heads along its wall may be held by it at once.
+        # A robot that heads along its wall may bump into it at once.
         keep |= own & (np.abs(facing) <= 1e-9).any(axis=0)
         met = cls(keep, clearance, stretch, arc, spread)
         front = np.minimum(near, far) - displacement >= -ROUNDING
         whole = keep & sure.all(axis=0) & front
-        # A ray that only touches a corner goes on where it has free space on its other side.
+        # A ray that only touches a corner continues if free space lies on the other side.
         before, after = boundary.preceding[wall], boundary.following[wall]
         ahead = np.stack([np.cos(low), np.sin(low)], axis=1)[row]
         grazes = [
@@ -128,7 +135,7 @@ class Met(NamedTuple):
         least = _times(np.maximum(np.minimum(near, far) - displacement, 0.0), stretch[0])
         most = _times(np.maximum(near, far) + displacement, stretch[1])
         most = np.minimum(most, _farthest_corner(boundary, rows, pairs) + displacement)
-        hidden = least > _first_way_blocked(boundary, pairs, whole, first, last, most) + 1e-9
+        hidden = least > _shortest_blocked(boundary, pairs, whole, first, last, most) + 1e-9
         hidden |= _behind(pairs, first & last, np.stack([near, far]), facing, tangent, displacement)
         return met._replace(keep=keep & ~hidden)
 
@@ -138,7 +145,7 @@ def _dot(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.n
 
 
 def _times(distance: Float[np.ndarray, "n"], ratio: Float[np.ndarray, "n"]) -> np.ndarray:
-    """Multiply where 0 times infinity is 0."""
+    """Multiply, with 0 times infinity as 0."""
     return np.where(distance > 0, distance * np.where(distance > 0, ratio, 1.0), 0.0)
 
 
@@ -151,7 +158,7 @@ def _farthest_corner(boundary: Boundary, rows: Rows, pairs: Pairs) -> Float[np.n
     return np.max(apart, axis=0)
 
 
-def _first_way_blocked(
+def _shortest_blocked(
     boundary: Boundary,
     pairs: Pairs,
     whole: Bool[np.ndarray, "pairs"],
@@ -159,10 +166,11 @@ def _first_way_blocked(
     last: Bool[np.ndarray, "pairs"],
     most: Float[np.ndarray, "pairs"],
 ) -> Float[np.ndarray, "pairs"]:
-    """Bound the length of rays of each row that chains of walls block.
+    """Compute a length in metres within which chains of walls block all rays of each row.
 
-    All rays of a row meet one of the walls `i` to `j` of a chain, all of which face them, if none
-    passes before the begin of `i` (`first`) nor after the end of `j` (`last`).
+    A chain of consecutive walls blocks all rays of a row if every wall faces the rays (`whole`), no
+    ray passes before the start of the first wall (`first`), and no ray passes after the end of the
+    last wall (`last`). The length is infinite if no chain blocks the row.
     """
     row, wall = pairs
     linked = np.r_[False, row[1:] == row[:-1]]
@@ -188,10 +196,11 @@ def _behind(
     tangent: Float[np.ndarray, "pairs 2"],
     displacement: float,
 ) -> Bool[np.ndarray, "pairs"]:
-    """Check whether the nearest wall that blocks a row is before another wall on every ray.
+    """Check for each wall whether the nearest wall that blocks its row is nearer on every ray.
 
-    The difference of two runs, multiplied by how much both walls face the ray, is linear in the
-    place, and a combination of those at both ends of the slice in the heading.
+    The difference of the lengths of two runs has the sign of a function that is linear in the
+    place, and in the heading a combination of its values at the two ends of the slice. Therefore
+    the four corners of the stretch and the slice decide.
     """
     row, _ = pairs
     behind = np.zeros(row.size, bool)

@@ -1,4 +1,4 @@
-"""The symmetries of a room, whose places no robot without a compass can tell apart."""
+"""Count the places of a symmetric room that a robot without a compass cannot tell apart."""
 
 import numpy as np
 import shapely
@@ -7,20 +7,21 @@ from shapely import affinity
 from ..space import Workspace
 
 
-# Turns up to this order are looked for where the heading is not known.
+# The largest order of the rotations that are tried if the heading is not known.
 _LARGEST_ORDER = 24
-# Two shapes are the same if less than this share of their area differs.
+# The largest share of the area by which two equal shapes may differ.
 _DIFFERENT = 1e-6
 
 
 def alike_places(workspace: Workspace, headings: int | None = None) -> int:
-    """Count the places, with headings, that a robot cannot tell apart whichever way it turns.
+    """Count the places, with headings, that a robot cannot tell apart by any sequence of turns.
 
-    A motion of the plane that carries the free space onto itself, or one piece of it onto another,
-    carries each run of a robot onto a run of the same lengths. If robots start with one of a
-    number of headings, turns must respect them. The count is 1 without a symmetry.
+    A rotation of the free space onto itself, or of a piece of it onto another piece, carries each
+    run of a robot onto a run of the same length. If `headings` is the number of headings that
+    robots may start with, only rotations between these headings count. The count of a room without
+    a symmetry is 1.
 
-    A square room looks the same from four sides, unless the heading is known to be East or West:
+    A square room looks the same from four sides; from two if the heading is East or West:
 
         >>> from jaxcell import space, walls
         >>> square = space.Workspace([(0, 0), (3, 0), (3, 3), (0, 3)])
@@ -39,7 +40,7 @@ def alike_places(workspace: Workspace, headings: int | None = None) -> int:
 
 
 def _same(piece: shapely.Polygon, other: shapely.Polygon, degrees: float) -> bool:
-    """Check whether a piece, turned about its centroid and moved, equals another piece."""
+    """Check whether a piece, rotated about its centroid and moved, equals another piece."""
     if not np.isclose([piece.area, piece.length], [other.area, other.length]).all():
         return False
     to = np.subtract(other.centroid.coords[0], piece.centroid.coords[0])

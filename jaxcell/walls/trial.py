@@ -1,4 +1,4 @@
-"""Simulated robots that start anywhere, with the sets of their filter."""
+"""Simulate robots that start anywhere, and follow them by their filter."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -15,13 +15,13 @@ from .homing import Homing
 from .sets import WallSet, contains
 
 
-# Robots that are followed at a time, and stretches of their first sets.
+# The largest number of robots that are followed together, and of the stretches of their sets.
 _ROBOTS, _STRETCHES = 1000, 3_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trial:
-    """The runs of simulated robots, and the sets of their filter. Arrays are by robot and bump."""
+    """The runs of simulated robots, and the sets of their filter."""
 
     start: Float[np.ndarray, "robots 2"]
     "The place of each robot at the start, in metres."
@@ -30,15 +30,15 @@ class Trial:
     place: Float[np.ndarray, "robots bumps 2"]
     "The place of each bump, in metres."
     heading: Float[np.ndarray, "robots bumps"]
-    "The heading of the robot before the bump, in radians."
+    "The heading of the robot before each bump, in radians."
     run: Float[np.ndarray, "robots bumps"]
-    "The true length of the run before the bump, in metres."
+    "The true length of the run before each bump, in metres."
     extent: Float[np.ndarray, "robots bumps"]
-    "The extent of the set after the bump, in metres."
+    "The extent of the set after each bump, in metres."
     held: Bool[np.ndarray, "robots bumps"]
-    "True if the set has the robot in it."
+    "True if the set after the bump contains the robot."
     arrived: Bool[np.ndarray, "robots bumps"]
-    "True if all of the set is in the goal."
+    "True if the whole set is in the goal; false without a goal."
 
 
 def drive_anywhere(
@@ -56,15 +56,20 @@ def drive_anywhere(
     seed: int = 0,
     say: Callable[..., None] = lambda doing, done=0, total=0: None,
 ) -> Trial:
-    """Drive robots from anywhere, with errors at their bounds, and follow each by a filter.
+    """Drive robots from random places, and follow each robot by a filter.
+
+    Each error of a robot has the size of its bound, with a random sign.
 
     **Arguments:**
 
-    - `angles`: the bouncing angles, in radians; each robot chooses where there are several.
-    - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
-    - `goal`: the goal of the robots; `None` if they only find out where they are.
-    - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
-    - `aim`, `ahead`: see [`choose_angles`][jaxcell.walls.choose_angles], for robots without a goal.
+    - `angles`: the bouncing angles, in radians; each robot chooses one of them at each bump.
+    - `headings`: robots start with a heading `2 pi k / headings`, up to its error; `None` for any
+        heading.
+    - `goal`: the goal of the robots; `None` for robots that are only localized.
+    - `start`: x and y in metres and heading in radians of the first robot; `None` to draw them.
+    - `aim`, `ahead`: as for [`choose_angles`][jaxcell.walls.choose_angles], for robots without a
+        goal.
+    - `say`: called with the progress.
     """
     rng = np.random.default_rng(seed)
     place = places_anywhere(workspace, robots, rng)
@@ -132,7 +137,7 @@ def _displaced(
     wall: Int[np.ndarray, "robots"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "robots 2"]:
-    """Move each robot off its wall as far as its errors allow, unless a wall is in the way."""
+    """Move each robot off its wall by the largest displacement, unless a wall is in the way."""
     reach = filter.errors.displacement
     if not reach:
         return place

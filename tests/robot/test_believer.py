@@ -1,4 +1,4 @@
-"""Robots that follow a belief, on the body of the emulator."""
+"""Robots that are localized by a belief, on the body of the emulator."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def corridor(length, height=1.0):
 
 
 def belief_of(cells, slack=0.05):
-    """In a corridor, whose robot turns around at a bump; steps miss or fall short now and then."""
+    """The belief of a robot in a corridor, which turns around at a bump, and sometimes stays."""
     n = cells.positions
     moves, bumps = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
     for direction, ahead in ((0, 1), (1, -1)):
@@ -40,7 +40,7 @@ def walker_in(room, start, noise=0.0):
     return Walker(DirectBody(body), 1.0), body
 
 
-def test_a_robot_is_localized_and_its_log_says_the_same(tmp_path):
+def test_a_robot_is_localized_and_a_replay_of_its_log_agrees(tmp_path):
     room = corridor(7)
     cells = CellSpace.of(room, 1.0, 2)
     belief = belief_of(cells)
@@ -52,13 +52,13 @@ def test_a_robot_is_localized_and_its_log_says_the_same(tmp_path):
     assert len(outcome.cells) <= 4
     run = read_log(tmp_path / "run.jsonl")
     assert replay_follower(run, BeliefFollower(belief)) == outcome
-    events = [one for one in run.events if one["event"] == "observation"]
+    events = [event for event in run.events if event["event"] == "observation"]
     assert {"credible", "nowhere", "likeliest"} <= events[-1].keys()
     assert events[-1]["credible"] == len(outcome.cells)
 
 
 def test_a_robot_that_is_nowhere_on_the_map_stops():
-    # It is in a corridor, and believes in a ring of twenty cells, in which nothing is in the way.
+    # The robot is in a corridor, but its map is a ring of twenty free cells.
     ring = np.roll(np.eye(20), 1, axis=1)
     hidden = HiddenMap.of(ring, np.zeros((20, 20)), np.arange(20), np.full(20, 0.05))
     walker, _ = walker_in(corridor(10), (0.5, 0.5, 0.0))

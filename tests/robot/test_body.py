@@ -17,7 +17,7 @@ def push(body: Body, seconds: float, left: float = 0.2, right: float = 0.2) -> N
         body.advance(left, right, 0.01)
 
 
-def test_an_arc_is_that_of_its_wheels():
+def test_the_wheels_determine_the_arc_of_the_body():
     body = Body(HALL, (1.0, 2.0, 0.3))
     push(body, 5.0, left=0.2, right=0.3)
     turn = 0.1 * 5 / WHEEL_BASE
@@ -40,7 +40,7 @@ def test_encoders_count_and_wrap():
     ("degrees", "pressed"), [(0, (True, True)), (40, (False, True)), (-40, (True, False))]
 )
 def test_a_wall_stops_the_body_and_presses_the_bumper_on_its_side(give, degrees, pressed):
-    # Turned to the left of the wall's normal, the robot has the wall ahead to its right.
+    # A robot that faces to the left of the normal of the wall has the wall to its right.
     body = Body(ROOM, (3.0, 1.5, math.radians(degrees)), give=give)
     push(body, 10.0)
     assert body.x == pytest.approx(4 - 0.17 + give, abs=1e-6)
@@ -48,16 +48,14 @@ def test_a_wall_stops_the_body_and_presses_the_bumper_on_its_side(give, degrees,
     went = (body.x - 3.0) / math.cos(math.radians(degrees))
     assert body.travelled == pytest.approx([went, went], abs=1e-6)
     push(body, 0.1, -0.2, -0.2)
-    assert not (body.bump_left)
-    assert not (body.bump_right)
+    assert (body.bump_left, body.bump_right) == (False, False)
 
 
-def test_the_bumper_faces_forward():
+def test_a_body_that_backs_into_a_wall_has_no_bump():
     body = Body(ROOM, (1.0, 1.5, 0.0))
     push(body, 10.0, -0.2, -0.2)
     assert body.x == pytest.approx(0.17 - 0.02, abs=1e-6)
-    assert not (body.bump_left)
-    assert not (body.bump_right)
+    assert (body.bump_left, body.bump_right) == (False, False)
 
 
 def test_a_pressed_bumper_is_released_by_turning_away():
@@ -67,8 +65,7 @@ def test_a_pressed_bumper_is_released_by_turning_away():
     push(body, 1.0, -quarter, quarter)
     assert body.bump_right
     push(body, 1.0, -3 * quarter, 3 * quarter)
-    assert not (body.bump_left)
-    assert not (body.bump_right)
+    assert (body.bump_left, body.bump_right) == (False, False)
 
 
 def test_the_encoders_do_not_see_slip_which_is_drawn_for_each_stretch():
@@ -105,7 +102,7 @@ def test_encoder_noise_is_not_motion():
     assert body.travelled[0] != body.travelled[1]
 
 
-def test_a_bad_start_of_a_body_is_refused():
+def test_a_wrong_start_of_a_body_is_refused():
     with pytest.raises(ValueError, match=r"pose: a body of radius 0.17 m at \(0.1 m, 1 m\)"):
         Body(ROOM, (0.1, 1.0, 0.0))
     with pytest.raises(ValueError, match="veer: expected a finite number from 0, got -1"):

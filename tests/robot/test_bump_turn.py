@@ -1,4 +1,4 @@
-"""The turn by bumps is estimated from the log of a robot that bumps turn by a known angle."""
+"""The estimate of the turn by bumps from the log of a robot with a known turn."""
 
 import math
 
@@ -21,7 +21,7 @@ def settings():
 
 
 def log_of(settings, path, degrees, bumps):
-    """Drive a robot that a bump at 45 degrees turns by an angle, and read its log."""
+    """Read the log of a robot that a bump at 45 degrees turns by `degrees`."""
     noise = Noise(bump_turn=math.radians(degrees))
     body = Body(HALL, (1.2, 0.7, 0.4), give=0.001, noise=noise)
     with robot.RunLog(path, {"kind": "anywhere"}) as log:

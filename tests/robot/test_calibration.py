@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.random import PCG64
 
 from jaxcell.cli import main
 from jaxcell.robot.calibration import Calibrated, Calibration, calibration_file
@@ -17,16 +18,16 @@ from jaxcell.space import Workspace
 HALL = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
 
 
-class Always:
-    """Noise that is one standard deviation, each time: worn wheels."""
+class Always(np.random.Generator):
+    """A random generator whose noise is always one standard deviation."""
 
     def normal(self, mean, deviation, size=None):
         return np.asarray(deviation, float)
 
 
 def worn(pose=(0.0, 0.0, 0.0)) -> Body:
-    """A body that goes 5 % too far and turns 3 % too far by its encoders."""
-    return Body(HALL, pose, noise=Noise(distance=0.05, rotation=0.03), rng=Always())
+    """A body that goes 5 % and turns 3 % farther than its encoders measure."""
+    return Body(HALL, pose, noise=Noise(distance=0.05, rotation=0.03), rng=Always(PCG64()))
 
 
 def test_a_calibrated_robot_goes_where_it_is_sent():
@@ -51,11 +52,11 @@ def test_a_calibration_is_measured_kept_and_used(tmp_path, monkeypatch, capsys):
         answers = iter([lambda: robot.pose[0], lambda: math.degrees(robot.pose[2])])
         monkeypatch.setattr("builtins.input", lambda: f" {next(answers)()} \n")
         assert main(["robot", "calibrate", "--port", robot.port, "--json"]) == 0
-        told = capsys.readouterr()
-        found = json.loads(told.out)
-        assert found.pop("calibration") == str(calibration_file())
-        assert found == pytest.approx({"distance": 1.05, "angle": 1.03}, abs=3e-3)
-        assert "How far did the robot go, in metres?" in told.err
+        printed = capsys.readouterr()
+        result = json.loads(printed.out)
+        assert result.pop("calibration") == str(calibration_file())
+        assert result == pytest.approx({"distance": 1.05, "angle": 1.03}, abs=3e-3)
+        assert "How far did the robot go, in metres?" in printed.err
         calibration = Calibration.load(calibration_file())
         before = robot.pose
         with Create.open(robot.port, patience=5.0) as create:
@@ -72,9 +73,9 @@ def test_answers_that_are_no_measurements_are_refused(tmp_path, monkeypatch, cap
             monkeypatch.setattr("builtins.input", lambda answer=answer: answer)
             words = ["robot", "calibrate", "--port", robot.port, "--calibration", str(path)]
             assert main(words) == 2
-    said = capsys.readouterr().err
-    assert "the answer: expected a number, got 'far'" in said
-    assert "distance: expected a number from 0.5 to 2.0, got 10" in said
+    errors = capsys.readouterr().err
+    assert "the answer: expected a number, got 'far'" in errors
+    assert "distance: expected a number from 0.5 to 2.0, got 10" in errors
     assert not path.exists()
 
 

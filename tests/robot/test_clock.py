@@ -16,7 +16,7 @@ TICK = 0.004
 
 
 class Ticking:
-    """A robot whose time passes when somebody asks what it is: some milliseconds each time."""
+    """A robot whose clock advances by some milliseconds at each reading."""
 
     def __init__(self, pose):
         self.body = Body(ROOM, pose)
@@ -62,7 +62,7 @@ def test_a_bump_ends_a_timed_motion_with_its_distance():
     robot, body = clocked((3.0, 1.0, 0.0))
     moved = robot.forward(2.0, tolerance=0.01)
     assert moved.bumped
-    # A wall that is 1 m ahead, and the 2 cm that the bumper goes in.
+    # The wall is 1 m ahead, and the bumper is pushed in by 2 cm.
     assert moved.distance == pytest.approx(1.02, abs=0.005)
     assert robot.forward(-moved.distance, tolerance=0.01).bumped is False
     assert body.x == pytest.approx(3.0, abs=0.01)

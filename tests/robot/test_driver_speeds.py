@@ -18,11 +18,11 @@ def sent(right: int, left: int) -> tuple[int, int]:
 
 
 @given(right=SPEEDS, left=SPEEDS, lost=st.integers(0, 4))
-def test_a_lost_byte_makes_no_other_command_of_a_pair(right, left, lost):
+def test_a_pair_with_a_lost_byte_is_no_other_command(right, left, lost):
     right, left = sent(right, left)
     command = drive_direct(right=right, left=left)
     damaged = CommandParser().feed(command[:lost] + command[lost + 1 :])
-    assert [one.opcode for one in damaged if one.opcode != 145] == []
+    assert {parsed.opcode for parsed in damaged} <= {145}
 
 
 @pytest.mark.parametrize(("side", "lost"), [(1, 46), (-1, 92)], ids=["straight", "turn"])
@@ -32,22 +32,21 @@ def test_a_motion_keeps_its_kind_at_every_speed(side, lost):
         assert right == side * left
         assert right * speed >= 0
         assert abs(right) <= abs(speed) <= abs(right) + lost
-        # Nothing gives way without need.
+        # A speed without an opcode is not changed.
         if not OPCODES & set(drive_direct(right=speed, left=side * speed)[1:]):
             assert right == speed
 
 
 @given(right=SPEEDS, left=SPEEDS)
-def test_a_pair_that_gives_way_is_slower_on_the_same_arc(right, left):
-    found = sent(right, left)
-    assert not OPCODES & set(drive_direct(right=found[0], left=found[1])[1:])
-    wanted = (right, left)
+def test_a_pair_that_is_replaced_is_slower_on_the_same_arc(right, left):
+    pair, wanted = sent(right, left), (right, left)
+    assert not OPCODES & set(drive_direct(right=pair[0], left=pair[1])[1:])
     fast = max((0, 1), key=lambda wheel: abs(wanted[wheel]))
     slow = 1 - fast
-    assert abs(found[fast]) <= abs(wanted[fast])
-    assert found[fast] * wanted[fast] >= 0
-    # The slower wheel is off by half a mm/s at most.
-    assert abs(found[slow] * wanted[fast] - wanted[slow] * found[fast]) <= abs(wanted[fast]) / 2
+    assert abs(pair[fast]) <= abs(wanted[fast])
+    assert pair[fast] * wanted[fast] >= 0
+    # The error of the slower wheel is at most half a mm/s.
+    assert abs(pair[slow] * wanted[fast] - wanted[slow] * pair[fast]) <= abs(wanted[fast]) / 2
 
 
 @pytest.mark.parametrize(("right", "left"), [(0.501, 0.0), (0.0, float("nan"))])
@@ -56,7 +55,7 @@ def test_a_speed_out_of_range_is_refused(right, left):
         wheel_speeds(right=right, left=left)
 
 
-def test_the_clock_is_right_about_the_speeds_that_are_sent():
+def test_the_default_speeds_of_the_clock_are_sent_unchanged():
     defaults = {
         name: parameter.default
         for name, parameter in inspect.signature(ByClock.__init__).parameters.items()

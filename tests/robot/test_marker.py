@@ -1,6 +1,5 @@
-"""The marker in drawn frames; `experiments/chapter_4/marker.py` has rates of thousands."""
+"""The marker in drawn frames; `experiments/chapter_4/marker.py` measures rates of thousands."""
 
-import dataclasses
 import inspect
 import math
 import subprocess
@@ -14,18 +13,18 @@ from marker_frames import Conditions
 from scipy.stats import binom
 
 from jaxcell.robot.frames import camera, pictures
-from jaxcell.robot.marker import CrossLook, Marker, draw_cross, find_cross
+from jaxcell.robot.marker import CrossLook, draw_cross, find_cross
 
 
-# Tests run beside each other, and threads of OpenCV would be in each other's way.
+# Tests run in parallel, and threads of OpenCV would compete for the cores.
 cv2.setNumThreads(1)
 
-# A rate is refuted if what was counted has less than this probability under it.
+# A rate is refuted if the observed count has a smaller probability.
 SURELY = 1e-3
 
 
 def detection(conditions: Conditions, frames: int, seed: int):
-    """The markers found where they are, and with them how far off, in spans of the cross."""
+    """Find markers in frames. Returns the found ones, and their distances from the truth in px."""
     rng = np.random.default_rng(seed)
     found, off = [], []
     for _ in range(frames):
@@ -46,7 +45,7 @@ def test_markers_are_found_under_ordinary_conditions():
     assert np.quantile(off, 0.95) < 1.0
     for marker, seen in found:
         lengths = np.linalg.norm(seen.corners - seen.centre, axis=1)
-        # The corners at the ends are sqrt(10) from the centre, the end itself 3.
+        # The corners of an arm are sqrt(10) units from the centre, and its end is 3 units away.
         assert 0.5 * lengths.max() < marker.arm < 1.1 * lengths.max()
         assert marker.score <= 1 + 1e-9
 
@@ -68,7 +67,7 @@ def test_markers_are_found_under_hard_conditions(conditions, rate):
 
 
 def test_false_rates_are_refuted_by_the_interval():
-    """Of markers too small to be seen the ordinary rate is refuted."""
+    """The ordinary rate is refuted for markers that are too small."""
     found, _ = detection(Conditions(span=(8, 10)), 10, seed=3)
     assert binom.cdf(len(found), 10, 0.98) < SURELY
 
@@ -97,7 +96,7 @@ def test_other_signs_alone_are_never_the_marker(sign):
 
 
 def upright(side: int, *, turned: float = 0.0) -> np.ndarray:
-    """The marker as `draw_cross` has it, in the middle of a grey frame, turned clockwise."""
+    """Draw the marker in the middle of a grey frame, rotated clockwise by radians."""
     frame = np.full((240, 320), 128, np.uint8)
     turn = cv2.getRotationMatrix2D(((side - 1) / 2,) * 2, -math.degrees(turned), 1.0)
     turn[:, 2] += (160.25 - (side - 1) / 2, 120.5 - (side - 1) / 2)
@@ -106,7 +105,7 @@ def upright(side: int, *, turned: float = 0.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.3, math.pi / 4, 1.2, 1.2 + math.pi / 2])
-def test_centre_arm_and_rotation(turned):
+def test_centre_arm_and_rotation_of_a_marker_are_measured(turned):
     marker = find_cross(upright(100, turned=turned))
     assert marker is not None
     assert marker.centre == pytest.approx((160.25, 120.5), abs=0.3)
@@ -130,8 +129,7 @@ def test_colour_frames_and_views_are_frames_too():
         assert marker.arm == pytest.approx(expected.arm, abs=0.5)
 
 
-def test_proportions_of_the_drawing():
-    """Against the corners that the frames are drawn with."""
+def test_the_drawing_agrees_with_the_corners_of_the_frames():
     drawn = np.full((200, 200), 255, np.uint8)
     inclusive = np.round(20 * marker_frames.CROSS + 100 - 0.5 - 0.5 * np.sign(marker_frames.CROSS))
     expected = cv2.fillPoly(drawn, [inclusive.astype(np.int32)], 0)
@@ -140,11 +138,11 @@ def test_proportions_of_the_drawing():
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_nothing_in_an_even_frame(level):
+def test_an_even_frame_has_no_marker(level):
     assert find_cross(np.full((240, 320), level, np.uint8)) is None
 
 
-def test_a_cross_cut_off_by_the_frame_is_not_whole():
+def test_a_cross_that_the_frame_cuts_off_is_not_found():
     assert find_cross(upright(100)[:140]) is None
 
 
@@ -158,7 +156,7 @@ def test_a_cross_cut_off_by_the_frame_is_not_whole():
     ],
 )
 def test_arrays_that_are_no_frames_are_refused(frame, message):
-    # Tests may check annotations at run time, which users do not.
+    # The tests may check annotations at run time, which would refuse the frame before.
     with pytest.raises(ValueError, match=message):
         inspect.unwrap(find_cross)(frame)
 
@@ -187,7 +185,7 @@ def test_folders_without_pictures_are_refused(tmp_path):
 
 
 class FakeCapture:
-    """A camera whose driver keeps four frames; the marker came after they were taken."""
+    """A camera whose driver keeps four old frames without the marker."""
 
     opens = True
 
@@ -234,8 +232,3 @@ def test_a_missing_opencv_names_the_extra_to_install():
     )
     assert "pip install 'jaxcell[vision]'" in ran.stdout
     assert ran.stdout.count("\n") == 1
-
-
-def test_markers_are_values():
-    marker = find_cross(upright(100))
-    assert marker == Marker(**dataclasses.asdict(marker))

@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.robot.create.open_interface import (
-    FULL,
     HEADER,
     RESET,
     SAFE,
@@ -13,7 +12,6 @@ from jaxcell.robot.create.open_interface import (
     Command,
     CommandParser,
     StreamParser,
-    drive,
     drive_direct,
     stream,
     stream_frame,
@@ -30,12 +28,13 @@ from jaxcell.robot.create.packets import (
 from jaxcell.robot.create.reading import STREAM
 
 
-# Sizes of the packets 7 to 58, read off the specification's table a second time.
+# The sizes of the packets 7 to 58, read again from the table of the specification.
 SIZES = [1] * 12 + [2, 2, 1, 2, 2, 1, 2, 2] + [2] * 5 + [1, 2, 1, 1, 1, 1, 1] + [2] * 6
 SIZES += [1, 2, 2, 2, 2, 2, 2, 1, 1, 2, 2, 2, 2, 1]
 
 
-# Strategies call nothing of the package: beartype draws random numbers, which hypothesis forbids.
+# Strategies call no function of the package, because beartype draws random numbers, which
+# hypothesis forbids.
 def values_of(ids):
     """Values in range for the packets `ids`, by name."""
     packets = [PACKETS[i] for i in ids]
@@ -48,35 +47,25 @@ lists_of_ids = st.lists(st.sampled_from(sorted(PACKETS)), min_size=1, max_size=2
 
 
 def test_commands_have_the_bytes_of_the_specification():
-    assert drive(-200, 500) == bytes([137, 255, 56, 1, 244])
-    assert drive(200) == bytes([137, 0, 200, 128, 0])
-    assert drive(200, -1) == bytes([137, 0, 200, 255, 255])
+    assert drive_direct(right=1, left=-2) == bytes([145, 0, 1, 255, 254])
     assert stream([29, 13]) == bytes([148, 2, 29, 13])
-    assert b"".join((RESET, START, SAFE, FULL, STOP)) == bytes([7, 128, 131, 132, 173])
+    assert b"".join((RESET, START, SAFE, STOP)) == bytes([7, 128, 131, 173])
 
 
-def test_the_stream_of_the_specification():
+def test_a_frame_has_the_bytes_of_the_specification():
     frame = bytes([19, 5, 29, 2, 25, 13, 0, 163])
     values = {"cliff_front_left_signal": 0x0219, "virtual_wall": 0}
     assert StreamParser([29, 13]).feed(frame) == [values]
     assert stream_frame([29, 13], values) == frame
 
 
-def test_right_wheel_goes_first():
-    assert drive_direct(right=1, left=-2) == bytes([145, 0, 1, 255, 254])
-
-
-def test_sizes():
+def test_packets_and_groups_have_the_sizes_of_the_specification():
     assert [PACKETS[i].size for i in range(7, 59)] == SIZES
     sums = {0: 26, 1: 10, 2: 6, 3: 10, 4: 14, 5: 12, 6: 52, 100: 80, 101: 28, 106: 12, 107: 9}
     assert {group: size([group]) for group in GROUPS} == sums
 
 
-def test_the_unused_packets_32_and_33_have_one_and_two_bytes():
-    assert (size([32]), size([33])) == (1, 2)
-
-
-def test_right_and_left_bumper_and_wheel():
+def test_contact_bits_are_right_and_left_bumper_and_wheel():
     assert [Contact(decode([7], bytes([1 << bit]))["contact"]) for bit in range(4)] == [
         Contact.BUMP_RIGHT,
         Contact.BUMP_LEFT,
@@ -85,7 +74,7 @@ def test_right_and_left_bumper_and_wheel():
     ]
 
 
-def test_signs_and_order_of_bytes():
+def test_signed_and_unsigned_values_are_big_endian():
     data = struct.pack(">hbH", -300, -5, 65000)
     assert decode([23, 24, 25], data) == {"current": -300, "temperature": -5, "charge": 65000}
 
@@ -111,7 +100,7 @@ def test_decode_inverts_encode(ids_and_values):
 
 
 @pytest.mark.parametrize("group", sorted(GROUPS))
-def test_a_group_is_its_members(group):
+def test_a_group_has_the_values_of_its_packets(group):
     data = bytes(range(size([group])))
     assert decode([group], data) == decode(list(GROUPS[group]), data)
 
@@ -119,8 +108,6 @@ def test_a_group_is_its_members(group):
 @pytest.mark.parametrize(
     ("call", "named"),
     [
-        (lambda: drive(501), "velocity = 501"),
-        (lambda: drive(0, 2001), "radius = 2001"),
         (lambda: drive_direct(right=-501, left=0), "right = -501"),
         (lambda: drive_direct(right=0, left=501), "left = 501"),
         (lambda: stream([7, 8, 59]), r"ids\[2\] = 59"),
@@ -148,21 +135,18 @@ def query(ids):
 
 speeds = st.integers(-500, 500)
 commands = st.one_of(
-    st.tuples(st.just(drive), speeds, st.integers(-2000, 2000)),
     st.tuples(st.just(right_left), speeds, speeds),
     st.tuples(st.just(stream), lists_of_ids),
     st.tuples(st.just(query), lists_of_ids),
     st.tuples(
         st.just(bytes),
-        st.sampled_from(
-            [RESET, START, SAFE, FULL, STOP, b"\x8c\0\2<\x08>\x08", b"\x8e\x64", b"\x96\0"]
-        ),
+        st.sampled_from([RESET, START, SAFE, STOP, b"\x8c\0\2<\x08>\x08", b"\x8e\x64", b"\x96\0"]),
     ),
 )
 
 
 @given(st.lists(commands), st.integers(1, 7))
-def test_the_robot_hears_the_commands_however_they_are_cut(calls, piece):
+def test_commands_are_parsed_in_pieces_of_any_size(calls, piece):
     sent = [command(*arguments) for command, *arguments in calls]
     data = b"".join(sent)
     parser = CommandParser()
@@ -170,19 +154,14 @@ def test_the_robot_hears_the_commands_however_they_are_cut(calls, piece):
     assert [bytes([c.opcode]) + c.data for c in heard] == sent
 
 
-def test_words_of_a_drive_command():
-    (command,) = CommandParser().feed(drive_direct(right=-3, left=400))
-    assert (command.opcode, command.words) == (145, (-3, 400))
-
-
-def test_a_command_cut_short_swallows_the_next():
+def test_a_truncated_command_takes_the_bytes_of_the_next():
     parser = CommandParser()
     assert parser.feed(bytes([145, 0, 100])) == []
     assert parser.feed(bytes([128, 173])) == [Command(145, bytes([0, 100, 128, 173]))]
 
 
 @given(st.binary())
-def test_the_robot_hears_any_bytes(data):
+def test_commands_of_any_bytes_raise_no_error(data):
     CommandParser().feed(data)
 
 
@@ -195,14 +174,14 @@ def test_noise_before_a_frame_is_skipped():
     assert parser.skipped == len(banner)
 
 
-def test_values_out_of_range_are_no_frame():
+def test_a_frame_with_values_out_of_range_is_skipped():
     body = bytes([7, 16])
     frame = bytes([19, 2]) + body
     assert StreamParser([7]).feed(frame + bytes([-sum(frame) % 256])) == []
 
 
 @given(st.lists(values_of(STREAM), max_size=4), st.integers(1, 40))
-def test_a_stream_in_pieces(values, piece):
+def test_a_stream_is_parsed_in_pieces_of_any_size(values, piece):
     data = b"".join(stream_frame(STREAM, v) for v in values)
     parser = StreamParser(STREAM)
     heard = [f for i in range(0, len(data), piece) for f in parser.feed(data[i : i + piece])]
@@ -211,7 +190,7 @@ def test_a_stream_in_pieces(values, piece):
 
 
 def damaged(frame, kind, place, byte):
-    """The frame with one byte changed, lost or doubled."""
+    """Change, lose or double one byte of a frame."""
     place %= len(frame)
     if kind == "changed":
         return frame[:place] + bytes([byte]) + frame[place + 1 :]

@@ -18,7 +18,7 @@ from jaxcell.space import CellSpace, Workspace, free_steps
 
 
 LAB = map_cells("lab_b.json", directions=4)
-# Unit squares with a thin wall between two of them, which no square is lost to.
+# Unit squares, with a thin wall between free squares.
 PARTED = CellSpace.of(
     Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1.95, 0.9), (2.05, 0.9), (2.05, 3), (1.95, 3)]]),
     1.0,
@@ -27,7 +27,7 @@ PARTED = CellSpace.of(
 
 
 def round_tour(cells, stops) -> tuple[np.ndarray, np.ndarray]:
-    """The walk that goes round some positions, one after the other; elsewhere it stays."""
+    """A walk that visits some positions in a cycle, and stays at the others."""
     image = np.arange(cells.positions)[None].repeat(2, 0)
     image[:, stops] = np.roll(stops, -1)
     return image, np.full(image.shape, 0.5)
@@ -54,8 +54,19 @@ def patrol_of(task, **fields) -> Patrol:
     return Patrol(task, **known | {"limit": 1000} | fields)
 
 
-def log_of(path, patrol) -> RunLog:
-    return RunLog(path, {"kind": "patrol", "patrol": patrol.settings})
+@pytest.fixture
+def logged(tmp_path):
+    """Run a patrol with a log, and check that a replay has the same outcome."""
+
+    def run(walker, patrol, task, look=None):
+        path = tmp_path / "run.jsonl"
+        with RunLog(path, {"kind": "patrol", "patrol": patrol.settings}) as log:
+            outcome = run_patrol(walker, patrol, look=look, log=log)
+        kept = read_log(path)
+        assert replay_patrol(kept, task) == outcome
+        return outcome, kept
+
+    return run
 
 
 def walker_at(task, position, workspace) -> tuple[Walker, Body]:
@@ -69,7 +80,7 @@ def place_of(cells, body) -> int:
 
 
 @pytest.mark.parametrize("cells", [LAB, PARTED], ids=["lab_b", "parted"])
-def test_a_file_has_the_ways_of_the_map(task_of, cells):
+def test_a_file_has_the_steps_of_the_map(task_of, cells):
     task = task_of(cells, random_walk(cells, 0), random_walk(cells, 1), robot=1)
     plane = CellSpace.of(cells.workspace, cells.cell, 4)
     assert task.ways.tolist() == free_steps(plane).tolist()
@@ -82,84 +93,70 @@ def test_a_file_has_the_ways_of_the_map(task_of, cells):
     json.dumps(task.header)
 
 
-def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
+def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, logged):
     stops = np.array([0, 18, 7])
     task = task_of(LAB, round_tour(LAB, stops))
     walker, body = walker_at(task, 0, LAB.workspace)
     seen = []
-    patrol = patrol_of(task, visits=7)
-    with log_of(tmp_path / "run.jsonl", patrol) as log:
-        outcome = run_patrol(walker, patrol, look=seen.append, log=log)
+    outcome, run = logged(walker, patrol_of(task, visits=7), task, seen.append)
     assert outcome.result == "patrolled"
     assert outcome.visited == (18, 7, 0, 18, 7, 0, 18)
     assert outcome.position == 18 == place_of(LAB, body)
-    # On shortest ways, without a bump, and with a look in each cell on them.
+    # The robot takes shortest paths without a bump, and looks in each cell.
     tour = [0, *outcome.visited]
     length = sum(int(wave(task.ways, b)[a]) for a, b in itertools.pairwise(tour))
     assert outcome.observations == "0" * length
     assert seen[0] == 0
     assert len(seen) == length + 1
-    run = read_log(tmp_path / "run.jsonl")
-    assert replay_patrol(run, task) == outcome
     other = task_of(LAB, round_tour(LAB, np.array([0, 7, 18])))
     with pytest.raises(ValueError, match=r"observation 0: the log has way .* of another policy"):
         replay_patrol(run, other)
 
 
-def test_a_robot_with_memory_goes_on_in_its_direction(task_of, tmp_path):
-    """From the middle of a corridor of three it goes to the end that it does not come from."""
+def test_a_robot_with_memory_goes_on_in_its_direction(task_of, logged):
+    """From the middle of a corridor of three cells, it goes to the other end."""
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     walk = np.array([[1, 2, 4, 1, 3, 4]]), np.ones((1, 6))
     task = task_of(hall, walk)
     walker, _ = walker_at(task, 0, hall.workspace)
-    patrol = patrol_of(task, visits=9)
-    with log_of(tmp_path / "run.jsonl", patrol) as log:
-        outcome = run_patrol(walker, patrol, log=log)
+    outcome, _ = logged(walker, patrol_of(task, visits=9), task)
     assert outcome.visited == (1, 2, 1, 0, 1, 2, 1, 0, 1)
-    assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
 
 
-def test_an_intruder_ends_a_patrol(task_of, tmp_path):
+def test_an_intruder_ends_a_patrol(task_of, logged):
     task = task_of(LAB, round_tour(LAB, np.array([0, 18])))
     walker, _ = walker_at(task, 0, LAB.workspace)
     looked = []
-    patrol = patrol_of(task)
-    with log_of(tmp_path / "run.jsonl", patrol) as log:
-        outcome = run_patrol(
-            walker,
-            patrol,
-            look=lambda p: (looked.append(p), "a cross" if len(looked) == 4 else None)[1],
-            log=log,
-        )
+
+    def look(position):
+        looked.append(position)
+        return "a cross" if len(looked) == 4 else None
+
+    outcome, run = logged(walker, patrol_of(task), task, look)
     assert (outcome.result, outcome.intruder) == ("reported", "a cross")
     assert outcome.position == looked[-1]
     assert outcome.observations == "000"
-    run = read_log(tmp_path / "run.jsonl")
     assert [e["intruder"] for e in run.events if e["event"] == "report"] == ["a cross"]
-    assert replay_patrol(run, task) == outcome
     at_once = patrol_of(task)
     assert run_patrol(walker, at_once, look=lambda _: 1).observations == ""
 
 
-def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, tmp_path):
+def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, logged):
     hall = CellSpace.of(Workspace([(0, 0), (5, 0), (5, 3), (0, 3)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([5, 9])), start=5)
     box = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
     walker, body = walker_at(task, 5, box)
-    patrol = patrol_of(task, visits=5)
-    with log_of(tmp_path / "run.jsonl", patrol) as log:
-        outcome = run_patrol(walker, patrol, log=log)
+    outcome, _ = logged(walker, patrol_of(task, visits=5), task)
     assert outcome.result == "patrolled"
     assert outcome.visited == (9, 5, 9, 5, 9)
-    # It bumps once, from the West, and then knows to go round.
+    # The robot bumps once, from the West, and then avoids the obstacle.
     assert outcome.obstacles == ((6, 0),)
     assert outcome.observations.count("1") == 1
     assert "in the way 1 time where" in outcome.reason
     assert place_of(hall, body) == 9
-    assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
 
 
-def test_a_walled_in_robot_gives_up_with_its_observations(task_of):
+def test_a_robot_that_cannot_leave_its_cell_is_refuted(task_of):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([0, 2])))
     room = Workspace([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -175,7 +172,7 @@ def test_a_walled_in_robot_gives_up_with_its_observations(task_of):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_draws_have_the_law_of_the_policy(task_of, seed):
+def test_draws_have_the_probabilities_of_the_policy(task_of, seed):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 3), (0, 3)]), 1.0, 8)
     image, probability = random_walk(hall, seed)
     probability[0, :] = 0
@@ -235,7 +232,7 @@ def test_robots_and_seeds_draw_differently(task_of):
         ),
         (
             lambda f: f.update(closed=[[0, 0], [0, 1]]),
-            r"robots\[0\] walks to position .* no way along the grid leads from its start",
+            r"robots\[0\] walks to position .* which no path along the grid reaches from its start",
         ),
     ],
 )

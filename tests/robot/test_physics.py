@@ -1,4 +1,4 @@
-"""The physics engine moves a Create 2 as mechanics says, and the driver drives it as any robot."""
+"""The motion of a Create 2 in the physics engine, alone and by the driver."""
 
 import cmath
 import math
@@ -28,7 +28,7 @@ def at_rest(place=(0.0, 0.0, 0.0), workspace=HALL, **fields) -> PhysicsBody:
 
 
 def toward_the_north_wall(incidence: float, distance: float) -> tuple[float, float, float]:
-    """The pose of a robot whose shell meets the wall after a distance, in radians and metres."""
+    """The pose from which the shell meets a wall after `distance` metres; angles in radians."""
     heading = math.pi / 2 - incidence
     return (
         -distance * math.cos(heading),
@@ -38,7 +38,7 @@ def toward_the_north_wall(incidence: float, distance: float) -> tuple[float, flo
 
 
 def bump(incidence: float, speed: float = 0.2, **fields) -> float:
-    """The turn toward the wall, in radians, of a robot that drives for a time that ends there."""
+    """The turn toward the wall, in radians, of a robot that drives until shortly after a bump."""
     distance = 0.2
     start = toward_the_north_wall(incidence, distance)
     body = PhysicsBody(HALL, start, Physics(**fields))
@@ -59,7 +59,7 @@ def test_a_robot_above_the_floor_falls_freely():
     assert fallen == pytest.approx(9.81 * 0.4**2 / 2, rel=0.005)
 
 
-def test_a_metre_straight_is_one_within_a_thousandth():
+def test_a_metre_straight_is_exact_within_a_thousandth():
     body = at_rest()
     before = body.counts[0]
     body.advance(0.2, 0.2, 5.0)
@@ -72,7 +72,7 @@ def test_a_metre_straight_is_one_within_a_thousandth():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_whole_turn_is_360_degrees_within_half_a_percent(side):
+def test_a_whole_turn_is_exact_within_half_a_percent(side):
     body = at_rest()
     wheel = side * 0.235 / 2
     body.advance(-wheel, wheel, 2 * math.pi)
@@ -87,7 +87,7 @@ def test_half_the_time_step_changes_a_bounce_by_less_than_a_tenth_of_a_degree(de
     assert abs(whole - half) < math.radians(0.1)
 
 
-def test_a_bump_turns_the_robot_toward_the_wall_alike_on_both_sides():
+def test_bumps_on_both_sides_turn_the_robot_equally_toward_the_wall():
     assert abs(bump(0.0)) < math.radians(0.01)
     left, right = bump(math.radians(45)), bump(math.radians(-45))
     assert math.radians(0.5) < left < math.radians(3)
@@ -142,7 +142,7 @@ def test_the_shell_stops_at_a_slanted_wall():
     assert (x - y) / math.sqrt(2) == pytest.approx(RADIUS, abs=0.01)
 
 
-def test_a_robot_that_backs_into_a_wall_feels_nothing():
+def test_a_robot_that_backs_into_a_wall_has_no_bump():
     body = at_rest((0.0, 5.7, -math.pi / 2))
     for _ in range(100):
         body.advance(-0.2, -0.2, 0.015)
@@ -189,7 +189,7 @@ def test_a_start_in_a_wall_is_refused(place):
 
 
 @pytest.mark.parametrize("degrees", [0, 45, -60])
-def test_a_bump_after_a_leap_is_the_bump_after_the_steps_that_it_replaces(degrees):
+def test_a_bump_after_a_leap_agrees_with_a_bump_after_steps(degrees):
     def mean_bump(leaps: bool) -> np.ndarray:
         start, ends = toward_the_north_wall(math.radians(degrees), 1.0), []
         for distance in (0.0, 0.001, 0.002):
@@ -205,7 +205,7 @@ def test_a_bump_after_a_leap_is_the_bump_after_the_steps_that_it_replaces(degree
 
 
 @pytest.mark.parametrize("wheels", [(0.2, 0.2), (-0.2, -0.2), (0.082, -0.082), (0.2, 0.198)])
-def test_a_leap_ends_where_the_engine_does(wheels):
+def test_a_leap_agrees_with_the_steps_of_the_engine(wheels):
     ends = []
     for leaps in (False, True):
         body = PhysicsBody(HALL, (0.0, 0.0, 0.3), leaps=leaps)
@@ -217,7 +217,7 @@ def test_a_leap_ends_where_the_engine_does(wheels):
     assert ends[1][3:] == pytest.approx(ends[0][3:], abs=1)
 
 
-def test_a_drive_of_legs_and_turns_slips_as_in_the_engine():
+def test_drives_and_turns_with_leaps_slip_as_in_the_engine():
     ends = []
     for leaps in (False, True):
         robot = driven(PhysicsBody(HALL, (0.0, 0.0, 0.0), leaps=leaps))

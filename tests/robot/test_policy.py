@@ -5,16 +5,10 @@ import numpy as np
 import pytest
 from wheels import map_cells, walker_in
 
-from jaxcell.bounce import bounce_map, localization_policy
-from jaxcell.robot import (
-    PolicyFollower,
-    RunLog,
-    Walker,
-    load_task,
-    read_log,
-    replay_follower,
-    run_follower,
-)
+from jaxcell.bounce import localization_policy
+from jaxcell.robot import PolicyFollower, RunLog, load_task, read_log, replay_follower, run_follower
+from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
@@ -26,64 +20,31 @@ def found():
     return localization_policy(LAB_A, BOUNCES)
 
 
-class ModelWalker(Walker):
-    """A walker that is in a cell of a map, and nowhere else."""
-
-    def __init__(self, cells, cell):
-        self.observations = ""
-        self._cells, self._cell = cells, cell
-        mapped = bounce_map(cells, BOUNCES[0])
-        self._image, self._bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
-
-    estimate = (0.0, 0.0, 0.0)
-
-    def step(self):
-        bumped = bool(self._bumped[self._cell])
-        self.observations += str(int(bumped))
-        if not bumped:
-            self._cell = int(self._image[self._cell])
-        return bumped
-
-    def rotate(self, angle):
-        direction, position = divmod(self._cell, self._cells.positions)
-        direction = (direction + round(angle / (2 * np.pi) * 8)) % 8
-        self._cell = direction * self._cells.positions + position
-
-    @property
-    def cell(self):
-        return self._cell
-
-
-@pytest.mark.parametrize("cell", [3, 70, 77, 151])
-def test_the_robot_is_localized_to_its_true_configuration(cell, found, tmp_path):
-    walker = ModelWalker(LAB_A, cell)
+@pytest.mark.parametrize(
+    ("cell", "driver"),
+    [(3, DirectBody), (70, SimulatedCreate), (77, DirectBody), (151, DirectBody)],
+)
+def test_the_robot_is_localized_to_its_true_configuration(cell, driver, found, tmp_path):
+    walker, body = walker_in(LAB_A, cell, robot=driver)
     with RunLog(tmp_path / "run.jsonl", {"kind": "policy"}) as log:
         outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES, log=log)
     assert outcome.result == "localized"
     run = found.drive(cell)
     assert outcome.observations == run.word
-    assert outcome.cells == (run.end,) == (walker.cell,)
+    assert outcome.cells == (run.end,) == (int(LAB_A.index(*body.pose)),)
     assert set(outcome.colors[:-1]) == {1}
     assert outcome.colors[-1] > 1
     kept = read_log(tmp_path / "run.jsonl")
     assert replay_follower(kept, PolicyFollower(found.policy)) == outcome
-    # The states of the log are those at bumps.
+    # The log has the states at bumps.
     states = [event["state"] for event in kept.events if event["event"] == "observation"]
     bumps = run.observations == 1
     assert [state for state in states if state is not None] == run.states[1:][bumps].tolist()
 
 
-def test_an_emulated_robot_is_localized_as_the_model_is(found):
-    walker, body = walker_in(LAB_A, 70)
-    outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES)
-    run = found.drive(70)
-    assert outcome.observations == run.word
-    assert outcome.cells == (run.end,) == (int(LAB_A.index(*body.pose)),)
-
-
 def test_a_policy_of_another_map_is_refuted(found, tmp_path):
-    # In lab B the robot bumps where it cannot in lab A.
-    walker = ModelWalker(LAB_B, 77)
+    # In Lab B the robot bumps where Lab A is free.
+    walker, _ = walker_in(LAB_B, 77, robot=DirectBody)
     with RunLog(tmp_path / "run.jsonl", {"kind": "policy"}) as log:
         outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES, log=log)
     assert outcome.result == "refuted"

@@ -14,7 +14,7 @@ def reading(previous=None, *, first_mode=0, **values):
     return Reading.of(VALUES | values, time=0.0, previous=previous, first_mode=first_mode)
 
 
-def test_distances_add_up_through_the_wrap_in_both_directions():
+def test_distances_add_up_if_an_encoder_wraps():
     now = reading(left_encoder=65530, right_encoder=5)
     assert (now.left, now.right) == (0, 0)
     now = reading(now, left_encoder=4, right_encoder=65535)
@@ -24,7 +24,7 @@ def test_distances_add_up_through_the_wrap_in_both_directions():
     assert (now.left, now.right) == (pytest.approx(0), pytest.approx(0))
 
 
-def test_a_metre_and_a_quarter_turn():
+def test_the_encoders_measure_a_metre_and_a_quarter_turn():
     counts = round(1 / METRES_PER_COUNT)
     assert counts == pytest.approx(508.8 / (math.pi * 0.072), abs=0.5)
     now = reading(reading(), left_encoder=counts, right_encoder=counts)
@@ -35,7 +35,7 @@ def test_a_metre_and_a_quarter_turn():
 
 
 @pytest.mark.parametrize(("said", "first", "mode"), [(2, 0, 2), (3, 1, 2), (4, 1, 3), (4, 0, 3)])
-def test_modes_of_robots_that_count_them_from_one(said, first, mode):
+def test_robots_may_count_their_modes_from_one(said, first, mode):
     assert reading(mode=said, first_mode=first).mode is Mode(mode)
 
 
@@ -61,7 +61,7 @@ def test_dangers_are_named(values, named):
     assert danger is None if named is None else named in danger
 
 
-def test_units():
+def test_a_reading_has_si_units():
     now = reading(voltage=16123, charging_state=2)
     assert (now.voltage, now.charge, now.capacity) == (16.123, 2.0, 2.696)
     assert now.battery == pytest.approx(2000 / 2696)

@@ -1,4 +1,4 @@
-"""A run that goes on from its log is the run that was never stopped."""
+"""A run that is resumed from its log equals a run without a stop."""
 
 import json
 import math
@@ -26,7 +26,7 @@ START = 20
 
 
 class Stopping(DirectBody):
-    """A robot that is stopped in its n-th straight stretch."""
+    """A robot that is stopped after a number of straight stretches."""
 
     def __init__(self, body, stretches):
         super().__init__(body)
@@ -47,20 +47,15 @@ def filter_run(folder):
 
 
 def plan_run(folder):
-    cell, actions = START, []
-    for _ in range(12):
-        actions.append(math.radians(135) * int(BUMPED[cell]))
-        cell = int(IMAGE[cell])
+    actions = [math.radians(135) * int(BUMPED[cell]) for cell in orbit(12)]
     return lambda walker, log: run_plan(walker, actions, log=log)
 
 
 def team_run(folder):
-    """A robot that turns by itself before its first step, and stays once for another."""
+    """A robot that turns before its first step, and stays once because of another robot."""
     common = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-    there = [*"+-", *("1" if BUMPED[z] else "0" for z in orbit(12)), "2"]
-    save_team(
-        folder / "team.json", common, [(0.5, 0.5, 0.0)], [math.radians(135)], ["".join(there)]
-    )
+    actions = "".join(["+-", *("1" if BUMPED[cell] else "0" for cell in orbit(12)), "2"])
+    save_team(folder / "team.json", common, [(0.5, 0.5, 0.0)], [math.radians(135)], [actions])
     task = load_task(folder / "team.json")
     return lambda walker, log: run_member(walker, task, log=log, sleep=lambda _: None)
 
@@ -90,7 +85,7 @@ def orbit(count):
 
 
 @pytest.mark.parametrize("make", [filter_run, plan_run, team_run, patrol_run])
-def test_a_run_goes_on_from_its_log(make, tmp_path):
+def test_a_run_is_resumed_from_its_log(make, tmp_path):
     run = make(tmp_path)
     x, y, theta = map(float, LAB.centre(START))
     direction, strides = START // LAB.positions, STRIDES
@@ -115,7 +110,7 @@ def test_a_run_goes_on_from_its_log(make, tmp_path):
         with pytest.raises(RobotStopped), RunLog(path, {}) as log:
             run(walker, log)
         before = read_log(path).observations
-        # Stopped within a step, it is put back to where the step began.
+        # A robot that was stopped within a step is put back to the start of the step.
         ahead, left, turned = walker.place
         there = complex(x, y) + complex(ahead, left) * complex(math.cos(theta), math.sin(theta))
         walker, body = walker_at((there.real, there.imag, theta + turned), 10**6, before)
@@ -130,7 +125,7 @@ def test_a_run_goes_on_from_its_log(make, tmp_path):
         assert recalled == [True] * len(before) + [None] * (len(recalled) - len(before))
 
 
-def test_nothing_moves_while_a_walker_recalls():
+def test_a_robot_does_not_move_while_its_walker_counts_earlier_steps():
     class Still:
         def forward(self, distance, *, tolerance):
             raise AssertionError("it drove")
@@ -141,7 +136,7 @@ def test_nothing_moves_while_a_walker_recalls():
     walker.rotate(math.pi / 4)
     assert [walker.step() for _ in range(3)] == [False, True, False]
     walker.rotate(math.pi / 2)
-    # Two cells North, in the frame of a start towards the north-east.
+    # The robot is two cells North of its start, where it faced North-East.
     assert walker.place == pytest.approx((math.sqrt(2), math.sqrt(2), 0.75 * math.pi))
     assert walker.estimate == pytest.approx(walker.place)
     assert walker.observations == "010"

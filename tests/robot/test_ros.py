@@ -1,4 +1,4 @@
-"""Robots on ROS 2, against a stand-in for rclpy and its messages; none of it has met a robot."""
+"""Robots on ROS 2, with a substitute for rclpy and the messages, and without a real robot."""
 
 import json
 import math
@@ -17,6 +17,7 @@ from wheels import MAPS, bounce_filter, map_cells, pose_of
 
 from jaxcell.cli import main
 from jaxcell.robot import RobotStopped, Walker, cell_strides
+from jaxcell.robot.create.watchdog import Watchdog
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.ros import Base, Candidates, Create3, node
@@ -32,7 +33,13 @@ SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "b
 KINDS = {"create3": Create3, "base": Base}
 
 
-class Beats:
+def plane(pose):
+    """The x, y and heading of a message."""
+    heading = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+    return pose.position.x, pose.position.y, heading
+
+
+class Beats(Watchdog):
     """A watchdog without a process."""
 
     def __init__(self, command):
@@ -47,7 +54,7 @@ class Beats:
 
 
 def await_ticks(world):
-    """Wait until the robot has sent some messages."""
+    """Wait until the simulated robot has sent several messages."""
     end = world.now + 5 * ros_stub.TICK
     wait_until(lambda: world.now > end)
 
@@ -85,7 +92,7 @@ def test_a_robot_goes_as_far_as_commanded(world_of, kind):
         moved = robot.forward(9.0, tolerance=0.004)
         assert moved.bumped
         assert moved.distance == pytest.approx(2.82, abs=0.05)
-        # It is still pressed.
+        # The bumper is still pressed.
         assert robot.forward(0.1, tolerance=0.004)[::2] == (0.0, True)
         assert not robot.forward(-0.3, tolerance=0.004).bumped
         assert Beats.last.command[1:] == [
@@ -137,7 +144,7 @@ def test_a_robot_whose_bumper_falls_silent_is_stopped(world_of, kind):
         robot.arm()
         world.silent = {robot.contact}
         with pytest.raises(RobotStopped, match=rf"no {robot.contact} for 1 s"):
-            # It would push against the wall until its time is over.
+            # Without the stop, the robot would push against the wall until its time is over.
             robot.forward(90.0, tolerance=0.004)
         with pytest.raises(RobotStopped, match=rf"no {robot.contact} for 1 s"):
             robot.arm()
@@ -170,7 +177,7 @@ def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, message, reaso
         robot.forward(0.1, tolerance=0.004)
         hears(message)
         if kind == "base" and "docked" in message:
-            # No message of such a base says that it is on a dock.
+            # A base has no message for a dock.
             robot.forward(0.1, tolerance=0.004)
             return
         with pytest.raises(RobotStopped, match=reason):
@@ -182,7 +189,7 @@ def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, message, reaso
         robot.forward(0.1, tolerance=0.004)
 
 
-def test_a_base_is_given_the_type_of_speeds_that_it_takes(world_of):
+def test_speeds_have_the_type_to_which_the_base_subscribes(world_of):
     world = world_of((1.0, 1.5, 0.0), "base")
     world.speeds = ["geometry_msgs/msg/TwistStamped"]
     with Base() as robot:
@@ -196,7 +203,7 @@ def test_a_base_without_a_topic_of_speeds_is_refused(world_of):
     world_of((1.0, 1.5, 0.0), "base").speeds = []
     base = Base()
     base.answer = 0.1
-    with pytest.raises(ConnectionError, match="nothing takes speeds on /cmd_vel"):
+    with pytest.raises(ConnectionError, match="nothing subscribes to speeds on /cmd_vel"):
         base.__enter__()
 
 
@@ -215,7 +222,7 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
         world.hazards.clear()
         await_ticks(world)
         robot.arm()
-        # It may have reached the limit of its way back without a motion of ours.
+        # A robot may reach its backup limit without a backward drive.
         world.hazards.add(BACKUP_LIMIT)
         await_ticks(world)
         assert robot.forward(0.1, tolerance=0.004).distance == pytest.approx(0.1, abs=0.01)
@@ -225,12 +232,12 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
         await_ticks(world)
         robot.arm()
         world.refuses = True
-        with pytest.raises(RobotStopped, match="does not take the goal"):
+        with pytest.raises(RobotStopped, match="the robot refuses the goal"):
             robot.turn(1.0, tolerance=0.01)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_end_of_the_block_ends_the_motion(world_of, kind):
+def test_a_signal_that_ends_the_block_stops_the_robot(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
 
     def interrupted():
@@ -247,7 +254,7 @@ def test_every_end_of_the_block_ends_the_motion(world_of, kind):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatch):
+def test_signal_handlers_are_restored_if_closing_fails(world_of, monkeypatch):
     def dismiss(self):
         raise OSError("the watchdog does not end")
 
@@ -258,7 +265,7 @@ def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatc
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_missing_robot_is_named(world_of):
+def test_a_robot_without_odometry_is_refused(world_of):
     world_of((1.0, 1.5, 0.0), "create3").dead = True
     robot = Create3()
     robot.greeting = 0.1
@@ -266,7 +273,7 @@ def test_a_missing_robot_is_named(world_of):
         robot.__enter__()
 
 
-def test_a_missing_ros_names_its_installation():
+def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
     with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not here; where it is: source "):
         Create3().__enter__()
 
@@ -288,17 +295,8 @@ def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind
     assert int(LAB.index(*world.body.pose)) in outcome.cells
     arrays, grids = world.published["candidates"], world.published["candidate_squares"]
     assert len(arrays) == len(grids) == len(outcome.observations)
-    found = {
-        int(
-            LAB.index(
-                pose.position.x,
-                pose.position.y,
-                2 * math.atan2(pose.orientation.z, pose.orientation.w),
-            )
-        )
-        for pose in arrays[-1].poses
-    }
-    assert found == set(outcome.cells)
+    cells = {int(LAB.index(*plane(pose))) for pose in arrays[-1].poses}
+    assert cells == set(outcome.cells)
     grid = np.array(grids[-1].data).reshape(grids[-1].info.height, grids[-1].info.width)
     assert grids[-1].info.resolution == 1.0
     assert (grid >= 0).tolist() == LAB.free.tolist()
@@ -341,18 +339,18 @@ def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind
     bounce_filter(LAB, 45, metadata=about).save(path)
     words = ["robot", "run", str(path), "--ros", kind, "--heading", "135", "--json"]
     assert main([*words, "--remap", "__ns:=/one"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["result"], found["port"]) == ("localized", f"ROS 2, {kind}")
-    assert int(LAB.index(*world.body.pose)) in found["cells"]
-    assert len(world.published["candidates"]) == len(found["observations"])
+    result = json.loads(capsys.readouterr().out)
+    assert (result["result"], result["port"]) == ("localized", f"ROS 2, {kind}")
+    assert int(LAB.index(*world.body.pose)) in result["cells"]
+    assert len(world.published["candidates"]) == len(result["observations"])
     assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
     assert main([*words, "--steps", "clock"]) == 2
     assert main([*words, "--port", "/dev/ttyUSB0"]) == 2
     assert main(["robot", "run", str(path), "--port", "x", "--remap", "a"]) == 2
-    said = capsys.readouterr().err
-    assert "--steps: it has an effect only without --ros" in said
-    assert "--ros: it has an effect only without --port" in said
-    assert "--remap: it has an effect only with --ros" in said
+    errors = capsys.readouterr().err
+    assert "--steps: it has an effect only without --ros" in errors
+    assert "--ros: it has an effect only without --port" in errors
+    assert "--remap: it has an effect only with --ros" in errors
 
 
 def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
@@ -367,10 +365,9 @@ def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
         patrol.event("end", {})
         fields = {"observation": 0, "estimate": [1.0, -0.5, math.pi / 2]}
         Candidates(robot, load_task(plan), None).event("observation", fields)
-    there, estimate = world.published["candidates"]
-    [pose] = there.poses
-    assert (pose.position.x, pose.position.y) == tuple(map(float, LAB.centre(4)[:2]))
-    assert 2 * math.atan2(pose.orientation.z, pose.orientation.w) == pytest.approx(math.pi / 2)
+    position, estimate = world.published["candidates"]
+    x, y, _ = map(float, LAB.centre(4))
+    assert plane(position.poses[0]) == pytest.approx((x, y, math.pi / 2))
     assert estimate.header.frame_id == "start"
-    assert (estimate.poses[0].position.x, estimate.poses[0].position.y) == (1.0, -0.5)
+    assert plane(estimate.poses[0])[:2] == (1.0, -0.5)
     assert len(world.published["candidate_squares"]) == 1

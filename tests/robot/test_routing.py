@@ -10,7 +10,7 @@ SIDES = [(0, 1), (1, 0), (0, -1), (-1, 0)]
 
 
 def graph_of(free, closed=()) -> nx.Graph:
-    """The same grid, square by square."""
+    """The graph of a grid, made square by square."""
     rows, columns = free.shape
     squares = [(r, c) for r in range(rows) for c in range(columns) if free[r, c]]
     number = {square: i for i, square in enumerate(squares)}
@@ -79,7 +79,7 @@ def test_a_route_prefers_to_go_straight():
     assert next_way(steps, wave(steps, 0), 15, ahead=3) == 3
 
 
-def test_bad_grids_are_refused():
+def test_wrong_positions_and_directions_are_refused():
     steps = grid_steps(np.ones((2, 2), bool))
     with pytest.raises(ValueError, match="goal: position 4 does not exist; positions are 0 to 3"):
         wave(steps, 4)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from wheels import bounce_filter, bounce_tables, map_cells, walker_in as walker_with
 
+from jaxcell import examples
 from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.followers import FilterFollower, replay_follower, run_follower
@@ -14,22 +15,27 @@ from jaxcell.robot.run_log import RunLog, read_log
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
-# These tests are above the driver.
+# These tests do not depend on the driver.
 walker_in = functools.partial(walker_with, robot=DirectBody)
 
 
+def logged_run(path, cell, degrees, until="known"):
+    """Run a filter of Lab A with a log."""
+    follower = FilterFollower(bounce_filter(LAB_A, degrees), until)
+    walker, _ = walker_in(LAB_A, cell)
+    with RunLog(path, {"kind": "filter"}) as log:
+        return run_follower(walker, follower, [math.radians(degrees)], log=log)
+
+
 @pytest.mark.parametrize("open_world", [False, True])
-def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, tmp_path):
+def test_a_filter_of_another_map_is_refuted_with_its_observations(open_world):
+    """From some cells of Lab A, a robot has observations that are impossible in Lab B."""
     filter = bounce_filter(LAB_B, 45, open_world=open_world)
-    # A cell of lab A from where the filter of lab B meets what cannot be.
     image, bumped = bounce_tables(LAB_A, 45)
     refuted = 0
     for cell in range(0, LAB_A.size, 19):
         walker, _ = walker_in(LAB_A, cell)
-        with RunLog(tmp_path / f"{cell}.jsonl", {"kind": "filter"}) as log:
-            outcome = run_follower(
-                walker, FilterFollower(filter, "cycle"), [math.radians(45)], log=log
-            )
+        outcome = run_follower(walker, FilterFollower(filter, "cycle"), [math.radians(45)])
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -46,7 +52,7 @@ def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, t
     assert refuted >= 2
 
 
-def test_a_slipping_robot_is_refuted_or_lost_and_never_an_error():
+def test_a_robot_that_slips_causes_no_error():
     filter = bounce_filter(LAB_A, 45)
     results = set()
     for seed in range(6):
@@ -61,7 +67,7 @@ def test_a_slipping_robot_is_refuted_or_lost_and_never_an_error():
 
 def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path):
     filter, (image, bumped) = bounce_filter(LAB_A, 135), bounce_tables(LAB_A, 135)
-    # From here one configuration is left long before the knowledge cycle.
+    # From this cell, one configuration is left long before the knowledge cycle.
     start = cell = 148
     state, word, known, ends = filter.start(), "", 0, []
     while not state.localized:
@@ -73,13 +79,10 @@ def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path):
     assert known < len(word) - 5
     outcomes = {}
     for until in ("known", "cycle"):
-        walker, _ = walker_in(LAB_A, start)
-        with RunLog(tmp_path / f"{until}.jsonl", {"kind": "filter"}) as log:
-            outcomes[until] = run_follower(
-                walker, FilterFollower(filter, until), [math.radians(135)], log=log
-            )
-        run = read_log(tmp_path / f"{until}.jsonl")
-        # The logs of earlier versions do not say until when their filters ran.
+        path = tmp_path / f"{until}.jsonl"
+        outcomes[until] = logged_run(path, start, 135, until)
+        run = read_log(path)
+        # A replay does not need to know the end of the run, which old logs do not contain.
         for follower in (FilterFollower(filter), FilterFollower(filter, until)):
             assert replay_follower(run, follower) == outcomes[until]
     assert outcomes["known"].observations == word[:known]
@@ -129,11 +132,7 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
 
 def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / "run.jsonl"
-    walker, _ = walker_in(LAB_A, 70)
-    with RunLog(path, {"kind": "filter"}) as log:
-        outcome = run_follower(
-            walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], log=log
-        )
+    outcome = logged_run(path, 70, 45)
     whole = path.read_bytes()
     lines = whole.count(b"\n")
     for length in range(whole.index(b"\n") + 1, len(whole)):
@@ -145,15 +144,15 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
 
 
 def test_a_listener_gets_events_after_they_are_written(tmp_path):
-    path, told = tmp_path / "run.jsonl", []
+    path, heard = tmp_path / "run.jsonl", []
     with RunLog(path, {"kind": "filter"}) as log:
-        log.on_event = lambda name, fields: told.append(
+        log.on_event = lambda name, fields: heard.append(
             ({"event": name, **fields}, json.loads(path.read_text().splitlines()[-1]))
         )
         walker, _ = walker_in(LAB_A, 70)
         run_follower(walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], log=log)
-    assert [event for event, _ in told] == list(read_log(path).events)
-    assert all(event == written for event, written in told)
+    assert [event for event, _ in heard] == list(read_log(path).events)
+    assert all(event == written for event, written in heard)
 
 
 def test_a_log_whose_end_is_not_written_is_closed(tmp_path):
@@ -208,30 +207,13 @@ def test_a_file_that_is_not_a_log_is_refused(tmp_path, text, message):
         read_log(path)
 
 
-# A cell with free space ahead.
-PLAN_START = int(np.flatnonzero(~bounce_tables(LAB_A, 135)[1])[0])
-
-
-def plan_of(cell: int, count: int) -> list[float]:
-    """A plan that keeps one angle: it follows the bounce map."""
-    image, bumped = bounce_tables(LAB_A, 135)
-    actions = []
-    for _ in range(count):
-        actions.append(math.radians(135) if bumped[cell] else 0.0)
-        cell = int(image[cell])
-    return actions
-
-
 def test_a_plan_that_meets_another_map_is_refuted():
-    actions = plan_of(PLAN_START, 20)
-    wall = next(i for i, action in enumerate(actions) if action)
-    for wrong, text in [
-        ([*actions[:wall], 0.0], "bumped where the plan has free space"),
-        ([math.pi / 4, *actions[1:]], "met no wall where the plan has one"),
+    """In a corridor of three cells, the third step bumps."""
+    for actions, observations, text in [
+        ([0.0, 0.0, 0.0], "001", "action 2 of 3: the robot bumped where the plan has free space"),
+        ([1.0, 0.0, 0.0], "0", "action 0 of 3: the robot met no wall where the plan has one"),
     ]:
-        walker, _ = walker_in(LAB_A, PLAN_START)
-        outcome = run_plan(walker, wrong)
+        outcome = run_plan(examples.walker(), actions)
         assert outcome.result == "refuted"
-        assert text in outcome.reason
-        assert outcome.reason.endswith(f"the robot observed {outcome.observations}")
-    assert plan_outcome(actions, outcome.observations[:0]).result == "unfinished"
+        assert outcome.reason == f"{text}; the robot observed {observations}"
+        assert plan_outcome(actions, "").result == "unfinished"

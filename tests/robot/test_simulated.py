@@ -1,4 +1,3 @@
-import itertools
 import math
 import signal
 from types import SimpleNamespace
@@ -35,7 +34,7 @@ def test_the_simulated_robot_agrees_with_the_robot_on_a_line():
             walker = Walker(create, 1.0, strides=strides, direction=cell // LAB.positions)
             assert run_follower(walker, FilterFollower(filter), [bounce]) == outcome
         x, y, theta = robot.pose
-    # Steps may miss by 4 mm and turns by 0.4 degrees.
+    # The tolerances are 4 mm per step and 0.4 degrees per turn.
     assert body.pose[:2] == pytest.approx((x, y), abs=0.03)
     assert math.remainder(body.theta - theta, 2 * math.pi) == pytest.approx(0, abs=0.02)
     assert LAB.index(*body.pose) == LAB.index(x, y, theta)
@@ -51,10 +50,10 @@ def test_a_robot_goes_as_far_as_commanded():
     assert body.pose == pytest.approx((1.237, 1.5, 0.0), abs=5e-3)
     x = body.x
     moved = robot.forward(5.0)
-    # The bumper gives way by 2 cm.
+    # The bumper is pushed in by 2 cm.
     assert moved.bumped
     assert moved.distance == pytest.approx(4.02 - x, abs=1e-3)
-    # It is still pressed.
+    # The bumper is still pressed.
     assert robot.forward(0.1) == (0.0, 0.0, True, 0.0)
     began = robot.robot.seconds
     with pytest.raises(RobotStopped, match=r"-1 are left|are left after"):
@@ -68,8 +67,8 @@ def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
     def sleep(seconds):
         clock[0] += seconds
 
-    there = SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep)
-    monkeypatch.setattr("jaxcell.robot.emulation.simulated.time", there)
+    time = SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep)
+    monkeypatch.setattr("jaxcell.robot.emulation.simulated.time", time)
     robot = SimulatedCreate(Emulator(Body(ROOM, (1.0, 1.5, 0.0)), line=Line(speedup=4.0)))
     robot.forward(0.5)
     robot.sleep(0.1234)
@@ -79,7 +78,7 @@ def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
     assert robot.robot.seconds - began == pytest.approx(0.1234)
 
 
-def test_a_signal_ends_the_block():
+def test_a_signal_that_ends_the_block_stops_the_wheels():
     robot = SimulatedCreate(Body(ROOM, (1.0, 1.5, 0.0)))
 
     def ended():
@@ -106,7 +105,7 @@ def test_a_turn_does_not_move_the_centre(speed):
         assert body.theta - heading == pytest.approx(moved.angle, abs=math.radians(0.22))
 
 
-def test_the_odometry_is_the_truth():
+def test_the_odometry_agrees_with_the_true_pose():
     rng = np.random.default_rng(0)
     body = Body(HALL, (0.0, 0.0, 0.0))
     robot = SimulatedCreate(body)
@@ -117,16 +116,16 @@ def test_the_odometry_is_the_truth():
         x, y, angle = walker.estimate
         assert math.hypot(x - body.x, y - body.y) < 1e-3
         off = abs(math.remainder(angle - body.theta, 2 * math.pi))
-        # The encoders tell an angle to a count, 0.108 degrees.
+        # The encoders measure an angle to one count, 0.108 degrees.
         assert off < METRES_PER_COUNT / WHEEL_BASE
     assert off < math.radians(0.1)
 
 
-def test_an_arc_is_counted_as_an_arc():
+def test_the_odometry_of_an_arc_agrees_with_the_true_place():
+    """Half a circle with a radius of one metre takes half a minute."""
     body = Body(HALL, (0.0, 0.0, 0.0))
     robot = SimulatedCreate(body)
-    # On half a circle of a metre, in half a minute.
-    for _ in itertools.repeat(None, 2100):
+    for _ in range(2100):
         robot.drive(right=0.11175, left=0.08825)
         robot._after(robot.sensors())
     robot.stop()
@@ -135,7 +134,7 @@ def test_an_arc_is_counted_as_an_arc():
     assert body.y == pytest.approx(2, abs=0.1)
 
 
-def test_each_motion_slips_in_its_own_way():
+def test_the_slips_of_two_motions_are_independent():
     rng = np.random.default_rng(0)
     ratios = []
     for _ in range(40):

@@ -6,6 +6,7 @@ import serial
 from wheels import bounce_filter, map_cells
 
 from jaxcell.robot.create.firmware import firmware
+from jaxcell.robot.create.packets import Mode
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import BANNER, Emulator, Line
 from jaxcell.robot.tasks.files import FilterTask, PlanTask, load_task
@@ -72,10 +73,11 @@ def test_damaged_tasks_are_refused(tmp_path):
         load_task(tmp_path / "none.jxf")
 
 
-def test_firmware_is_what_the_robot_prints():
+def test_a_reset_prints_the_firmware():
     body = Body(LAB.workspace, (0.5, 0.5, 0.0))
     with (
         Emulator(body, line=Line(speedup=20.0)) as robot,
         serial.serial_for_url(robot.port, 115200) as line,
     ):
         assert firmware(line).encode() == BANNER.replace(b"\r", b"").strip()
+        assert robot.mode is Mode.OFF

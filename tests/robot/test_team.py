@@ -21,7 +21,7 @@ LAB = map_cells("lab_b.json")
 def joint_path(cells, starts, bounce_deg, steps, turns=()):
     """A joint trajectory by Eq. 3.9 for steps to neighbouring squares, robot by robot.
 
-    `turns` are rows that begin with a turn of one robot by one direction: row, robot, turn.
+    `turns` are rows in which a robot turns by one direction: row, robot, turn.
     """
     there = free_steps(cells)
     positions, directions = cells.positions, cells.directions
@@ -70,7 +70,7 @@ def team_file(tmp_path):
     return file, path, bumped
 
 
-def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
+def test_each_robot_follows_its_part_of_the_trajectory_alone(team_file, tmp_path):
     file, path, bumped = team_file
     there = free_steps(LAB)
     met = 0
@@ -91,7 +91,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
             outcome = run_member(walker, task, log=log)
         assert outcome.result == "arrived"
         assert int(LAB.index(*body.pose)) == path[-1, robot]
-        # It sensed what it would alone: the walls, and no other robot.
+        # The robot senses the walls, and no other robot.
         walls = np.take(there, path[:-1, robot]) == path[:-1, robot] % LAB.positions
         moved = path[1:, robot] % LAB.positions != path[:-1, robot] % LAB.positions
         assert outcome.observations == "".join(
@@ -109,7 +109,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
 
 
 class Floor(Walker):
-    """A walker that meets a given list of walls and robots."""
+    """A walker that bumps as a list prescribes."""
 
     def __init__(self, bumps):
         self.bumps, self.turned, self.observations = list(bumps), [], ""
@@ -164,8 +164,8 @@ def test_a_log_that_was_cut_off_is_unfinished():
         Member("02").replay("00")
 
 
-def test_a_team_with_steps_of_thin_walls_tells_walls_from_robots():
-    # Two robots face each other, and each other pair a wall.
+def test_actions_distinguish_walls_from_robots():
+    # Two robots bump into each other first, and later into walls.
     hall = CellSpace.of(Workspace([(0, 0), (4, 0), (4, 1), (0, 1)]), 1.0, 4)
     path = np.array([[1, 2 * 4 + 2], [2 * 4 + 1, 2], [2 * 4, 3], [0, 2 * 4 + 3]])
     bumped = np.array([[True, True], [False, False], [True, True]])

@@ -1,6 +1,6 @@
-"""Without noise all comes true on every map, steps and plans through the whole driver.
+"""Without noise, robots follow the model on every map.
 
-Filters go through it on two maps, and drive the body without it on others.
+Steps and plans use the driver. Filters use it on two maps, and drive the body directly on others.
 """
 
 import math
@@ -27,7 +27,7 @@ from jaxcell.robot.walker import Drivable
 from jaxcell.space import CellSpace, free_steps
 
 
-# The cells that a map suggests, but larger ones for the hall, which is 200 m long.
+# The bouncing angle of each map, and the sizes of its cells if they differ from those of the map.
 CASES = {
     "arena.json": (90, {}),
     "cafe.json": (67.5, {}),
@@ -41,7 +41,7 @@ CASES = {
     "slanted.json": (67.5, {}),
     "room_200x125.json": (45, {"cell": 12.5, "directions": 8}),
 }
-# Where a step takes a minute of the robot's time, each kind of step is enough.
+# A step in this map takes a minute of the time of the robot.
 LARGEST = "room_200x125.json"
 DRIVEN = ("arena.json", "lab_a.json")
 some_maps = pytest.mark.parametrize("name", [name for name in CASES if name != LARGEST])
@@ -66,10 +66,10 @@ def test_every_map_of_the_data_is_tested():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_robot_bounces_as_the_cells_say(name):
+def test_a_robot_bounces_as_in_the_model(name):
     cells, bounce = cells_of(name), CASES[name][0]
     image, bumped = bounce_tables(cells, bounce)
-    # One step before a bump, so that there is one of each.
+    # The robot starts one step before a bump.
     at = np.flatnonzero(~bumped & bumped[image])
     starts = 1 if name == LARGEST else 2
     for cell in np.random.default_rng(1).choice(at, starts, replace=False).tolist():
@@ -105,7 +105,7 @@ def test_a_filter_localizes_to_the_true_cell(name):
 
 
 def plan_from(cells: CellSpace, cell: int, count: int) -> tuple[list[float], int]:
-    """A plan that turns by any angle at a bump, and where it ends."""
+    """A plan that turns by random angles at bumps, and its last cell."""
     there, rng = free_steps(cells), np.random.default_rng(cell)
     actions = []
     for _ in range(count):

@@ -44,7 +44,7 @@ def test_the_next_step_corrects_the_error_of_a_step():
         for _ in range(4):
             walker.step()
         walker.rotate(math.pi / 2)
-    # Forty misses of up to 5 cm, to one side of the target, would be up to two metres.
+    # Forty errors of up to 5 cm in one direction would add up to two metres.
     assert math.hypot(body.x - 4, body.y - 4) < 0.3
     assert walker.error < 0.2
 
@@ -61,7 +61,7 @@ def test_the_estimate_does_not_see_slip(seed):
     assert math.hypot(body.x - 2, body.y) > 1e-6
 
 
-def test_bad_steps_of_a_walker_are_refused():
+def test_wrong_settings_of_a_walker_are_refused():
     wheels = SimulatedCreate(Body(Workspace([(0, 0), (9, 0), (9, 9)]), (5.0, 2.0, 0.0)))
     for field, value in itertools.product(["step", "tolerance"], [0.0, math.nan, -1.0]):
         with pytest.raises(ValueError, match=f"{field}: expected a positive number"):

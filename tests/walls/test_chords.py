@@ -6,18 +6,9 @@ from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
 
 
-MAPS = ("lab_a", "complex", "cafe")
-
-
-@pytest.fixture(scope="module", params=MAPS)
+@pytest.fixture(scope="module", params=["lab_a", "complex", "cafe"])
 def boundary(request):
     return walls.Boundary.of(space.Workspace.load(bundled(request.param)))
-
-
-def places_on_walls(boundary, count, rng):
-    wall = rng.integers(len(boundary.length), size=count)
-    arc = rng.uniform(0, boundary.length[wall])
-    return wall, arc
 
 
 def test_walls_enclose_the_free_space():
@@ -33,11 +24,11 @@ def test_walls_enclose_the_free_space():
 @pytest.mark.parametrize(
     ("slices", "known", "displacement"), [(16, True, 0.0), (90, False, 0.0), (90, False, 0.03)]
 )
-def test_some_chord_holds_every_run(boundary, slices, known, displacement):
-    """Rays that are cast one by one end where a row of the chords says, after such a run."""
+def test_every_run_is_within_the_bounds_of_a_chord(boundary, slices, known, displacement):
     rng = np.random.default_rng(1)
     chords = walls.Chords.of(boundary, slices, known=known, displacement=displacement)
-    wall, arc = places_on_walls(boundary, 3000, rng)
+    wall = rng.integers(len(boundary.length), size=3000)
+    arc = rng.uniform(0, boundary.length[wall])
     slice_ = rng.integers(slices, size=wall.size)
     heading = (slice_ + (0.0 if known else rng.uniform(size=wall.size))) * 2 * np.pi / slices
     ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)

@@ -1,4 +1,4 @@
-"""The filter of robots that start anywhere, against rays that share no code with it."""
+"""The filter of robots that start anywhere, compared with rays that share no code with it."""
 
 import math
 import re
@@ -17,12 +17,12 @@ def load(name):
 
 
 def followed(filter, runs, bounce, observed):
-    """Follow robots, and check at each bump that each is where the filter says; give the sets."""
+    """Follow robots, and check at each bump that the sets contain them. Returns the sets."""
     states, state = [], None
     for bump, (heading, place) in enumerate(zip(runs.heading, runs.point, strict=True)):
         state = filter.observe(state, observed[bump])
         inside = walls.contains(filter.boundary, state, filter.slice_of(heading), place)
-        assert inside.all(), f"bump {bump}: {np.flatnonzero(~inside)} are lost"
+        assert inside.all(), f"bump {bump}: robots {np.flatnonzero(~inside)} are lost"
         states.append(state)
         state = filter.turn(state, bounce)
     return states
@@ -81,7 +81,7 @@ def test_errors_at_their_bounds_lose_no_robot(name, displacement):
 
 
 def test_a_run_that_begins_beside_the_wall_loses_no_robot():
-    """A robot that backs off by 3 cm before it turns starts its next run there."""
+    """A robot backs off by 3 cm before it turns, and starts its next run there."""
     workspace, angle, back = load("complex"), np.radians(135), 0.03
     rng = np.random.default_rng(4)
     place = rays.anywhere(workspace.free_space, 15, rng)
@@ -119,7 +119,7 @@ def test_a_heading_that_is_off_loses_no_robot():
 
 @pytest.mark.parametrize("name", ["lab_a", "lab_b"])
 def test_sets_hold_the_robots_of_exact_arithmetic(name):
-    """Rational starts and exact runs: no rounding is left that might excuse a lost robot."""
+    """Starts are rational and runs exact, so that no rounding can explain a lost robot."""
     workspace = load(name)
     rng = np.random.default_rng(7)
     points = rays.anywhere(workspace.free_space, 12, rng).round(3)
@@ -127,7 +127,7 @@ def test_sets_hold_the_robots_of_exact_arithmetic(name):
 
 
 def follow_exactly(workspace, points, turns, rng):
-    """Follow robots of exact arithmetic; turns are numbers of eighths of a circle."""
+    """Follow robots in exact arithmetic; `turns` counts eighths of a circle."""
     exact = rays.ExactRoom(workspace.free_space.simplify(0))
     filter = walls.WallFilter.of(workspace, headings=8)
     for point in points:
@@ -140,8 +140,8 @@ def follow_exactly(workspace, points, turns, rng):
             state = filter.turn(state, turn * np.pi / 4)
 
 
-def test_a_ray_between_two_corners_at_once_loses_no_robot():
-    """From (5, 5) only the exact diagonal leads between the corners (4, 4) and (2, 2) to (0, 0)."""
+def test_a_ray_that_touches_two_corners_loses_no_robot():
+    """From (5, 5) only the exact diagonal leads past the corners (4, 4) and (2, 2) to (0, 0)."""
     room = [(0, 0), (0, 3), (1, 3), (1, 4), (0, 4), (0, 5), (3, 5), (3, 4), (4, 4), (4, 5)]
     workspace = space.Workspace([*room, (5, 5), (5, 2), (2, 2), (2, 0)])
     filter = walls.WallFilter.of(workspace, headings=8)
@@ -152,7 +152,7 @@ def test_a_ray_between_two_corners_at_once_loses_no_robot():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_robots_of_exact_arithmetic_are_held_among_aligned_corners(seed):
-    """Starts on the lattice of the corners, whose rays graze corners and run along walls."""
+    """From the lattice of the corners, rays graze corners and run along walls."""
     rng = np.random.default_rng(seed)
     while True:
         low = rng.integers(0, 7, (4, 2))
@@ -170,11 +170,10 @@ def test_robots_of_exact_arithmetic_are_held_among_aligned_corners(seed):
     follow_exactly(workspace, points, rng.integers(8, size=12).tolist(), rng)
 
 
-def test_every_stretch_holds_a_robot():
-    """The sets are not too large: wherever they say that a robot may be, there is one."""
+def test_every_stretch_of_a_set_contains_a_robot():
+    """The sets are not too large: of many robots with equal observations, some are everywhere."""
     workspace, angle = load("complex"), np.radians(135)
-    many = 200_000
-    runs = drive(workspace, many, 3, angle, seed=8, headings=8)
+    runs = drive(workspace, 200_000, 3, angle, seed=8, headings=8)
     steps = np.floor(runs.length)
     alike = np.flatnonzero((steps == steps[:, :1]).all(axis=0))
     filter = walls.WallFilter.of(workspace, headings=8, step=1.0)
@@ -196,19 +195,17 @@ def test_every_stretch_holds_a_robot():
     assert not empty
 
 
-def test_many_robots_are_followed_as_each_by_itself():
+def test_robots_that_are_followed_together_have_the_sets_of_single_robots():
     workspace, angle = load("lab_b"), np.radians(135)
     runs = drive(workspace, 5, 6, angle, seed=9, headings=8)
     filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(distance=0.1))
     together = followed(filter, runs, angle, runs.length)[-1]
     for robot in range(5):
-        state = None
-        for length in runs.length[:, robot]:
-            state = None if state is None else filter.turn(state, angle)
-            state = filter.observe(state, length)
-        alone = together.take(together.robot == robot)
-        for part, expected in zip(state[1:], alone[1:], strict=True):
-            assert np.array_equal(part, expected)
+        state = filter.observe(None, runs.length[0, robot])
+        for length in runs.length[1:, robot]:
+            state = filter.observe(filter.turn(state, angle), length)
+        expected = together.take(together.robot == robot)
+        assert all(map(np.array_equal, state[1:], expected[1:]))
 
 
 def test_a_run_longer_than_the_room_refutes_the_map():
@@ -228,7 +225,7 @@ def test_a_run_longer_than_the_room_refutes_the_map():
         ),
         (
             {"errors": walls.Errors(distance=9.0)},
-            "errors: distance: expected at most the 8.94 m that the room is wide, got 9 m: no two "
+            "errors: distance: expected at most 8.94 m, the diameter of the room, got 9 m: no two "
             "runs would differ",
         ),
     ],
@@ -238,7 +235,7 @@ def test_wrong_settings_of_a_filter_are_refused(change, message):
         walls.WallFilter.of(load("lab_a"), **change)
 
 
-def test_an_angle_between_slices_is_refused():
+def test_an_angle_that_is_not_a_whole_number_of_slices_is_refused():
     filter = walls.WallFilter.of(load("lab_a"), headings=8)
     state = filter.observe(None, 1.0)
     with pytest.raises(ValueError, match="expected a multiple of 45 degrees"):

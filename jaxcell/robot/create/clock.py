@@ -7,8 +7,8 @@ from .motion import Moved
 from .packets import WHEEL_BASE
 
 
-# Robots gain and lose speed at once as far as a clock can show, if they are slow; and these are
-# speeds that the driver does not change.
+# The default speeds in metres and radians per second. They are so slow that the acceleration of the
+# wheels has little effect, and the driver does not change them.
 _SPEED = 0.18
 _TURNING = 0.69
 
@@ -18,19 +18,19 @@ class Wheeled(Protocol):
     """A robot for [`ByClock`][], such as a [`jaxcell.robot.Create`][]."""
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels; return false if a bump has stopped them."""
+        """Set the speeds of the wheels in m/s. Returns false if a bump has stopped the wheels."""
 
     def stop(self) -> None:
         """Stop the wheels."""
 
 
 class ByClock:
-    """Move a robot by driving at a known speed for a known time.
+    """A robot that measures distances and angles by a clock, at known speeds.
 
-    A bump sensor and a clock are all that the robots of Alam 2018 use (sections 2.5 and 4.5.7).
-    What comes out is less than by the encoders: the time that a command and a bump take on the
-    line, and that the wheels take to gain speed, is not seen. So errors add up, in a map of metres
-    some centimetres for ten bumps.
+    The robots of Alam 2018 use only a bump sensor and a clock (sections 2.5 and 4.5.7). A clock is
+    less accurate than encoders, because it does not measure the delays of commands and bumps on the
+    line and the acceleration of the wheels. The errors add up to a few centimetres for ten bumps in
+    a map of a few metres.
     """
 
     def __init__(
@@ -43,13 +43,15 @@ class ByClock:
         sleep: Callable[[float], object] = time.sleep,
         pause: float = 0.1,
     ) -> None:
-        """Take an armed robot, e.g. [`jaxcell.robot.Create`][], and its clock if it is emulated.
+        """**Arguments:**
 
-        The speeds are in metres and radians per second, such that [`jaxcell.robot.Driver.drive`][]
-        does not change those of the wheels. After each motion the robot stands still for a pause,
-        in seconds.
+        - `robot`: an armed robot, such as a [`jaxcell.robot.Create`][].
+        - `speed`, `turning`: the speeds in metres and radians per second, which
+            [`jaxcell.robot.Driver.drive`][] must not change.
+        - `clock`, `sleep`: the clock, which differs for an emulated robot.
+        - `pause`: the seconds for which the robot stands still after each motion.
 
-        **Raises:** `ValueError` for a speed that is not positive or that no wheel has.
+        **Raises:** `ValueError` for a speed that is not positive, or that the wheels cannot reach.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
             if not 0 < value <= most:
@@ -58,13 +60,13 @@ class ByClock:
         self._clock, self._sleep, self._pause = clock, sleep, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         wheel = math.copysign(self._speed, distance)
         seconds, bumped = self._for(abs(distance) / self._speed, wheel, wheel, distance > 0)
         return Moved(wheel * seconds, 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise."""
+        """Turn in place by radians, counter-clockwise."""
         rate = math.copysign(self._turning, angle)
         wheel = rate * WHEEL_BASE / 2
         seconds, _ = self._for(abs(angle) / self._turning, wheel, -wheel, False)
@@ -73,13 +75,13 @@ class ByClock:
     def _for(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels for a time; return the time, and whether a bump ended it."""
+        """Turn the wheels for a time. Returns the time in seconds, and whether a bump ended it."""
         began = self._clock()
         free = True
         try:
             while free and (rest := began + seconds - self._clock()) > 0:
                 free = self._robot.drive(right=right, left=left, stop_on_bump=stop_on_bump)
-                # Short of the end it is enough to look again now and then; there it is not.
+                # The time between two looks at the clock becomes shorter toward the end.
                 self._sleep(min(max(rest / 2, 0.0001), 0.001))
         finally:
             took = self._clock() - began

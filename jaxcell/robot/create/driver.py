@@ -1,4 +1,4 @@
-"""Keep a line to a Create 2 or Roomba 600, and never leave its wheels turning."""
+"""Drive a Create 2 or Roomba 600 over a serial line, and stop its wheels in any failure."""
 
 import contextlib
 import math
@@ -20,8 +20,8 @@ from .watchdog import Watchdog
 
 _STILL = drive_direct(right=0, left=0)
 
-# A command cut short makes the robot wait for up to four bytes of data. Zeros fill it up; where
-# none are waited for, they are no opcode.
+# After an incomplete command the robot waits for up to four bytes of data. Zeros complete it; after
+# a complete command the robot ignores them.
 _HALT = bytes(4) + _STILL + START
 
 _D = TypeVar("_D", bound="Driver")
@@ -29,32 +29,32 @@ _D = TypeVar("_D", bound="Driver")
 _UNARMED = "it is not armed"
 
 TICK = 0.1
-"""Seconds between two ticks (see `Driver`)."""
+"""The seconds between two repetitions of the speeds by a driver."""
 
 
-class RobotStopped(RuntimeError):  # noqa: N818 (it says what happened, as StopIteration does)
-    """The driver has stopped the wheels. The message says why."""
+class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
+    """The error that reports that the driver has stopped the wheels, and why."""
 
 
 class Driver:
-    """A robot on a serial line, with wheels that turn as long as it is safe.
+    """A robot on a serial line, whose wheels turn only while this is safe.
 
-    The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
+    The wheels stop at the end of the `with` block, even if SIGINT, SIGTERM or SIGHUP ends it. They
+    also stop
 
-    - when a wheel drops or is blocked, the robot meets a cliff or a charger, the battery is low, or
-      the robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the
-      robot again;
-    - when the robot sends nothing for `patience`: likewise;
+    - when a wheel drops or is blocked, the robot meets a cliff or a charger, the battery is low,
+      the robot leaves mode Safe, or it sends nothing for `patience`. Then `drive` raises
+      [`RobotStopped`][] until the caller arms the robot again;
     - when the caller does not renew `drive` for `patience`;
     - when this process is killed or hangs, because a second process watches it.
 
-    A thread reads the stream and acts on it before the caller sees it. Ten times a second another
-    thread repeats the speeds, because a command can get lost, and checks the times.
+    One thread reads the stream, and stops the wheels without waiting for the caller. Ten times per
+    second, another thread repeats the speeds, because a command can get lost, and checks the times.
 
     **Arguments:**
 
-    - `port`: the open line, 115200 baud. It is closed together with the robot.
-    - `patience`: seconds, 0.2 to 10.
+    - `port`: the open line at 115200 baud. It is closed together with the robot.
+    - `patience`: seconds, from 0.2 to 10.
 
     **Raises:** `ValueError` for a `patience` outside of this range. The `with` statement raises
     `OSError` if the line fails, and `ConnectionError` if no robot answers.
@@ -65,11 +65,11 @@ class Driver:
             raise ValueError(f"patience = {patience}: expected {2 * TICK} to 10 seconds")
         self._port = port
         self._patience = patience
-        # Guards the fields below and every write to the line.
+        # The lock of the fields below and of writes to the line; it is notified of each reading.
         self._news = threading.Condition(threading.RLock())
         self._reading: Reading | None = None
         self._first_mode = 0
-        # The reason why the robot must not drive; `None` when armed.
+        # The reason why the robot must not drive, or `None` if it is armed.
         self._reason: str | None = _UNARMED
         # True to repeat the halt until the robot reports a mode in which it does not drive.
         self._halting = False
@@ -86,10 +86,9 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot: `/dev/ttyUSB0`, or an address of pySerial, as
-        `socket://host:port`.
+        """Open the line to a robot: a device, or an address of pySerial such as `socket://host:port`.
 
-        **Raises:** `OSError` if there is no such line, or another process has it.
+        **Raises:** `OSError` if the line does not exist, or another process uses it.
         """
         return cls(open_line(url), patience=patience)
 
@@ -125,9 +124,9 @@ class Driver:
         self._handled.clear()
 
     def arm(self) -> None:
-        """Take the robot to mode Safe, so that it can drive.
+        """Switch the robot to mode Safe, in which it can drive.
 
-        **Raises:** [`RobotStopped`][] if it must not drive now, or does not go to mode Safe.
+        **Raises:** [`RobotStopped`][] if the robot is in danger, or does not go to mode Safe.
         """
         if (danger := self.sensors().danger) is not None:
             raise RobotStopped(danger)
@@ -144,9 +143,9 @@ class Driver:
         raise RobotStopped("it does not go to mode Safe")
 
     def sensors(self) -> Reading:
-        """The latest reading, at most `patience` old.
+        """Get the latest reading.
 
-        **Raises:** [`RobotStopped`][] if there is none.
+        **Raises:** [`RobotStopped`][] if it is older than `patience`.
         """
         with self._news:
             reading = self._reading
@@ -156,17 +155,17 @@ class Driver:
             return reading
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels, -0.5 to 0.5 m/s, to be renewed within `patience`.
+        """Set the speeds of the wheels, -0.5 to 0.5 m/s. They must be renewed within `patience`.
 
-        A pair of which a byte would be a command if the line lost those before it gives way to the
-        next slower one on the same arc. No turn on the spot does at 0.008 to 0.082 and 0.174 to
-        0.248, and no straight way forward up to 0.127 either. With `stop_on_bump` a bumper stops
-        the wheels, without waiting for the caller, until a call without it, or `stop`.
+        If a byte of the speeds could be taken for a command, the next slower speeds on the same arc
+        are sent. Turns on the spot at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight drives
+        forward at up to 0.127 m/s, are not slowed. With `stop_on_bump`, a bump stops the wheels
+        without waiting for the caller, until a call without `stop_on_bump`, or `stop`.
 
         **Returns:** whether the robot drives: `False` after a bump.
 
-        **Raises:** [`RobotStopped`][] if the robot is not armed, or no more. `ValueError` for a
-        speed out of range.
+        **Raises:** [`RobotStopped`][] if the robot is not armed; `ValueError` for a speed out of
+        range.
         """
         wheels = wheel_speeds(right=right, left=left)
         with self._news:
@@ -187,12 +186,11 @@ class Driver:
             self._write(_STILL)
 
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        """Wait for a newer reading. The speeds will not change for `steady` seconds."""
+        """Wait for a newer reading. The caller will not change the speeds for `steady` seconds."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
     def _now(self) -> float:
-        """The time in seconds."""
         return time.monotonic()
 
     def _in(self, mode: Mode) -> bool:
@@ -228,8 +226,8 @@ class Driver:
         )
 
     def _greet(self) -> bool:
-        """Open the interface in mode Passive, with a stream; return whether readings come."""
-        # The robot takes a moment to change its mode.
+        """Open the interface in mode Passive, and start the stream. Returns true if it works."""
+        # The robot needs a moment to change its mode.
         for command in (_HALT + STOP, START):
             with self._news:
                 self._write(command)
@@ -240,14 +238,14 @@ class Driver:
             self._write(stream(STREAM))
             if not self._wait(lambda: self._reading is not None, 1.0):
                 return False
-            # In mode Passive. A robot that says 2 counts its modes from 1.
+            # The robot is in mode Passive. If it reports 2, it counts its modes from 1.
             self._first_mode = int(self._in(Mode.SAFE))
             return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
 
     def _wake(self) -> None:
-        """Pull the wake line of the robot (BRC) on cables that join it to RTS or DTR."""
+        """Pull the wake line (BRC) of the robot, on cables that connect it to RTS or DTR."""
         for line in ("rts", "dtr"):
-            # A pseudo-terminal has no such lines and raises OSError 25.
+            # A pseudo-terminal has no such lines, and raises OSError 25.
             with contextlib.suppress(OSError, AttributeError):
                 setattr(self._port, line, True)
                 time.sleep(0.1)
@@ -293,7 +291,7 @@ class Driver:
                 self._repeat()
 
     def _repeat(self) -> None:
-        """Send the speeds again, unless they are out of date."""
+        """Send the speeds again, unless the reading or the speeds are too old."""
         now = self._now()
         if self._reason is None:
             if self._reading is None or now - self._reading.time > self._patience:

@@ -4,21 +4,21 @@ from .driver import Port
 from .open_interface import RESET, START
 
 
-# Reading ends after 10 seconds in all, or 2 without a byte; a reboot takes about five.
+# Reading ends after 10 seconds, or after 2 seconds without a byte. A reboot takes about five.
 _SECONDS, _QUIET = 10.0, 2.0
 
 
 def firmware(port: Port) -> str:
-    """Reboot the robot, and read the lines that it prints, which name its firmware version.
+    """Reboot a robot, and read the lines that it prints, which contain its firmware version.
 
-    No driver uses the open line. The text is empty if the robot is silent.
+    No driver must use the line. The text is empty if the robot is silent.
     """
     port.timeout = 0.1
     port.write(START + RESET)
     text = b""
     now = time.monotonic()
     end = until = now + _SECONDS
-    # A late reader finds what came meanwhile: only a read without a byte is quiet.
+    # A slow reader may be late, so only a read without a byte counts as silence.
     while now < end:
         data = port.read(max(1, port.in_waiting))
         now = time.monotonic()

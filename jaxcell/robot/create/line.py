@@ -1,15 +1,13 @@
-"""Open the serial line to a robot, and say in words what is wrong with it."""
+"""Open the serial line to a robot, with errors in plain words."""
 
 import contextlib
 import errno
 import re
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
+
+import serial
 
 from .open_interface import BAUD
-
-
-if TYPE_CHECKING:
-    import serial
 
 
 @runtime_checkable
@@ -27,16 +25,14 @@ class Port(Protocol):
     def close(self) -> None: ...
 
 
-def open_line(url: str) -> "serial.SerialBase":
+def open_line(url: str) -> serial.SerialBase:
     """Open a device such as `/dev/ttyUSB0`, or an address of pySerial such as `socket://host:port`.
 
-    Where the adapter of the line can, as those of FTDI, it passes bytes on at once and does not
-    gather them for 16 ms.
+    If the adapter supports it, as the adapters of FTDI do, it passes bytes on at once, and does not
+    collect them for 16 ms.
 
-    **Raises:** `OSError` with a sentence if there is no such line, or another process has it.
+    **Raises:** `OSError` if the line does not exist, or another process uses it.
     """
-    import serial
-
     try:
         line = serial.serial_for_url(url, baudrate=BAUD, exclusive=True)
     except OSError as error:
@@ -47,13 +43,13 @@ def open_line(url: str) -> "serial.SerialBase":
                 "then log out and in"
             )
         raise OSError(text) from None
-    # Neither a pseudo-terminal nor a socket has this.
+    # A pseudo-terminal and a socket do not support this.
     with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
         line.set_low_latency_mode(True)
     return line
 
 
 def plain(error: OSError) -> str:
-    """Get the text of an error of a line, without numbers of the operating system."""
+    """Get the text of an error of a line, without the numbers of the operating system."""
     text = re.sub(r"\[Errno -?\d+\] ", "", str(error))
     return re.sub(r"\(\d+, '(.*)'\)", r"\1", text)

@@ -1,7 +1,7 @@
 """The commands of the Create 2 Open Interface, and the frames of its sensor stream, as bytes.
 
-Both ends are here, the host's and the robot's, so that an emulator speaks the same code. Nothing
-here does input or output. Source: *iRobot Create 2 Open Interface*, 2016.
+This module codes and decodes for the host and for the robot, so that an emulator can use it. It has
+no input or output. Source: *iRobot Create 2 Open Interface*, 2016.
 """
 
 import functools
@@ -14,39 +14,30 @@ from .packets import chosen, codes, members, size
 
 
 BAUD = 115200
-"""Bits per second of a Create 2 or Roomba 600, 8N1, no flow control."""
+"""The bits per second of a Create 2 or Roomba 600, 8N1, without flow control."""
 
 STREAM_PERIOD = 0.015
-"""Seconds from one frame of the stream to the next; the sensors are read as often."""
+"""The seconds from one frame of the stream to the next, and between readings of the sensors."""
 
 MAX_SPEED = 500
-"""Fastest wheel or body speed, mm/s."""
-
-MAX_RADIUS = 2000
-"""Largest radius of `drive`, mm."""
-
-STRAIGHT = -0x8000
-"""Radius of `drive` that means no turning."""
+"""The largest speed of a wheel, in mm/s."""
 
 HEADER = 19
-"""First byte of a frame of the stream."""
+"""The first byte of a frame of the stream."""
 
 RESET = bytes([7])
-"""Reboot the robot, which then prints its firmware version; ends in mode Off."""
+"""The command that reboots the robot. It prints its firmware version, and is then in mode Off."""
 
 START = bytes([128])
-"""Open the interface. From any mode to Passive."""
+"""The command that opens the interface, and switches from any mode to Passive."""
 
 SAFE = bytes([131])
-"""To mode Safe: the host drives; a cliff, a dropped wheel or a charger takes it to Passive."""
-
-FULL = bytes([132])
-"""To mode Full: the host drives and nothing stops the wheels."""
+"""The command that switches to mode Safe."""
 
 STOP = bytes([173])
-"""Close the interface: mode Off, no stream."""
+"""The command that closes the interface, switches to mode Off, and ends the stream."""
 
-# Bytes of data after each opcode that a robot knows; a string counts its own data (see below).
+# The bytes of data after each opcode. Opcodes with a variable length are in `_command_size`.
 _DATA_BYTES = {
     **dict.fromkeys((7, 128, 130, 131, 132, 133, 134, 135, 136, 143, 173), 0),
     **dict.fromkeys((129, 138, 141, 142, 150, 165), 1),
@@ -57,42 +48,29 @@ _DATA_BYTES = {
 }
 
 
-def drive(velocity: int, radius: int = STRAIGHT) -> bytes:
-    """Drive along an arc, with the body's centre at -500 to 500 mm/s.
-
-    The radius, -2000 to 2000 mm, is positive to the left; 1 and -1 spin on the spot,
-    counterclockwise and clockwise.
-
-    **Raises:** `ValueError` for a value out of range.
-    """
-    _check("velocity", velocity, MAX_SPEED)
-    if radius != STRAIGHT:
-        _check("radius", radius, MAX_RADIUS)
-    return struct.pack(">Bhh", 137, velocity, radius)
-
-
 def drive_direct(*, right: int, left: int) -> bytes:
-    """Set the speed of each wheel, -500 to 500 mm/s. The right one goes first on the wire.
+    """Write the command that sets the speed of each wheel, from -500 to 500 mm/s.
 
-    **Raises:** `ValueError` for a value out of range.
+    **Raises:** `ValueError` for a speed out of range.
     """
-    _check("right", right, MAX_SPEED)
-    _check("left", left, MAX_SPEED)
+    for name, speed in (("right", right), ("left", left)):
+        if not -MAX_SPEED <= speed <= MAX_SPEED:
+            raise ValueError(f"{name} = {speed}: expected -{MAX_SPEED} to {MAX_SPEED}")
     return struct.pack(">Bhh", 145, right, left)
 
 
 def stream(ids: Sequence[int]) -> bytes:
-    """Request a frame with these packets every 15 ms from now on.
+    """Write the command that requests a frame with these packets every 15 ms.
 
-    **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
-    bytes that the line carries in 15 ms.
+    **Raises:** `ValueError` for an unknown number, for no number, or for a frame of more than 172
+    bytes, which the line cannot carry in 15 ms.
     """
     _FrameLayout.of(tuple(ids))
     return bytes([148, len(ids), *ids])
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Write a frame of the stream as the robot sends it."""
+    """Write a frame of the stream with these packets, as the robot sends it."""
     layout = _FrameLayout.of(tuple(ids))
     known, free = layout.empty, layout.values.pack(*chosen(ids, values))
     frame = bytes(map(operator.or_, known, free))
@@ -100,22 +78,22 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
 
 class StreamParser:
-    """Find the frames of a stream, which arrives in pieces and may be damaged.
+    """A parser of a stream of frames, which arrives in pieces and may be damaged.
 
-    `ids` are packets and groups, as for `stream`. A frame is accepted if its header, its length,
-    its packet numbers in the order of the request, and its checksum are right, and if all values
-    are within the ranges of their packets. Otherwise the search continues at the next byte. No
-    input raises an exception.
+    `ids` are the numbers of packets and groups, as for `stream`. A frame is accepted if its header,
+    its length, its packet numbers in the order of the request, and its checksum are right, and if
+    all values are within the ranges of their packets. Otherwise the search continues at the next
+    byte. No input raises an exception.
 
-    The guarantee depends on the packets. For `jaxcell.robot.STREAM`: of three consecutive frames
-    with a single byte that is changed, lost or doubled, at most two are lost, and only values that
-    the robot sent are returned. This has two reasons. If a frame is read from a wrong position, at
-    least two known bytes disagree. And the last packet has a byte that never equals the header;
-    otherwise this byte could be lost and the next header be taken for the checksum.
-    Greater damage may remain unnoticed: an eight-bit checksum accepts one in 256 damaged frames
-    whose length and packet numbers are right.
+    The guarantee depends on the packets. For `jaxcell.robot.STREAM`, if a single byte of three
+    consecutive frames is changed, lost or doubled, at most two of these frames are lost, and only
+    values that the robot sent are returned. This has two reasons. If a frame is read from a wrong
+    position, at least two known bytes disagree. And the last packet has a byte that never equals
+    the header; otherwise this byte could be lost, and the next header be taken for the checksum.
+    Greater damage may remain unnoticed, because an eight-bit checksum accepts one in 256 damaged
+    frames whose length and packet numbers are right.
 
-    A byte of noise, and a frame with the two bytes of the encoders:
+    A byte of noise, and a frame with the counts of the encoders:
 
         >>> from jaxcell import robot
         >>> from jaxcell.robot.create.open_interface import stream_frame
@@ -126,16 +104,16 @@ class StreamParser:
     """
 
     skipped: int
-    """Bytes so far that belong to no accepted frame."""
+    "The number of bytes so far that belong to no accepted frame."
 
     def __init__(self, ids: Sequence[int]):
         self._layout = _FrameLayout.of(tuple(ids))
-        self._packets = members(ids)
+        self._packets = members(tuple(ids))
         self._buffer = bytearray()
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Take the next bytes of the line; return the values of each completed frame, by name."""
+        """Parse the next bytes of the line. Returns the values of each completed frame, by name."""
         frames = []
         buffer = self._buffer
         buffer += data
@@ -168,47 +146,39 @@ class StreamParser:
 
 @dataclass(frozen=True)
 class Command:
-    """A command as the robot receives it.
-
-    Drive straight at 200 mm/s:
-
-        >>> from jaxcell import robot
-        >>> from jaxcell.robot.create.open_interface import drive
-        >>> robot.CommandParser().feed(drive(200))[0].words
-        (200, -32768)
-    """
+    """A command as the robot receives it."""
 
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "The data. For a song, a stream or a query list they begin with the bytes for the length."
+    "The data. For a song, a stream or a list of queries, they begin with the bytes of the length."
 
     @property
     def words(self) -> tuple[int, ...]:
-        """The data as signed 16-bit numbers, for the three drive commands."""
+        """The data of a drive command as signed 16-bit numbers."""
         return struct.unpack(f">{len(self.data) // 2}h", self.data)
 
 
 class CommandParser:
-    """Split the bytes that a robot receives into commands.
+    """A parser of the commands that a robot receives.
 
-    Like a robot, it waits for missing data bytes, so that a truncated command takes the bytes of
-    the next one. A byte that is not an opcode is skipped.
+    Like the robot, it waits for missing bytes of data, so that a truncated command takes the bytes
+    of the next command. A byte that is not an opcode is skipped.
 
     A command that arrives in two pieces:
 
         >>> from jaxcell import robot
-        >>> from jaxcell.robot.create.open_interface import drive
-        >>> parser, data = robot.CommandParser(), drive(200)
-        >>> parser.feed(data[:2]), [command.opcode for command in parser.feed(data[2:])]
-        ([], [137])
+        >>> from jaxcell.robot.create.open_interface import drive_direct
+        >>> parser, data = robot.CommandParser(), drive_direct(right=200, left=-100)
+        >>> parser.feed(data[:2]), [command.words for command in parser.feed(data[2:])]
+        ([], [(200, -100)])
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Take the next bytes of the line; return the commands that they complete."""
+        """Parse the next bytes of the line. Returns the completed commands."""
         commands = []
         buffer = self._buffer
         buffer += data
@@ -224,7 +194,10 @@ class CommandParser:
 
 
 def _command_size(buffer: bytearray) -> int | None:
-    """Count the bytes of the first command in `buffer`: 0 for none, `None` if not yet known."""
+    """Count the bytes of the command at the beginning of a buffer.
+
+    Returns 0 if the first byte is not an opcode, and `None` if the length has not arrived yet.
+    """
     opcode = buffer[0]
     if opcode in _DATA_BYTES:
         return 1 + _DATA_BYTES[opcode]
@@ -237,12 +210,12 @@ def _command_size(buffer: bytearray) -> int | None:
 
 @dataclass(frozen=True)
 class _FrameLayout:
-    """The positions of the values in a frame of the stream, and the fixed bytes."""
+    """The fixed bytes of a frame of the stream, and the places of the values."""
 
     empty: bytes
-    "A frame with the fixed bytes, and 0 for values and checksum."
+    "A frame with the fixed bytes, and 0 for the values and the checksum."
     known: bytes
-    "A mask: 255 for each fixed byte, and 0 for values and checksum."
+    "A mask with 255 for each fixed byte, and 0 for the values and the checksum."
     values: struct.Struct
     "The format of the values, which skips the fixed bytes."
 
@@ -273,8 +246,3 @@ class _FrameLayout:
     def fits(self, frame: bytearray) -> bool:
         """Check whether bytes may be the beginning of a frame."""
         return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]
-
-
-def _check(name: str, value: int, largest: int) -> None:
-    if not -largest <= value <= largest:
-        raise ValueError(f"{name} = {value}: expected -{largest} to {largest}")

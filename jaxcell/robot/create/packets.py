@@ -1,4 +1,4 @@
-"""The sensor packets of the Create 2 Open Interface: their names and how they are coded."""
+"""The sensor packets of the Create 2 Open Interface: their names and their coding."""
 
 import enum
 import functools
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 
 
 WHEEL_BASE = 0.235
-"""Distance between the wheels, metres."""
+"""The distance between the wheels, in metres."""
 
 METRES_PER_COUNT = math.pi * 0.072 / 508.8
-"""Distance that a wheel of 72 mm rolls per encoder count, in metres."""
+"""The distance that a wheel of 72 mm rolls per encoder count, in metres."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The bits of packet 14 for the right and the left wheel; the others are of the brushes."""
+"""The bits of packet 14 for the right and the left wheel; the other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
-    """The mode of the Open Interface, packet 35."""
+    """The modes of the Open Interface, in packet 35."""
 
     OFF = 0
     PASSIVE = 1
@@ -28,7 +28,7 @@ class Mode(enum.IntEnum):
 
 
 class Contact(enum.IntFlag):
-    """The bits of packet 7: bumpers, and wheels that hang in the air."""
+    """The bits of packet 7 for pressed bumpers, and for wheels that hang in the air."""
 
     BUMP_RIGHT = 1
     BUMP_LEFT = 2
@@ -41,7 +41,7 @@ class Contact(enum.IntFlag):
 
 @dataclass(frozen=True)
 class Packet:
-    """One sensor packet: a big-endian integer of one or two bytes."""
+    """A sensor packet: a big-endian integer of one or two bytes."""
 
     id: int
     "The number that requests the packet."
@@ -50,11 +50,11 @@ class Packet:
     size: int
     "The size of the packet in bytes."
     low: int
-    "The smallest value; two's complement if it is negative."
+    "The smallest value. Packets with negative values use the two's complement."
     high: int
     "The largest value."
     unit: str = ""
-    "Empty for flags, states and raw signals."
+    "The unit of the value; empty for flags, states and raw signals."
 
     @property
     def code(self) -> str:
@@ -80,7 +80,7 @@ _TABLE = (
     Packet(16, "unused_16", *_U8),
     Packet(17, "infrared_omni", *_U8),
     Packet(18, "buttons", *_U8),
-    # The robot's own odometry, wrong in most firmware: use the encoders, 43 and 44.
+    # The odometry of the robot, which is wrong in most firmware; the encoders are 43 and 44.
     Packet(19, "distance", *_I16, "mm"),
     Packet(20, "angle", *_I16, "degree"),
     Packet(21, "charging_state", 1, 0, 5),
@@ -97,7 +97,7 @@ _TABLE = (
     Packet(32, "unused_32", *_U8),
     Packet(33, "unused_33", *_U16),
     Packet(34, "charger", 1, 0, 3),
-    # Up to 3 in the specification; some robots count from 1, so that 4 is Full.
+    # At most 3 in the specification. Some robots count from 1, so that 4 is Full.
     Packet(35, "mode", 1, 0, 4),
     Packet(36, "song", 1, 0, 15),
     Packet(37, "song_playing", 1, 0, 1),
@@ -143,16 +143,12 @@ GROUPS: Mapping[int, range] = {
 """The numbers that request several packets at once."""
 
 
-def members(ids: Iterable[int]) -> list[Packet]:
-    """List the packets that the robot sends for `ids`, in order.
+@functools.lru_cache
+def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
+    """List the packets that the robot sends for the numbers of packets and groups, in order.
 
     **Raises:** `ValueError` for a number that is neither a packet nor a group.
     """
-    return list(_members(tuple(ids)))
-
-
-@functools.lru_cache
-def _members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -164,34 +160,34 @@ def _members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def size(ids: Iterable[int]) -> int:
-    """Count the bytes of data that the robot sends for `ids`."""
-    return sum(packet.size for packet in members(ids))
+    """Count the bytes of data that the robot sends for the numbers of packets and groups."""
+    return sum(packet.size for packet in members(tuple(ids)))
 
 
 def codes(ids: Iterable[int]) -> str:
-    """Write the format of these bytes for the module `struct`, big-endian."""
-    return "".join(packet.code for packet in members(ids))
+    """Write the format of these bytes for the module `struct`, without the byte order."""
+    return "".join(packet.code for packet in members(tuple(ids)))
 
 
 def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
-    """Decode the robot's answer to a request for `ids`: the values by name, in their units.
+    """Decode the answer of the robot to a request for `ids`. Returns the values by name.
 
-    A value out of the range of its packet is not refused.
+    Values out of the ranges of their packets are accepted.
 
-    **Raises:** `ValueError` for an unknown number or another length of `data`.
+    **Raises:** `ValueError` for an unknown number, or a wrong length of `data`.
     """
-    packets, layout = members(ids), struct.Struct(">" + codes(ids))
+    packets, layout = members(tuple(ids)), struct.Struct(">" + codes(ids))
     if len(data) != layout.size:
         raise ValueError(f"{len(data)} bytes of data; the packets {list(ids)} have {layout.size}")
     return dict(zip((packet.name for packet in packets), layout.unpack(data), strict=True))
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
-    """Encode the robot's answer to a request for `ids`: the inverse of `decode`.
+    """Encode the answer of the robot to a request for `ids`, the inverse of `decode`.
 
     Values of other packets are ignored.
 
-    **Raises:** `ValueError` for an unknown number, a missing value, or one out of its range.
+    **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
     ids = tuple(ids)
     return struct.pack(">" + codes(ids), *chosen(ids, values))
@@ -200,10 +196,10 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
     """Choose the values of the packets that the robot sends for `ids`, in order.
 
-    **Raises:** as `encode`.
+    The errors are those of `encode`.
     """
     numbers = []
-    for packet in members(ids):
+    for packet in members(tuple(ids)):
         if packet.name not in values:
             raise ValueError(f"values: packet {packet.id} needs {packet.name!r}, which is missing")
         value = int(values[packet.name])
@@ -216,8 +212,8 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 
 
 def encoder_difference(before: int, after: int) -> int:
-    """Subtract two encoder readings, in counts, in both directions through their wrap at 16 bits.
+    """Subtract two encoder readings, which wrap at 16 bits.
 
-    The readings are less than 2**15 counts (14 m) apart.
+    The difference in counts, positive or negative, is right up to 2**15 counts (14 m).
     """
     return (after - before + 2**15) % 2**16 - 2**15

@@ -16,7 +16,7 @@ from .packets import (
 
 
 STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The packets of the stream. `StreamParser` says why the mode, 35, comes last."""
+"""The packets of the stream. `StreamParser` explains why the mode, 35, is the last one."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class Reading:
     """The content of one frame of the stream, in SI units."""
 
     time: float
-    "Time when the frame was complete, in seconds of `time.monotonic`."
+    "The time when the frame was complete, in seconds of the clock of the driver."
     left: float
-    "Distance that the left wheel has rolled since the driver connected, in metres."
+    "The distance that the left wheel has rolled since the driver connected, in metres."
     right: float
-    "Distance that the right wheel has rolled, in metres."
+    "The distance that the right wheel has rolled since the driver connected, in metres."
     contact: Contact
-    "Bumpers and dropped wheels."
+    "The pressed bumpers, and the wheels that hang in the air."
     cliff: tuple[bool, bool, bool, bool]
     "True if the floor is missing under the left, front left, front right and right sensor."
     overcurrent: bool
@@ -40,18 +40,18 @@ class Reading:
     charger: bool
     "True if a charger is plugged in or the robot stands on its dock."
     charging_state: int
-    "0 not charging, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
+    "The state of charging: 0 none, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
     voltage: float
-    "Voltage of the battery, in volts."
+    "The voltage of the battery, in volts."
     charge: float
-    "Charge of the battery, in ampere hours."
+    "The charge of the battery, in ampere hours."
     capacity: float
-    "Capacity of the battery, in ampere hours; 0 if the robot does not know it."
+    "The capacity of the battery, in ampere hours; 0 if the robot does not know it."
     encoders: tuple[int, int]
-    "The counters of the left and right wheel."
+    "The counts of the left and the right encoder."
     place: complex
-    """The place of the centre of the body, in metres from its place when the driver connected. The
-    real part is ahead, and the imaginary part to the left. It sums the arcs between readings."""
+    """The place of the centre of the body, in metres from its place when the driver connected: the
+    sum of the arcs between readings. The real part is ahead, the imaginary part to the left."""
 
     @classmethod
     def of(
@@ -64,11 +64,11 @@ class Reading:
     ) -> "Reading":
         """Make a reading of the values of the packets in `STREAM`, by name.
 
-        The distances come from the encoders, as the robot's own (packets 19 and 20) are wrong in
-        most firmware. The encoders do not sense in which direction a wheel turns; the robot takes
-        the direction it last commanded, so that a robot pushed by hand counts the wrong way. Since
-        the reading before the robot went at most 14 m. Its number of mode Off is 0, or 1 for some
-        robots.
+        Distances are computed from the encoders, because the distances of the robot (packets 19 and
+        20) are wrong in most firmware. The encoders do not sense the direction in which a wheel
+        turns. The robot assumes the last commanded direction, so that a robot that is pushed by
+        hand counts in a wrong direction. From the previous reading, the robot must have moved less
+        than 14 m. `first_mode` is the number of mode Off, 1 for some robots.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0
@@ -80,7 +80,7 @@ class Reading:
             ]
             left, right = previous.left + rolled[0], previous.right + rolled[1]
             turned = (rolled[1] - rolled[0]) / WHEEL_BASE
-            # The chord of an arc.
+            # The length of the chord of the arc.
             way = sum(rolled) / 2 * (math.sin(turned / 2) / (turned / 2) if turned else 1.0)
             place = previous.place + cmath.rect(way, previous.heading + turned / 2)
         return cls(
@@ -107,12 +107,12 @@ class Reading:
 
     @property
     def distance(self) -> float:
-        """Distance of the body's centre since the driver connected, in metres."""
+        """The distance of the centre of the body since the driver connected, in metres."""
         return (self.left + self.right) / 2
 
     @property
     def heading(self) -> float:
-        """Turn of the body since the driver connected, in radians counterclockwise, not wrapped."""
+        """The turn of the body since the driver connected, in radians, counter-clockwise."""
         return (self.right - self.left) / WHEEL_BASE
 
     @property
@@ -122,12 +122,12 @@ class Reading:
 
     @property
     def battery(self) -> float:
-        """The charge as a fraction of the capacity; 1 if the robot does not know."""
+        """The charge as a fraction of the capacity; 1 if the capacity is unknown."""
         return self.charge / self.capacity if self.capacity > 0 else 1.0
 
     @property
     def danger(self) -> str | None:
-        """The reason why the robot should not drive, or `None`."""
+        """The reason why the robot must not drive, or `None`."""
         if self.contact & Contact.WHEEL_DROP:
             return "a wheel hangs in the air"
         if any(self.cliff):

@@ -1,4 +1,4 @@
-"""Speeds of a pair of wheels, whose bytes on the line are no commands."""
+"""Choose speeds of the wheels whose bytes cannot be taken for commands."""
 
 import functools
 
@@ -6,15 +6,13 @@ from .open_interface import MAX_SPEED, RESET, START, STOP
 
 
 def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
-    """Choose the speeds to send for the wanted speeds.
+    """Choose the speeds in mm/s to send for wanted speeds in m/s, from -0.5 to 0.5.
 
-    Where the line loses the opcode of a drive command, the robot takes its data for commands, and
-    would clean, dock, switch off or reset. So a pair with such a byte gives way to the next slower
-    one on the same arc: a robot that is to go straight does, and one that is to turn stays on its
-    spot.
-
-    The wanted speeds are in m/s, -0.5 to 0.5. The speeds to send are in mm/s, and have their ratio
-    to half a mm/s of the slower wheel.
+    If the line loses the opcode of a drive command, the robot takes its data for commands, and
+    might clean, dock, switch off or reset. Therefore a pair of speeds with such a byte is replaced
+    by the next slower pair on the same arc. A straight drive remains straight, and a turn on the
+    spot remains on its spot. The ratio of the speeds changes by at most half a mm/s of the slower
+    wheel.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 
@@ -22,7 +20,6 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
 @functools.lru_cache(1024)
 def _pair(right: int, left: int) -> tuple[int, int]:
     fastest = max(abs(right), abs(left))
-    # Down to none, so that there always is one.
     for most in range(fastest, 0, -1):
         pair = round(right * most / fastest), round(left * most / fastest)
         if all(map(_harmless, pair)):
@@ -37,6 +34,6 @@ def _millimetres(name: str, speed: float) -> int:
 
 
 def _harmless(speed: int) -> bool:
-    """Check that the low byte of a speed is not an opcode; the high byte never is."""
+    """Check that the low byte of a speed is not an opcode. The high byte is never an opcode."""
     low = speed & 0xFF
     return low != RESET[0] and not START[0] <= low <= STOP[0]

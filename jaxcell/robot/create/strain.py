@@ -2,14 +2,14 @@ from .packets import encoder_difference
 from .reading import Reading
 
 
-# Frames after which the cause is neither a bump nor a start; the robot sends one per 15 ms.
+# The numbers of frames, one per 15 ms, after which a bump or a start cannot be the cause.
 _STALL, _OVERCURRENT = 67, 20
-# Encoder counts by which a blocked wheel may move: 2 mm.
+# The encoder counts by which a blocked wheel may move, 2 mm.
 _PLAY = 4
 
 
 class Strain:
-    """Notice wheels that are blocked, frame by frame.
+    """A detector of blocked wheels, updated by each frame of the stream.
 
     A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
     much current for a third of a second. Shorter times are normal at a bump or a start.
@@ -21,9 +21,9 @@ class Strain:
         self._overcurrent = 0
 
     def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
-        """Take the next frame; return the name of the blocked part, or `None`.
+        """Update the detector by the next frame. Returns the reason for a stop, or `None`.
 
-        `wheels` are the speeds that were sent for the right and the left wheel, in mm/s.
+        `wheels` are the commanded speeds of the right and the left wheel, in mm/s.
         """
         self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
         if self._overcurrent >= _OVERCURRENT:

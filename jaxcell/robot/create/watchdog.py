@@ -1,15 +1,15 @@
 """A separate process that stops the robot when the process that drives it ends or hangs.
 
-The Open Interface has no timeout: the wheels keep their last speed until the next command.
-A process that is killed by SIGKILL cannot stop them. So the driver starts this one, which inherits
-the open serial line and a pipe. The driver beats into the pipe. When the pipe ends, or stays silent
-for too long, the watchdog writes the stop itself. It is in a session of its own and ignores the
-signals of the terminal, so that what stops the driver does not stop it.
+The Open Interface has no timeout: the wheels keep their last speed until the next command. A
+process that is killed by SIGKILL cannot stop them. Therefore the driver starts the watchdog, which
+inherits the open serial line and a pipe. The driver writes into the pipe again and again. When the
+pipe ends, or stays silent for too long, the watchdog stops the robot. It has its own session and
+ignores the signals of the terminal, so that these signals do not end it together with the driver.
 
-What it cannot help against: a cable pulled out, the loss of power of the computer, and whatever
-kills both processes at once (a container or `systemd` unit that is killed whole).
+The watchdog cannot help if the cable is pulled out, the computer loses its power, or both processes
+are killed at once (a container or `systemd` unit that is killed as a whole).
 
-The child runs this file alone, with a few modules of the standard library, to be there at once.
+The child runs this file alone, with a few modules of the standard library, to start quickly.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ _GOODBYE = b"q"
 
 
 class Watchdog:
-    """The driver's side of the watchdog.
+    """A watchdog process, as its driver controls it.
 
     The process runs `command`, which calls `watch`, and inherits the file descriptors `lines`.
 
@@ -35,11 +35,11 @@ class Watchdog:
     """
 
     def __init__(self, command: Sequence[str], *, lines: Sequence[int] = ()):
-        # Here, as the child has no use for it.
+        # Imported here because the child does not need it.
         import subprocess
 
         beats, self._beats = os.pipe()
-        # So that a watchdog that hangs cannot make a beat block.
+        # A beat must not block if the watchdog hangs.
         os.set_blocking(self._beats, False)
         try:
             self._process = subprocess.Popen(
@@ -67,10 +67,10 @@ class Watchdog:
 
     @classmethod
     def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
-        """Watch over a robot on a serial line.
+        """Start a watchdog for a robot on a serial line, a file descriptor.
 
-        The watchdog writes `pause` whenever there was no beat for `patience` seconds, and
-        `farewell` when the driver is gone.
+        The watchdog writes `pause` whenever the driver is silent for `patience` seconds, and
+        `farewell` when the driver has ended.
 
         **Raises:** `OSError` if the process does not start.
         """
@@ -80,18 +80,18 @@ class Watchdog:
 
     @property
     def pid(self) -> int:
-        """The number of the process."""
+        """The identifier of the process."""
         return self._process.pid
 
     def beat(self) -> None:
-        """Report that the driver is alive.
+        """Signal that the driver is alive.
 
-        **Raises:** `OSError` if the watchdog is not.
+        **Raises:** `OSError` if the watchdog has ended.
         """
         os.write(self._beats, _BEAT)
 
     def dismiss(self) -> None:
-        """End the watchdog without a farewell, once the driver has stopped the robot itself."""
+        """End the watchdog after the driver has stopped the robot itself."""
         with contextlib.suppress(OSError):
             os.write(self._beats, _GOODBYE)
         self._end()
@@ -102,10 +102,10 @@ class Watchdog:
 
 
 def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: float) -> None:
-    """Stop the robot when the driver is silent or gone; the loop of the process.
+    """Run the loop of the watchdog process.
 
-    `pause` is called whenever there was no beat for `patience` seconds, and `farewell` when the
-    driver is gone.
+    `pause` is called whenever the driver is silent for `patience` seconds, and `farewell` when the
+    driver has ended.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -132,7 +132,7 @@ def _watch_line(line: int, pause: bytes, farewell: bytes, patience: float) -> No
 
 
 def _write(line: int, data: bytes) -> None:
-    """Write all of `data`, whether or not the line blocks, for at most a second."""
+    """Write all of `data` to a line that may block, for at most one second."""
     end = time.monotonic() + 1
     while data and time.monotonic() < end:
         try:

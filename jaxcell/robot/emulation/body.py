@@ -11,10 +11,11 @@ from ...space.workspace import edges
 from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 
 
-# Where around the front the bumper is felt, and how far from the contact a wall still holds it.
+# The angles around the front at which walls are sensed, in radians.
 _PROBES = np.radians(np.arange(-85.0, 86.0, 10.0))
+# The distance within which a wall keeps the bumper pressed, in metres.
 _HELD = 1e-3
-# A wall farther to a side than this presses only the half of the bumper on that side.
+# A wall at a larger angle to one side presses only the half of the bumper on this side.
 _MIDDLE = math.radians(20.0)
 
 
@@ -22,22 +23,22 @@ _MIDDLE = math.radians(20.0)
 class Noise:
     """The errors of the motion of an emulated robot; all zero by default.
 
-    The wheel encoders do not see slip, veer, or spin, as on the real robot.
+    As on the real robot, the encoders do not measure these errors of the body.
     """
 
     distance: float = 0.0
-    "Standard deviation of the relative error of a straight stretch, drawn for each."
+    "The standard deviation of the relative error of a straight stretch, drawn per stretch."
     rotation: float = 0.0
-    "Standard deviation of the relative error of a turn in place; each turn has its own error."
+    "The standard deviation of the relative error of a turn in place, drawn per turn."
     veer: float = 0.0
-    "Standard deviation of the change of heading along a metre, in radians."
+    "The standard deviation of the change of heading along a metre, in radians."
     encoder: float = 0.0
-    "Standard deviation of the relative error of the counts of an encoder in a tick."
+    "The standard deviation of the relative error of the counts of an encoder, drawn per tick."
     bump_turn: float = 0.0
-    """Turn toward the wall by a bump at 45 degrees, in radians, the same at each bump; see
+    """The turn toward the wall by a bump at 45 degrees, in radians, the same at each bump; see
     [`jaxcell.space.Slip`][]."""
     bump_skid: float = 0.0
-    "Distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
+    "The distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -47,12 +48,12 @@ class Noise:
 
 
 def bumper_give(cell: float) -> float:
-    """Choose the distance in metres that the bumper of an emulated robot goes in.
+    """Choose the distance by which the bumper of an emulated robot can be pushed in, in metres.
 
-    A step that goes less deep into a wall is no bump, unlike in the model of bouncing robots. But
-    if the bumper did not go in, a robot that is off its line within its tolerances would bump into
-    corners that the robot of the model grazes. A compromise for cells of 1 m, with walls along
-    their edges, is 2 cm. It decreases with the square of the side of a cell, to half a millimetre.
+    A step that goes less deep into a wall is not a bump, unlike in the model of bouncing robots.
+    But with a rigid bumper, a robot within its tolerances would bump into corners that the robot of
+    the model grazes. A compromise is 2 cm for cells with a side of 1 m. It decreases with the
+    square of the side, down to half a millimetre.
     """
     return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
@@ -60,10 +61,10 @@ def bumper_give(cell: float) -> float:
 class Body:
     """A differential drive with a bumper, among the walls of a map.
 
-    Time is continuous: a tick is a straight chord of the arc that the wheels describe. Against a
-    wall the body stops and its wheels stand still, so that the encoders show what the way was; the
-    bumper is pressed while the body is held there, on the side of the wall. The bumper faces
-    forward: a body that backs into a wall stops without a sign of it.
+    The duration of a tick is arbitrary, and the body moves along the chord of the arc of its
+    wheels. At a wall the body and its wheels stop, so that the encoders count the true distance.
+    The half of the bumper on the side of the wall is pressed while the body is at the wall. The
+    bumper faces forward, so that a body which backs into a wall stops without a bump.
     """
 
     def __init__(
@@ -77,11 +78,10 @@ class Body:
     ) -> None:
         """Put a body at a pose, x and y in metres and the heading in radians.
 
-        The `robot_radius` of the map is that of the body, 0 for a point. The bumper goes in by
-        `give` metres before the wall stops the body, so that a body that is millimetres off its
-        line grazes a corner.
+        The radius of the body is the `robot_radius` of the map, 0 for a point. The bumper is pushed
+        in by `give` metres before the wall stops the body.
 
-        **Raises:** `ValueError` if the body would be in a wall, or for a `give` below 0.
+        **Raises:** `ValueError` if the body would be in a wall, or for a negative `give`.
         """
         if not (math.isfinite(give) and give >= 0):
             raise ValueError(f"give: expected a finite number from 0, got {give!r}")
@@ -98,9 +98,9 @@ class Body:
             )
         self.x, self.y, self.theta = map(float, pose)
         self.travelled = np.zeros(2)
-        "Distances that the left and the right wheel have rolled by their encoders, in metres."
+        "The distances that the left and the right wheel have rolled by their encoders, in metres."
         self.bump_left = self.bump_right = False
-        # A disc without walls, wherein a way need not be tested: its middle, and its radius.
+        # The centre and the radius of a disc without walls, in which no test of a path is needed.
         self._clear, self._walls = (self.x, self.y), self._space.boundary
         self._radius = self._walls.distance(shapely.Point(self._clear))
         self._stretch = (0, 0)
@@ -108,7 +108,7 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """0: the noise of each tick is drawn."""
+        """The seconds of free rolling: 0, because the noise is drawn per tick."""
         return 0.0
 
     @classmethod
@@ -123,8 +123,8 @@ class Body:
     ) -> "Body":
         """Put a body at the centre of a cell.
 
-        `error` is the slip of straight stretches, of turns, and of the heading. The bumper goes in
-        by `give` metres, by default by `bumper_give` of the cells.
+        `error` is the `distance`, `rotation` and `veer` of its noise. The bumper is pushed in by
+        `give` metres, by default by `bumper_give` of the side of a cell.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
@@ -133,7 +133,7 @@ class Body:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x and y in metres, and the heading in radians, not reduced to one turn."""
+        """The x and y in metres, and the heading in radians, which is not wrapped."""
         return self.x, self.y, self.theta
 
     @property
@@ -144,8 +144,8 @@ class Body:
         return math.floor(left / count) % 65536, math.floor(right / count) % 65536
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Let the wheels turn for a tick, each at its speed in m/s."""
-        # A new slip is drawn when the kind of motion changes, not when its speed does.
+        """Turn the wheels for a tick of some seconds, each at its speed in m/s."""
+        # A new slip is drawn when the kind of the motion changes, but not when its speed changes.
         stretch = _sign(left + right), _sign(right - left)
         if stretch != self._stretch:
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
@@ -172,13 +172,13 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Go straight as far as the walls allow; return the covered share of the distance."""
+        """Go straight as far as the walls allow. Returns the covered share of the distance."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)
         share = 1.0
         if not self._free(forward * ux, forward * uy):
-            # A bisection to a nanometre: the walls may be curved, and the first meeting counts.
+            # The bisection to a nanometre works for walls of any shape.
             share, blocked = 0.0, 1.0
             while (blocked - share) * abs(forward) > 1e-9:
                 middle = (share + blocked) / 2
@@ -190,7 +190,7 @@ class Body:
         return share
 
     def _free(self, right: float, up: float) -> bool:
-        """Check that the body can go straight by a distance along each axis."""
+        """Check that the body can go straight by a displacement in metres."""
         here, end = (self.x, self.y), (self.x + right, self.y + up)
         if math.dist(self._clear, here) < self._radius > math.dist(self._clear, end):
             return True
@@ -200,7 +200,7 @@ class Body:
         return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
 
     def _incidence_slope(self) -> float:
-        """Compute the tangent of the incidence of a bump here."""
+        """Compute the tangent of the angle of incidence of a bump at the current pose."""
         heading = np.array([self.theta])
         ahead = math.cos(self.theta), math.sin(self.theta)
         before = np.array([self.pose[:2]]) - _HELD * np.array([ahead])
@@ -215,17 +215,17 @@ class Body:
         walls = ~shapely.contains_xy(
             self._space, self.x + _HELD * np.cos(angles), self.y + _HELD * np.sin(angles)
         )
-        # Between two probes, or at a corner sharper than they are: the wall is straight ahead.
+        # A wall that no probe senses, such as a sharp corner, counts as straight ahead.
         side = float(_PROBES[walls].mean()) if walls.any() else 0.0
         held = pushing or bool(walls.any())
         self.bump_left = held and side > -_MIDDLE
         self.bump_right = held and side < _MIDDLE
 
 
-# Many bodies in a row are among the same walls.
+# Consecutive bodies are often among the same walls.
 @functools.lru_cache(maxsize=1)
 def _felt(free: shapely.Geometry, give: float) -> shapely.Geometry:
-    """Get the free places of a body whose bumper is pressed."""
+    """Compute the places of a body whose bumper may be pushed in by `give` metres."""
     space = free.buffer(give, join_style="mitre")
     shapely.prepare(space)
     return space

@@ -5,21 +5,21 @@ from ..create.packets import WHEEL_BASE
 from .body import Body
 
 
-# Metres and radians between two looks at the bumper.
+# The metres and radians between two readings of the bumper.
 _TICK, _TURN = 0.05, math.radians(15)
 
 
 class DirectBody:
-    """The body of an emulated robot, driven without commands, frames, speeds or rounding.
+    """The body of an emulated robot, which moves without commands, frames, speeds or rounding.
 
-    It has the methods of a robot that a walker needs, without the time that the driver takes.
+    It has the methods that a walker needs, and is faster than the driver with an emulated robot.
     """
 
     def __init__(self, body: Body) -> None:
         self.body = body
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight, backward if negative; a press of the bumper stops a forward drive."""
+        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         ticks = max(1, math.ceil(abs(distance) / _TICK))
         before = self.body.travelled.copy()
         bumped = False
@@ -31,11 +31,11 @@ class DirectBody:
         return Moved(float((self.body.travelled - before).mean()), 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise."""
+        """Turn in place by radians, counter-clockwise."""
         ticks = max(1, math.ceil(abs(angle) / _TURN))
         wheel = angle / ticks * WHEEL_BASE / 2
         for _ in range(ticks):
             self.body.advance(-wheel, wheel, 1.0)
-        # So that the next stretch is a new one.
+        # A tick without motion separates this turn from the next one.
         self.body.advance(0.0, 0.0, 1.0)
         return Moved(0.0, angle, False)

@@ -11,36 +11,30 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ..create.open_interface import (
-    MAX_SPEED,
-    STRAIGHT,
-    STREAM_PERIOD,
-    Command,
-    CommandParser,
-    stream_frame,
-)
+from ..create.open_interface import MAX_SPEED, STREAM_PERIOD, Command, CommandParser, stream_frame
 from ..create.packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
 
 
 BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
 """The text that the emulated robot prints after a reset."""
 
-_MOTORS = 1000.0
+# The capacity of the battery in mAh, and the currents of the robot at rest and of its motors in mA.
+_CAPACITY, _STANDBY, _MOTORS = 2696, 200.0, 1000.0
 _NOTHING = {packet.name: 0 for packet in PACKETS.values()}
 _CLIFFS = ("cliff_left", "cliff_front_left", "cliff_front_right", "cliff_right")
 
 
 @runtime_checkable
 class Moving(Protocol):
-    """A body that two wheels move, as [`Body`][jaxcell.robot.emulation.body.Body] is."""
+    """A body with two wheels, such as a [`Body`][jaxcell.robot.emulation.body.Body]."""
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x and y in metres, and the heading in radians, not reduced to one turn."""
+        """The x and y in metres, and the heading in radians, which is not wrapped."""
 
     @property
     def counts(self) -> tuple[int, int]:
-        """The left and the right encoder, from 0 to 65535."""
+        """The counts of the left and the right encoder, from 0 to 65535."""
 
     @property
     def bump_left(self) -> bool:
@@ -52,23 +46,23 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
+        """The seconds during which the body rolls freely if no speed changes; 0 if unknown."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Let the wheels turn for a tick, each at its speed in m/s."""
+        """Turn the wheels for a tick of some seconds, each at its speed in m/s."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Line:
-    """The serial line to an emulated robot, and the speed of its time."""
+    """The serial line to an emulated robot, and the speed of the time of the robot."""
 
     latency: float = 0.0
-    "Seconds from the arrival of a command to its effect."
+    "The seconds from the arrival of a command to its effect."
     dropped: float = 0.0
-    "Probability that a byte is lost, either way."
+    "The probability that a byte is lost, in both directions."
     speedup: float = 1.0
-    """Seconds of the robot per second of the clock. Beyond 1 the robot's time stands still while
-    the host has yet to read what it was sent, so that a busy machine makes it slower, not wrong."""
+    """The seconds of the robot per second of the clock. Above 1, the time of the robot stands still
+    until the host has read all bytes, so that a slow host does not miss any."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.latency) and self.latency >= 0):
@@ -80,35 +74,32 @@ class Line:
 
 
 class Emulator:
-    """A Create 2 on a pseudo-terminal, its body in a map.
+    """A Create 2 on a pseudo-terminal, with a body in a map.
 
-    A context manager: within it `port` is the name of a device that any host opens like that of a
-    serial line, and a thread plays the robot. It is seeded, but what a host does in it depends on
-    the clock, so two runs are alike and not equal.
+    An emulator is a context manager. Within its block, a thread runs the robot, and `port` is the
+    name of a device that a host can open as a serial line. Two runs with one seed are similar but
+    not equal, because the host depends on the clock.
 
-    It knows the modes and their changes, the drive commands, the stream and the queries, and it
-    takes the other commands without effect. Packets that no part of it makes read 0, among them the
-    robot's own odometry (19 and 20), which hosts should not use on a real one either.
+    The robot has the modes, the drive commands, the stream and the queries of a Create 2, and
+    accepts the other commands without effect. Packets without emulation are 0, such as the odometry
+    of the robot (19 and 20).
 
-    The cells of a map and the body: a cell `z` is the pose `CellSpace.centre(z)`. A step of the
-    model leads from the centre of a cell to that of another, and a host that is to follow the model
-    drives so; see [`jaxcell.robot.walker.Walker`][]. With radius 0 the body is the point
-    robot of the maps of unit cells; with the radius of the map it is a disc, whose free space is
-    that of the model.
+    The centre of cell `z` of a map is the pose `CellSpace.centre(z)`. To follow the model, a host
+    must drive from centre to centre; see [`jaxcell.robot.Walker`][].
     """
 
     port: str
-    "Name of the device to open."
+    "The name of the device."
     contact: Contact
-    "Wheels that hang in the air; set it to drop one, with no bits of the bumper."
+    "The bits of packet 7 for wheels that hang in the air; may be changed."
     cliffs: set[str]
-    "Names of the cliff packets (`cliff_left`, ...) that see no floor; change it at will."
+    "The names of the cliff packets (`cliff_left`, ...) that sense no floor; may be changed."
     charger: bool
-    "True if the charger is plugged in."
+    "True if the charger is plugged in; may be changed."
     charge: float
-    "Charge of the battery, in mAh, which driving takes; set it to let the battery run low."
+    "The charge of the battery in mAh, which decreases with time; may be changed."
     overcurrent: int
-    "The bits of packet 14: 8 for the right wheel, 16 for the left, and those of the brushes."
+    "The bits of packet 14: 8 for the right wheel, 16 for the left wheel, 1 to 4 for the brushes."
 
     def __init__(
         self,
@@ -116,31 +107,30 @@ class Emulator:
         *,
         line: Line | None = None,
         charge: float = 2000.0,
-        capacity: float = 2696.0,
-        standby: float = 200.0,
         seed: int = 0,
     ) -> None:
-        """Take a body, and by default a line without faults, in real time.
+        """Put a body on a line, by default without faults and in real time.
 
-        Charge and capacity of the battery are in mAh; with an empty battery the robot ignores all
-        commands. At rest it draws `standby` mA, and its motors draw 1000 mA more. The seed is that
-        of the draws of lost bytes.
+        The charge of the battery is in mAh. With an empty battery the robot ignores all commands.
+        The seed determines the lost bytes.
         """
-        if not 0 < charge <= capacity <= 65535:
-            raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")
+        if not 0 < charge <= _CAPACITY:
+            raise ValueError(f"charge: expected above 0, to the capacity {_CAPACITY}, got {charge}")
         self.line = line or Line()
         self.contact, self.cliffs, self.charger = Contact(0), set(), False
         self.overcurrent = 0
         self.mode = Mode.OFF
+        self.wheels = (0, 0)
+        "The commanded speeds of the left and the right wheel, in mm/s."
+        self.seconds = 0.0
+        "The time of the robot since the beginning, in seconds."
         self.trace: list[tuple[float, float, float, float]] = []
-        "Time in seconds and pose at every tick of 15 ms."
-        self.body, self.charge, self._capacity, self._standby = body, charge, capacity, standby
+        "The time in seconds and the pose at every tick of 15 ms."
+        self.body, self.charge = body, charge
         self._rng = np.random.default_rng(seed)
         self._parser = CommandParser()
         self._pending: deque[tuple[float, Command]] = deque()
-        self._now, self._frame_due = 0.0, STREAM_PERIOD
-        self._sent = b""
-        self._wheels = (0, 0)
+        self._frame_due, self._sent = STREAM_PERIOD, b""
         self._ids: tuple[int, ...] = ()
         self._streaming = False
         self._lock = threading.Lock()
@@ -154,23 +144,13 @@ class Emulator:
             return self.body.pose
 
     @property
-    def wheels(self) -> tuple[int, int]:
-        """The commanded speeds of the left and the right wheel, in mm/s."""
-        return self._wheels
-
-    @property
-    def seconds(self) -> float:
-        """The robot's time since the beginning."""
-        return self._now
-
-    @property
     def glide(self) -> float:
-        """Seconds that the body keeps rolling without a new command; 0 if that is uncertain."""
+        """The seconds during which the body rolls freely without a new command; 0 if unknown."""
         return 0.0 if self._pending else self.body.glide
 
     def __enter__(self) -> "Emulator":
         self._master, self._slave = os.openpty()
-        # Held open here, so that the line stays up while no host has it open.
+        # The line stays up without a host, because this end remains open.
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
@@ -187,20 +167,20 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Let the robot's time pass, at most a frame, and then take the bytes of a host.
+        """Advance the time of the robot, at most by a frame, and then receive the bytes of a host.
 
-        Returns the bytes that the robot has sent in the meantime.
+        Returns the bytes that the robot has sent.
         """
         with self._lock:
             self._pass(seconds)
-            commands = self._parser.feed(self._lossy(data))
-            self._pending.extend((self._now + self.line.latency, command) for command in commands)
-            while self._pending and self._pending[0][0] <= self._now:
+            due = self.seconds + self.line.latency
+            self._pending += [(due, command) for command in self._parser.feed(self._lossy(data))]
+            while self._pending and self._pending[0][0] <= self.seconds:
                 self._do(self._pending.popleft()[1])
             self._keep_safe()
-            if self._now >= self._frame_due:
-                self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
-                self.trace.append((self._now, *self.body.pose))
+            if self.seconds >= self._frame_due:
+                self._frame_due = max(self._frame_due + STREAM_PERIOD, self.seconds)
+                self.trace.append((self.seconds, *self.body.pose))
                 if self._streaming:
                     self._send(stream_frame(self._ids, self._values()))
             sent, self._sent = self._lossy(self._sent), b""
@@ -211,26 +191,25 @@ class Emulator:
             before = time.monotonic()
             while not self._closing.is_set():
                 due = min([self._frame_due, *(when for when, _ in self._pending)])
-                wait = max(due - self._now, 0.0) / self.line.speedup
+                wait = max(due - self.seconds, 0.0) / self.line.speedup
                 readable, _, _ = select.select([self._master], [], [], min(wait, 0.05))
                 clock = time.monotonic()
-                # No tick is longer than a frame: when this machine stalls, so does the robot.
+                # No tick is longer than a frame: if this machine is slow, so is the robot.
                 passed = min((clock - before) * self.line.speedup, STREAM_PERIOD)
                 before = clock
                 if self.line.speedup > 1 and not readable and self._unread():
                     time.sleep(1e-4)
                     continue
                 sent = self.exchange(passed, os.read(self._master, 4096) if readable else b"")
-                # A host that does not read loses what is sent: the line has no flow control.
+                # A host that does not read loses bytes, because the line has no flow control.
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._master, sent)
         except BaseException as error:
             self._failure = error
 
     def _pass(self, seconds: float) -> None:
-        """Let the robot's time pass."""
-        self._now += seconds
-        left, right = self._wheels
+        self.seconds += seconds
+        left, right = self.wheels
         self.body.advance(left / 1000, right / 1000, seconds)
         self.charge += self._current() * seconds / 3600
         if self.charge <= 0:
@@ -259,13 +238,13 @@ class Emulator:
             case 137 | 145 | 146, _ if self.mode is Mode.PASSIVE:
                 pass
             case 137, _:
-                self._wheels = _arc(*command.words)
+                self.wheels = _arc(*command.words)
             case 145, _:
                 right, left = command.words
-                self._wheels = _limited(left), _limited(right)
+                self.wheels = _limited(left), _limited(right)
             case 146, _:
                 right, left = command.words
-                self._wheels = _limited(left * MAX_SPEED // 255), _limited(right * MAX_SPEED // 255)
+                self.wheels = _limited(left * MAX_SPEED // 255), _limited(right * MAX_SPEED // 255)
             case 142, ids:
                 self._answer(ids)
             case 149, data:
@@ -281,7 +260,7 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _known(self, ids: tuple[int, ...]) -> bool:
-        """Check that these packets make a frame: a lost byte may have changed the request."""
+        """Check that the packets make a frame, since a lost byte may have changed the request."""
         try:
             stream_frame(ids, self._values())
         except ValueError:
@@ -290,14 +269,14 @@ class Emulator:
 
     def _to(self, mode: Mode) -> None:
         if mode is Mode.PASSIVE:
-            self._wheels = (0, 0)
+            self.wheels = (0, 0)
         self.mode = mode
 
     def _close_interface(self) -> None:
-        self.mode, self._wheels, self._streaming = Mode.OFF, (0, 0), False
+        self.mode, self.wheels, self._streaming = Mode.OFF, (0, 0), False
 
     def _keep_safe(self) -> None:
-        forward = sum(self._wheels) > 0
+        forward = sum(self.wheels) > 0
         unsafe = self.contact & Contact.WHEEL_DROP or self.charger or (self.cliffs and forward)
         if self.mode is Mode.SAFE and unsafe:
             self._to(Mode.PASSIVE)
@@ -305,7 +284,7 @@ class Emulator:
     def _values(self) -> dict[str, int]:
         body = self.body
         bump = Contact.BUMP_LEFT * body.bump_left | Contact.BUMP_RIGHT * body.bump_right
-        left, right = self._wheels
+        left, right = self.wheels
         left_count, right_count = body.counts
         return {
             **_NOTHING,
@@ -313,11 +292,11 @@ class Emulator:
             **{name: int(name in self.cliffs) for name in _CLIFFS},
             "overcurrent": self.overcurrent,
             "charging_state": 2 * self.charger,
-            "voltage": int(12000 + 4500 * self.charge / self._capacity),
-            "current": max(int(self._current()), -0x8000),
+            "voltage": int(12000 + 4500 * self.charge / _CAPACITY),
+            "current": int(self._current()),
             "temperature": 25,
             "charge": int(self.charge),
-            "capacity": int(self._capacity),
+            "capacity": _CAPACITY,
             "charger": int(self.charger),
             "mode": self.mode,
             "stream_packets": len(self._ids),
@@ -329,7 +308,7 @@ class Emulator:
 
     def _current(self) -> float:
         """Compute the current into the battery, in mA."""
-        return -self._standby - _MOTORS * any(self._wheels)
+        return -_STANDBY - _MOTORS * any(self.wheels)
 
     def _send(self, data: bytes) -> None:
         self._sent += data
@@ -341,11 +320,7 @@ class Emulator:
         return bytes(np.frombuffer(data, np.uint8)[kept])
 
     def _unread(self) -> bool:
-        """Check whether the host still has bytes to read.
-
-        Bytes are on their way for milliseconds where the machine is busy. Only a poll of a line
-        that is empty waits for them, so that a few cannot be let pass as read.
-        """
+        """Check whether the host still has bytes to read."""
         return bool(select.select([self._slave], [], [], 0)[0])
 
 
@@ -354,9 +329,12 @@ def _limited(speed: int) -> int:
 
 
 def _arc(velocity: int, radius: int) -> tuple[int, int]:
-    """Compute the speeds of the left and the right wheel on an arc."""
+    """Compute the speeds of the left and the right wheel on an arc, in mm/s and mm.
+
+    The radii -0x8000 and 0x7FFF mean a straight drive, and -1 and 1 a turn on the spot.
+    """
     velocity = _limited(velocity)
-    if radius in (STRAIGHT, 0x7FFF):
+    if radius in (-0x8000, 0x7FFF):
         return velocity, velocity
     if radius in (-1, 1):
         return -radius * velocity, radius * velocity

@@ -10,12 +10,13 @@ from ..create.reading import STREAM, Reading
 from .emulator import Emulator, Moving
 
 
-# Longest time of the robot, and of the clock, between two looks at a robot that rolls steadily.
+# The longest time between two readings of a robot that rolls steadily, in seconds of the robot and
+# of the clock.
 _GLIDE, _LOOK = 0.3, 0.03
 
 
 class _Wire:
-    """A line without delay: the robot takes bytes when they are written."""
+    """A line without delay: the robot receives bytes when they are written."""
 
     timeout: float | None = None
     write_timeout: float | None = None
@@ -37,30 +38,29 @@ class _Wire:
         return len(data)
 
     def wait(self, seconds: float, data: bytes = b"") -> None:
-        """Let the robot's time pass."""
+        """Advance the time of the robot."""
         self._sent += self._robot.exchange(seconds, data)
 
     def fileno(self) -> int:
         raise OSError("a simulated line is no file")
 
-    def close(self) -> None:
-        """Leave the robot as it is."""
+    def close(self) -> None: ...
 
 
 class SimulatedCreate(Create):
     """An armed [`jaxcell.robot.Create`][] with an emulated robot, on the clock of this robot.
 
-    The driver, its commands and the frames of the robot are the same as with a serial line. But no
-    line, thread or watchdog process is between driver and robot, and time passes only when the
-    driver waits for the robot. So a run does not depend on the machine, and is the same each time.
-    While a robot in the physics engine rolls steadily, time passes without frames.
+    The driver, its commands and the frames of the robot are the same as with a serial line. But
+    there is no line, no thread and no watchdog process, and time passes only when the driver waits
+    for the robot. So a run does not depend on the machine, and all runs are equal. While a robot in
+    the physics engine rolls steadily, frames are skipped.
     """
 
     robot: Emulator
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Take a robot, which runs at most as fast as its line, or a body, which has no limit."""
+        """Connect to an emulated robot at the speed of its line, or to a body at full speed."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:
@@ -72,11 +72,11 @@ class SimulatedCreate(Create):
         self.arm()
 
     def sleep(self, seconds: float) -> None:
-        """Let the robot's time pass."""
+        """Advance the time of the robot."""
         self._wait(lambda: False, seconds)
 
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        # All frames up to the last one of a glide would show the same.
+        # All frames of a free roll show the same motion, so only the last one is read.
         glide = min(steady, self.robot.glide, _GLIDE, _LOOK * self._speedup)
         if (frames := math.floor(glide / STREAM_PERIOD)) > 1:
             self._pass((frames - 1) * STREAM_PERIOD)

@@ -1,18 +1,18 @@
-"""A Create 2 in a physics engine, behind the same bytes as the emulated robot.
+"""A Create 2 in a physics engine, which the driver controls by the same bytes as a real robot.
 
-A [`PhysicsBody`][] is a body for the `jaxcell.robot.emulation.emulator.Emulator`, in
-place of one that geometry moves. Its wheels roll on the floor by friction, its bumper goes in
-against springs, and a bump turns it. So the driver, the runner, filters and beliefs meet what they
-were not made with. It needs MuJoCo: `pip install 'jaxcell[physics]'`.
+A [`PhysicsBody`][] is a body for the `jaxcell.robot.emulation.emulator.Emulator`. Its wheels roll
+on the floor by friction, its bumper is held by springs, and a bump turns it. Therefore the driver,
+filters and beliefs meet errors that their own models do not contain. It needs MuJoCo:
+`pip install 'jaxcell[physics]'`.
 
-| quantity | known from |
+| quantity | source |
 | --- | --- |
 | wheels, track, diameter, mass | published descriptions of the Create 2 |
 | frames every 15 ms, encoders of 508.8 counts | the Open Interface |
 | friction, springs and switches of the bumper, latency | assumed: [`Physics`][] |
 
-Friction, springs and switches decide by how much a bump turns the robot. `docs/pages/physics.md`
-says how much depends on each, and has ten measurements on a real robot that decide between them.
+Friction, springs and switches determine the turn of the robot at a bump. `docs/pages/physics.md`
+describes the effect of each assumption, and ten measurements on a real robot that would test them.
 """
 
 from .body import PhysicsBody as PhysicsBody

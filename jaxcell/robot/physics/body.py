@@ -11,24 +11,27 @@ from .model import RADIUS, WHEEL, Physics, robot_model
 from .rolling import ROLL, SHELL, heading_of, lag_rate, roll_on
 
 
-# Steps of the engine between two looks at the heading; far less than half a turn.
+# The number of steps of the engine between two readings of the heading, which is unwrapped; the
+# robot turns by much less than half a turn in them.
 _TOGETHER = 50
-# The rounding of the walls of a map that just holds a body.
+# The tolerance in metres for a start that touches a wall.
 _ROUNDING = 1e-6
-# A body cannot touch a wall that is farther than this from its shell, in metres.
+# The distance of a wall from the shell beyond which the shell cannot touch it, in metres.
 _CLEAR = 0.01
-# Seconds at one speed after which only the lag of the wheels changes, and the least of a leap.
+# The seconds at constant speed after which only the lag of the wheels changes, and the shortest
+# time that is computed in closed form.
 _SETTLED, _LEAP = 0.1, 0.01
-# The engine meets the walls up to this far from the shell, and after this way others.
+# The engine contains the walls up to this distance from the shell, which are chosen again after a
+# drive of the second distance, in metres.
 _NEAR, _AGAIN = 0.3, 0.2
 
 
 class PhysicsBody:
     """A Create 2 that a physics engine moves among the walls of a map.
 
-    Its motors bring each wheel to the commanded speed, at most by the acceleration. The encoders
-    show how the wheels have turned, slipping or not. A bumper is pressed while its half of the
-    shell is in by the threshold.
+    Its motors bring each wheel to the commanded speed with a limited acceleration. The encoders
+    count the turns of the wheels, even if these slip. A bumper is pressed while its half of the
+    shell is pushed in by the threshold.
 
     A robot in a room of 8 m:
 
@@ -53,15 +56,15 @@ class PhysicsBody:
     ) -> None:
         """**Arguments:**
 
-        - `workspace`: the map. Its `robot_radius` plays no part: the robot has its own.
+        - `workspace`: the map. Its `robot_radius` has no effect, because the robot has its own.
         - `pose`: x and y in metres, and the heading in radians.
         - `physics`: the assumptions.
-        - `rng`: the source of the wheels' radii, where these have an error.
-        - `leaps`: whether a robot that rolls steadily out of reach of the walls is moved in closed
-            form, from one step of the engine to a later one.
+        - `rng`: the random generator for the radii of the wheels.
+        - `leaps`: if true, a robot that rolls steadily away from walls is moved in closed form,
+            in place of many steps of the engine.
 
-        **Raises:** `ValueError` if the body would be in a wall; `ModuleNotFoundError` if there is
-        no MuJoCo.
+        **Raises:** `ValueError` if the body would be in a wall; `ModuleNotFoundError` without
+        MuJoCo.
         """
         self.physics = physics or Physics()
         place, free = shapely.Point(pose[:2]), workspace.environment
@@ -89,11 +92,11 @@ class PhysicsBody:
         self._look()
         self._speeds, self._owed, self._steady = (0.0, 0.0), 0.0, 0.0
         self.touches: list[tuple[float, float, float]] = []
-        "Time in seconds, x and y of each touch of a wall, at the end of each tick."
+        "The time in seconds, x and y of the contact with a wall at the end of each tick, if any."
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x and y in metres, and the heading in radians, not reduced to one turn."""
+        """The x and y in metres, and the heading in radians, which is not wrapped."""
         x, y = self._data.qpos[:2].tolist()
         return x, y, self._turned
 
@@ -116,11 +119,11 @@ class PhysicsBody:
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
+        """The seconds during which the body rolls freely if no speed changes; 0 if unknown."""
         return 0.0 if self._rate is None else self._free_seconds
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Let the wheels turn for a tick, each toward its speed in m/s."""
+        """Turn the wheels for a tick of some seconds, each toward its speed in m/s."""
         self._owed += seconds
         step = self.physics.time_step
         steps = math.floor(self._owed / step + 1e-9)
@@ -149,7 +152,7 @@ class PhysicsBody:
             self._touch()
 
     def _leap(self, most: int) -> int:
-        """Roll on in closed form by a number of steps, if the body can; return this number."""
+        """Roll in closed form by at most `most` steps. Returns the number of steps."""
         step, rate = self.physics.time_step, self._rate
         if rate is None:
             return 0
@@ -163,21 +166,21 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The rate at which the wheels approach their speeds; `None` if the body may not leap."""
+        """The rate at which the wheels approach their speeds; `None` unless they roll steadily."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 
     @property
     def _free_seconds(self) -> float:
-        """The seconds in which the body cannot touch a wall."""
+        """The seconds during which the body cannot touch a wall."""
         self._look()
         speed = math.hypot(*self._data.qvel[:2].tolist())
         return max(0.0, self._room - _CLEAR) / max(speed, 0.01)
 
     def _look(self) -> None:
-        """Measure the room around the shell, and let the engine meet only the walls that are near.
+        """Measure the free space around the shell, and keep only the near walls in the engine.
 
-        Walls that cannot be touched would take a third of its time.
+        The other walls would take a third of its time.
         """
         self._looked = self.pose[:2]
         begin, end = self._walls[:, 0], self._walls[:, 1]
@@ -190,13 +193,13 @@ class PhysicsBody:
         self._model.geom_contype[self._boxes] = self._model.geom_conaffinity[self._boxes] = kinds
 
     def _pressed(self, side: int) -> bool:
-        """Check whether the half of the bumper on a side, 1 for the left, is in far enough."""
+        """Check whether half of the bumper is pressed: 1 for the left half, -1 for the right."""
         ahead, left = self._data.qpos[SHELL].tolist()
         return -(ahead + side * left) / math.sqrt(2) >= self.physics.threshold
 
     def _touch(self) -> None:
         contacts = self._data.contact
-        # The floor has no normal along it.
+        # The contacts with walls are those with a horizontal normal.
         walls = np.abs(contacts.frame[:, 2]) < 0.5
         if walls.any():
             deepest = int(np.flatnonzero(walls)[contacts.dist[walls].argmin()])

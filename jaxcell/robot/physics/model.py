@@ -17,52 +17,44 @@ RADIUS = 0.17425
 WHEEL = 0.036
 """The radius of a wheel, in metres."""
 LATENCY = 0.015
-"""Seconds from a command to its effect: a time slot of the robot. The bump was felt up to a slot
-before it was sent."""
-AXLE = "left", "right"
-"""The joints of the wheels."""
+"""The seconds from a command to its effect: a time slot of the robot."""
 DAMPING = 60.0
-"""Damping of the bumper's springs, in N s/m."""
-BUMPER = "along", "across"
-"""The slides of the bumper in the frame of the body: forward and to the left."""
+"""The damping of the springs of the bumper, in N s/m."""
 
-# The shell goes in by this in front, and by half of it at the sides, until the chassis stops it.
+# The distance in metres by which the shell can be pushed in from the front, until the chassis stops
+# it; from the sides half of it.
 _TRAVEL = 0.008
-# Half the thickness of a wall, which only the side toward the robot shows.
+# Half the thickness of a wall in metres. The side toward the robot lies on the map.
 _THIN = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Physics:
-    """The unpublished properties of a Create 2, its floor and its walls, as assumed.
-
-    >>> from jaxcell.robot.physics import Physics
-    >>> Physics(floor=0.5).floor
-    0.5
-    """
+    """Assumptions about the unpublished properties of a Create 2, its floor and its walls."""
 
     floor: float = 0.8
-    "Coefficient of friction between the wheels and the floor."
+    "The coefficient of friction between the wheels and the floor."
     wall: float = 0.3
-    "Coefficient of friction between the bumper and the walls."
+    "The coefficient of friction between the bumper and the walls."
     stiffness: float = 500.0
-    "Stiffness of the bumper's springs, in N/m."
+    "The stiffness of the springs of the bumper, in N/m."
     threshold: float = 0.004
-    """Distance by which the bumper goes in before a switch closes, half left or half right of the
-    front, in metres. With the stiffness it is a force, 2 N."""
+    """The distance by which the bumper must be pushed in at 45 degrees to the left or to the right
+    until a switch closes, in metres. By the default stiffness, this takes a force of 2 N."""
     acceleration: float = 1.8
-    "Acceleration of the wheels, in m/s²."
+    "The largest acceleration of the wheels, in m/s²."
     wheels: float = 0.0
-    """Standard deviation of the relative error of the radius of each wheel, drawn once for a robot.
-    It is what a calibration finds."""
+    """The standard deviation of the relative error of the radius of each wheel, which is drawn once
+    per robot. A calibration corrects this error."""
     time_step: float = 0.001
-    "Time step of the engine, in seconds."
+    "The time step of the engine, in seconds."
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            least = "0 or more" if field.name in ("wall", "wheels") else "more than 0"
-            if not (math.isfinite(value) and value >= 0) or (least != "0 or more" and value == 0):
+            zero = field.name in ("wall", "wheels")
+            if not (math.isfinite(value) and (value > 0 or (zero and value == 0))):
+                least = "0 or more" if zero else "more than 0"
                 raise ValueError(
                     f"{field.name}: expected a finite number of {least}, got {value!r}"
                 )
@@ -81,28 +73,28 @@ def robot_model(
 ) -> str:
     """Write the model of a Create 2 in a map, in the XML of MuJoCo.
 
-    Each wall is a thin box. The shell is a sphere that meets only walls, at the height of its
-    middle, where it is the circle of the robot's outline; so contacts of any wall and corner are
-    exact. The wheels are ellipsoids, each with one point on the floor: cylinders would have two,
-    and slip in turns.
+    Each wall is a thin box. The shell is a sphere that meets only walls. They touch it at the
+    height of its centre, where it has the circular outline of the robot, so that contacts with
+    walls and corners are exact. The wheels are ellipsoids with one contact with the floor each,
+    because cylinders have two contacts and slip in turns.
 
     **Arguments:**
 
-    - `workspace`: the map; its walls count, not its free space.
+    - `workspace`: the map, whose walls are used without an offset for the robot.
     - `physics`: the assumptions.
     - `pose`: x and y in metres, and the heading in radians.
-    - `wheels`: radii of the left and the right wheel, in metres.
+    - `wheels`: the radii of the left and the right wheel, in metres.
     - `height`: the initial height of the wheels above the floor, in metres.
     """
     x, y, heading = pose
-    axle = max(wheels)
+    axle, axles = max(wheels), ("left", "right")
     walls = "".join(map(_wall, edges(workspace.environment)[:, 1:]))
     rolling = "".join(
         f'<body pos="0 {side * WHEEL_BASE / 2} {radius - axle}">'
         f'<joint name="{name}" axis="0 1 0" armature="0.005"/>'
         f'<geom class="floor" type="ellipsoid" size="{radius} 0.012 {radius}" mass="0.2"'
         f' friction="{physics.floor} 0 0"/></body>'
-        for name, side, radius in zip(AXLE, (1, -1), wheels, strict=True)
+        for name, side, radius in zip(axles, (1, -1), wheels, strict=True)
     )
     casters = "".join(
         f'<geom class="floor" type="sphere" size="0.01" pos="{at} 0 {0.01 - axle + clearance}"'
@@ -112,13 +104,13 @@ def robot_model(
     slides = "".join(
         f'<joint name="{name}" type="slide" axis="{axis}" stiffness="{physics.stiffness}"'
         f' damping="{DAMPING}"/>'
-        for name, axis in zip(BUMPER, ("1 0 0", "0 1 0"), strict=True)
+        for name, axis in (("along", "1 0 0"), ("across", "0 1 0"))
     )
-    # Each motor has an integral and a proportional part, so that a robot that stands is held.
+    # Each motor has an integral and a proportional part, which hold a robot that stands still.
     motors = "".join(
         f'<intvelocity joint="{name}" kp="2" actrange="-1e9 1e9" forcerange="-1 1"/>'
         f'<velocity joint="{name}" kv="0.5" forcerange="-1 1"/>'
-        for name in AXLE
+        for name in axles
     )
     return f"""<mujoco><compiler angle="radian"/>
 <option timestep="{physics.time_step}" integrator="implicitfast" cone="elliptic"><flag
@@ -142,7 +134,7 @@ def robot_model(
 
 
 def _wall(ends: Float[np.ndarray, "2 2"]) -> str:
-    """Describe a wall from its start to its end, with the free space to its left."""
+    """Describe a wall by its two ends in metres; the free space lies to the left."""
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
     length, angle = float(np.hypot(*way)), math.atan2(way[1], way[0])
     x, y = middle + _THIN * np.array([math.sin(angle), -math.cos(angle)])

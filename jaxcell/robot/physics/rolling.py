@@ -11,17 +11,17 @@ from .model import DAMPING, WHEEL
 
 
 BODY, ROLL, SHELL = slice(3), slice(7, 9), slice(9, 11)
-"""The place of the body, the wheels, and the bumper among the positions of the model."""
+"""The indices of the body, the wheels, and the bumper among the positions of the model."""
 SPIN, SLIDE = slice(6, 8), slice(8, 10)
-"""The wheels and the bumper among its velocities."""
+"""The indices of the wheels and the bumper among the velocities of the model."""
 
-# The rate per second at which the lag of the motors behind their commands dies out, slow part.
+# The range of the slow rate per second at which the lag of the motors decays.
 _RATES = 3.0, 6.0
-# Differences of wheel speeds that do not matter, in rad/s, which is 0.1 mm/s, and the least speed.
+# The largest difference of equal wheel speeds (0.1 mm/s), and the least speed, in rad/s.
 _EQUAL, _LEAST = 0.003, 0.1
-# The speed ahead in m/s, and the turn in rad/s, by the speeds of the wheels in rad/s.
+# The speed ahead in m/s, and the turn rate in rad/s, per wheel speed in rad/s.
 _AHEAD, _TURNING = WHEEL / 2 * np.ones(2), WHEEL / WHEEL_BASE * np.array([-1.0, 1.0])
-# The times and weights of a rule of Gauss for an integral over -1 to 1.
+# The points and weights of a Gauss rule for integrals over -1 to 1.
 _TIMES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
@@ -30,11 +30,11 @@ def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
 
     **Arguments:**
 
-    - `data`: the state in the engine.
-    - `speeds`: the commanded speeds of the left and the right wheel, in m/s, for 0.1 s or more.
+    - `data`: the state of the engine.
+    - `speeds`: the speeds of the left and the right wheel, in m/s, commanded for at least 0.1 s.
 
-    **Returns:** the rate per second, 0 for wheels at their speeds; `None` if they do not approach
-    them as wheels do that roll freely, straight or on the spot.
+    **Returns:** the rate per second, 0 for wheels at their speeds; `None` if the wheels do not roll
+    freely, straight or on the spot.
     """
     left, right = speeds
     if abs(abs(left) - abs(right)) > 0.1 * max(abs(left), abs(right)):
@@ -54,18 +54,18 @@ def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
 def roll_on(
     data: Any, speeds: tuple[float, float], seconds: float, *, rate: float, stiffness: float
 ) -> float:
-    """Let a robot roll on, straight or on the spot, without a wall in its reach.
+    """Let a robot roll straight or on the spot for a time, without a wall in its reach.
 
-    The lag of both wheels dies out at one rate, so how they turn is known. The velocity of the body
-    is that of its wheels, and for a small rest that goes with their speed.
+    The lag of both wheels decays at one rate, which determines their turns. The velocity of the
+    body is the velocity of its wheels, plus a small slip that is proportional to their speed.
 
     **Arguments:**
 
-    - `data`: the state in the engine, which is changed.
+    - `data`: the state of the engine, which is changed.
     - `speeds`: the commanded speeds of the left and the right wheel, in m/s.
     - `seconds`: the time.
     - `rate`: the rate of `lag_rate`.
-    - `stiffness`: the stiffness of the springs of the bumper, which swings back, in N/m.
+    - `stiffness`: the stiffness of the springs of the bumper in N/m, which swings back.
 
     **Returns:** the turn of the body, in radians.
     """
@@ -74,7 +74,7 @@ def roll_on(
     kept = np.exp(-rate * times)
     rolled = wanted * times + (data.act - data.qpos[ROLL]) * (1 - kept)
     after = wanted + (before - wanted) * kept
-    # The speed ahead and the rate of turning that the wheels give the body, and their integrals.
+    # The speed ahead and the turn rate of the body by its wheels, and their integrals.
     speed, spin = after @ _AHEAD, after @ _TURNING
     first, first_spin = before @ _AHEAD, before @ _TURNING
     on_the_spot = speeds[0] * speeds[1] < 0

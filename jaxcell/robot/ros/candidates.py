@@ -1,39 +1,36 @@
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from jaxtyping import Int, Int8
+from jaxtyping import Int
 
 from ...base.optional_modules import import_module
 from ...space import CellSpace
 from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ..tasks.patrol_task import PatrolTask
+from .node import RosRobot
 
 
-if TYPE_CHECKING:
-    from .node import RosRobot
-
-
-# More arrows than this are no picture, and the first are the likeliest.
+# The largest number of published arrows. The first ones are the likeliest.
 _MAX_POSES = 1000
 
 
 class Candidates:
-    """Publish the possible places of a robot after each observation of its run.
+    """A publisher of the possible places of a robot after each observation of its run.
 
-    - `candidates`, a `geometry_msgs/PoseArray`: for a filter, policy or belief the possible
-        configurations; for a patrol its position; for a plan or a team the pose by odometry, in the
-        frame `start`, whose origin is the place where the robot was put down.
-    - `candidate_squares`, a `nav_msgs/OccupancyGrid`: 100 on the squares of the map where it may
-        be, 0 on the others, -1 on those that are not free. It has the frame `map`, that of the map.
+    - `candidates`, a `geometry_msgs/PoseArray`: the possible configurations of a filter, policy or
+        belief; the position of a patrol; or the pose of a plan or a team by odometry, in the frame
+        `start`, whose origin is the start of the robot.
+    - `candidate_squares`, a `nav_msgs/OccupancyGrid` in the frame `map`: 100 on possible squares of
+        the map, 0 on the other free squares, and -1 elsewhere.
 
-    If the map of a filter is missing, neither is published.
+    Both are omitted if the map of a filter is missing.
     """
 
-    def __init__(self, robot: "RosRobot", task: AnyTask, cells: CellSpace | None) -> None:
+    def __init__(self, robot: RosRobot, task: AnyTask, cells: CellSpace | None) -> None:
         quality = import_module("rclpy.qos")
-        # Later subscribers get the last message too.
+        # Later subscribers receive the last message too.
         kept = quality.QoSProfile(depth=1, durability=quality.DurabilityPolicy.TRANSIENT_LOCAL)
         messages = import_module("geometry_msgs.msg")
         self._pose, self._poses = messages.Pose, messages.PoseArray
@@ -47,7 +44,7 @@ class Candidates:
         self._cells = task.cells if isinstance(task, PatrolTask) else cells
 
     def event(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Take an event of the run, as [`jaxcell.robot.RunLog`][] gives it."""
+        """Publish the places after an event of the run; see [`jaxcell.robot.RunLog`][]."""
         if name != "observation":
             return
         if self._follower is not None:
@@ -69,12 +66,15 @@ class Candidates:
         grid = self._grid()
         grid.header.frame_id = "map"
         grid.header.stamp = self._node.get_clock().now().to_msg()
-        rows, columns = self._cells.free.shape
+        squares = np.where(self._cells.free, 0, -1)
+        possible = np.isin(np.arange(self._cells.positions), candidates % self._cells.positions)
+        squares[self._cells.free] = np.where(possible, 100, 0)
+        rows, columns = squares.shape
         grid.info.resolution = float(self._cells.cell)
         grid.info.width, grid.info.height = columns, rows
         grid.info.origin.position.x, grid.info.origin.position.y = map(float, self._cells.origin)
         grid.info.origin.orientation.w = 1.0
-        grid.data = squares(self._cells, candidates).ravel().tolist()
+        grid.data = squares.ravel().tolist()
         self._squares.publish(grid)
 
     def _send(self, frame: str, poses: list[tuple[float, float, float]]) -> None:
@@ -87,24 +87,3 @@ class Candidates:
             pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
             message.poses.append(pose)
         self._arrows.publish(message)
-
-
-def squares(
-    cells: CellSpace, candidates: Int[np.ndarray, "candidates"]
-) -> Int8[np.ndarray, "rows columns"]:
-    """Make an occupancy grid, from the lowest row: 100 for these cells, 0 for others, -1 outside.
-
-    Of the middle one of three squares:
-
-        >>> import numpy as np
-        >>> from jaxcell import space
-        >>> from jaxcell.robot.ros.candidates import squares
-        >>> cells = space.CellSpace.of_grid(np.array([[True, True, False]]), directions=4)
-        >>> squares(cells, np.array([1])).tolist()
-        [[0, 100, -1]]
-    """
-    grid = np.where(cells.free, 0, -1).astype(np.int8)
-    values = np.zeros(cells.positions, np.int8)
-    values[candidates % cells.positions] = 100
-    grid[cells.free] = values
-    return grid

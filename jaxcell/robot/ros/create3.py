@@ -9,8 +9,9 @@ from .halt import goal_cancellers
 from .node import RosRobot, moved
 
 
-# Metres and radians a second. Seconds in which an action, and the last word, is answered.
+# The speeds in metres and radians per second.
 _SPEED, _TURNING = 0.2, 1.0
+# The seconds to wait for the answer to a goal, and to the last cancellation.
 _ANSWER, _FAREWELL = 5.0, 1.0
 
 _SUCCEEDED = 4
@@ -27,7 +28,7 @@ class Create3(RosRobot):
         robot.forward(0.5, tolerance=0.005)
     ```
 
-    See [`jaxcell.robot.ros`][] for what stops it, and for two settings that it needs.
+    [`jaxcell.robot.ros`][] describes what stops the robot, and two settings that it needs.
     """
 
     kind, contact = "create3", "hazard_detection"
@@ -49,18 +50,12 @@ class Create3(RosRobot):
         )
 
     def arm(self) -> None:
-        """Let the robot drive.
-
-        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now, or if nothing offers
-        its actions.
-        """
         for client, name in (self._driving, "drive_distance"), (self._rotating, "rotate_angle"):
             if not client.wait_for_server(timeout_sec=_ANSWER):
                 raise RobotStopped(f"nothing offers the action {name}")
         super().arm()
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
         goal = self._drive.Goal()
         goal.distance, goal.max_translation_speed = float(distance), _SPEED
         self._backing = distance < 0
@@ -68,7 +63,6 @@ class Create3(RosRobot):
         return self._act(self._driving, goal, what, abs(distance) / _SPEED, distance > 0)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise; a bump does not stop the turn."""
         goal = self._rotate.Goal()
         goal.angle, goal.max_rotation_speed = float(angle), _TURNING
         self._backing = False
@@ -76,7 +70,7 @@ class Create3(RosRobot):
         return self._act(self._rotating, goal, what, abs(angle) / _TURNING, False)
 
     def _act(self, client: Any, goal: Any, what: str, seconds: float, stop_on_bump: bool) -> Moved:
-        """Send an action goal and wait; cancel it at a bump."""
+        """Send an action goal and wait for its end; cancel the goal at a bump."""
         start = self._begin()
         if stop_on_bump and self._bumped:
             return Moved(0.0, 0.0, True)
@@ -86,7 +80,7 @@ class Create3(RosRobot):
             self._wait(sent.done, time.monotonic() + _ANSWER, f"{what}: the goal")
             handle = sent.result()
             if not handle.accepted:
-                raise RobotStopped(f"{what}: the robot does not take the goal")
+                raise RobotStopped(f"{what}: the robot refuses the goal")
             result = self._known(handle.get_result_async())
             end = time.monotonic() + 2 * seconds + 5
             self._wait(lambda: result.done() or (stop_on_bump and self._bumped), end, what)
@@ -98,14 +92,14 @@ class Create3(RosRobot):
             self._halt()
             raise
         now = self._settle()
-        # By now the hazard has come for which it may have given the goal up.
+        # The message of the hazard that may have ended the goal has arrived by now.
         self._check()
         if not bumped and result.result().status != _SUCCEEDED:
-            raise RobotStopped(f"{what}: the robot has given the goal up")
+            raise RobotStopped(f"{what}: the robot has given up the goal")
         return moved(start, now, bumped)
 
     def _known(self, future: Any) -> Any:
-        """Make a future whose end is noticed at once."""
+        """Let the end of a future wake the waiting thread."""
         future.add_done_callback(self._notice)
         return future
 

@@ -15,16 +15,16 @@ def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 
     def cancel() -> list[Any]:
-        # A request that names no goal and no time is for all.
+        # A request without a goal and a time applies to all goals.
         return [client.call_async(service.Request()) for client in clients]
 
     return cancel
 
 
 def speed_type(node: Any) -> str | None:
-    """Find the type of speeds that a robot subscribes to: `Twist`, `TwistStamped`, or `None`.
+    """Find the type of speeds to which a robot subscribes: `Twist`, `TwistStamped`, or `None`.
 
-    A robot that takes both is given `Twist`.
+    `Twist` is preferred.
     """
     topic = node.resolve_topic_name("cmd_vel")
     types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
@@ -35,7 +35,7 @@ def speed_type(node: Any) -> str | None:
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
     """Make a function that sets the speeds of a base, in metres and radians per second.
 
-    `kind` is their type, of [`speed_type`][jaxcell.robot.ros.halt.speed_type].
+    `kind` is the type of the messages, by [`speed_type`][jaxcell.robot.ros.halt.speed_type].
     """
     messages = import_module("geometry_msgs.msg")
     publisher = node.create_publisher(getattr(messages, kind), "cmd_vel", 1)

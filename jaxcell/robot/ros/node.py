@@ -20,11 +20,11 @@ from .halt import speed_type
 
 _R = TypeVar("_R", bound="RosRobot")
 
-# Seconds without a beat until a robot is stopped.
+# The seconds without a message of the driver until the watchdog stops the robot.
 _SILENCE = 2.0
-# The constant of `sensor_msgs/BatteryState`.
+# The constant of `sensor_msgs/BatteryState` for charging.
 _CHARGING = 1
-# Largest motion of a standing robot from message to message, in metres and radians.
+# The largest motion of a standing robot between two messages, in metres and radians.
 _STILL, _STILL_TURN = 5e-4, 1e-3
 
 
@@ -32,44 +32,44 @@ class Odometry(NamedTuple):
     """The pose in a message of the odometry."""
 
     place: complex
-    "Metres, x and the imaginary y."
+    "The position in metres, with x as the real part and y as the imaginary part."
     heading: float
-    "Radians counter-clockwise, not wrapped."
+    "The heading in radians, counter-clockwise, not wrapped."
 
 
 class RosRobot(abc.ABC):
-    """A robot on ROS 2 for a [`jaxcell.robot.Walker`][], which goes by its odometry.
+    """A robot on ROS 2 for a [`jaxcell.robot.Walker`][], which uses the odometry of the robot.
 
-    A context manager: within it a node `jaxcell` hears the robot, in a thread of its own, and the
-    robot drives once it is armed. The wheels stop when the block ends, however it ends (by SIGINT,
-    SIGTERM and SIGHUP too), when the robot reports a danger, a low battery or a charger, and when
-    its odometry or its bumper is silent for `patience`: then it raises
-    [`jaxcell.robot.RobotStopped`][] until it is armed again.
+    A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
+    thread, and the robot can drive after `arm`. The wheels stop at the end of the block, even if
+    SIGINT, SIGTERM or SIGHUP ends it. They also stop when the robot reports a danger, a low battery
+    or a charger, and when its odometry or its bumper is silent for `patience`. Then motions raise
+    [`jaxcell.robot.RobotStopped`][] until the robot is armed again.
     """
 
     kind: ClassVar[str]
-    "The argument of the process that stops the robot."
+    "The name of the kind of robot for the watchdog process."
     contact: ClassVar[str]
-    "Topic of the bumper."
+    "The topic of the bumper."
     greeting: float = 10.0
-    "Seconds within which the first odometry of a robot must arrive."
+    "The seconds within which the first odometry must arrive."
     answer: float = 5.0
-    "Seconds until its bumper must have reported, and until it must have taken speeds."
+    "The seconds within which the bumper must report, and the robot must subscribe to speeds."
 
     def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
 
         - `remap`: rules of ROS for names, such as `__ns:=/robot1` or `cmd_vel:=/base/cmd_vel`.
-        - `patience`: seconds.
+        - `patience`: the longest silence of the odometry and the bumper, in seconds.
         """
         self._remap, self._patience = remap, patience
         self._news = threading.Condition(threading.RLock())
         self._odometry: Odometry | None = None
-        # When the odometry and the bumper were last heard, by their topics.
+        # The times of the last messages of the odometry and the bumper, by topic.
         self._heard = dict.fromkeys(("odom", self.contact), -math.inf)
         self._messages = 0
         self._pressed = self._bumped = False
-        # The dangers that each of the robot's sensors reports.
+        # The danger that each sensor reports, or `None`.
         self._dangers: dict[str, str | None] = {}
         self._reason: str | None = "it is not armed"
         self._failure: BaseException | None = None
@@ -89,7 +89,7 @@ class RosRobot(abc.ABC):
         rclpy = import_module("rclpy")
         executors, quality = import_module("rclpy.executors"), import_module("rclpy.qos")
         words = ["--ros-args", *(word for rule in self._remap for word in ("-r", rule))]
-        # Its own handlers would leave the wheels turning.
+        # The signal handlers of rclpy would leave the wheels turning.
         handlers = import_module("rclpy.signals").SignalHandlerOptions.NO
         self._stack.callback(leave_signals, end_by_signals())
         rclpy.init(args=words, signal_handler_options=handlers)
@@ -126,33 +126,32 @@ class RosRobot(abc.ABC):
 
     @abc.abstractmethod
     def _connect(self) -> None:
-        """Make the publishers and subscriptions of the node besides the odometry."""
+        """Create the publishers and the other subscriptions of the node."""
 
     def _connect_speeds(self) -> str:
-        """Return the type of the speeds of the robot, once it is known."""
+        """Return the type of the messages of speeds, `Twist` or `TwistStamped`."""
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
-    def _halt(self) -> None:
-        """Stop the wheels."""
+    def _halt(self) -> None: ...
 
     def _leave(self) -> None:
-        """Stop the wheels for the last time."""
+        """Stop the wheels at the end of the block."""
         self._halt()
 
     @abc.abstractmethod
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
 
     @abc.abstractmethod
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise; a bump does not stop the turn."""
+        """Turn in place by radians, counter-clockwise. A bump does not end the turn."""
 
     def arm(self) -> None:
         """Let the robot drive.
 
-        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now, or if its bumper does
-        not report.
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if the robot is in danger, its bumper does not
+        report, or a Create 3 does not offer its actions.
         """
         with self._news:
             heard = self._news.wait_for(lambda: self._heard[self.contact] > -math.inf, self.answer)
@@ -168,7 +167,7 @@ class RosRobot(abc.ABC):
         """Raise if the robot must not drive."""
         if self._failure is not None:
             raise self._failure
-        # The longest silence is the cause, where all are silent.
+        # If several topics are silent, the longest silence is the cause.
         topic = min(self._heard, key=self._heard.__getitem__)
         if self._reason is None and time.monotonic() - self._heard[topic] > self._patience:
             silent = "no odometry" if topic == "odom" else f"no {topic}"
@@ -177,7 +176,7 @@ class RosRobot(abc.ABC):
             raise RobotStopped(self._reason)
 
     def _stop(self, reason: str) -> None:
-        """Forbid to drive, and stop the wheels."""
+        """Stop the wheels, and refuse motions for a reason."""
         if self._reason is None:
             self._reason = reason
             self._halt()
@@ -197,7 +196,7 @@ class RosRobot(abc.ABC):
             self._news.notify_all()
 
     def _hear(self, *, pressed: bool, danger: str | None = None) -> None:
-        """Take a message of the bumper."""
+        """Record a message of the bumper."""
         with self._news:
             self._heard[self.contact] = time.monotonic()
             self._pressed = pressed
@@ -205,7 +204,7 @@ class RosRobot(abc.ABC):
             self._hear_danger(self.contact, danger)
 
     def _hear_danger(self, source: str, danger: str | None) -> None:
-        """Take the danger that a sensor reports, or `None` if there is none now."""
+        """Record the danger that a sensor reports, or `None`."""
         with self._news:
             self._dangers[source] = danger
             if danger is not None:
@@ -238,7 +237,7 @@ class RosRobot(abc.ABC):
                     self._stop("the watchdog is gone")
 
     def _begin(self) -> Odometry:
-        """Get the pose where a motion begins; a bumper may be pressed already."""
+        """Get the pose at the beginning of a motion. The bumper may be pressed already."""
         with self._news:
             self._check()
             self._bumped = self._pressed
@@ -246,7 +245,7 @@ class RosRobot(abc.ABC):
             return self._odometry
 
     def _wait(self, condition: Callable[[], bool], end: float, what: str) -> None:
-        """Wait for a condition, or until the robot must not drive or a time is over."""
+        """Wait for a condition. Raises if the robot must not drive, or after the time `end`."""
         with self._news:
             while not condition():
                 self._check()
@@ -261,13 +260,13 @@ class RosRobot(abc.ABC):
                 self._check()
 
     def _after(self, messages: int) -> Odometry:
-        """Wait for the odometry after `messages` messages."""
+        """Wait until more than `messages` messages of the odometry have arrived."""
         self._wait(lambda: self._messages > messages, math.inf, "")
         assert self._odometry is not None
         return self._odometry
 
     def _settle(self) -> Odometry:
-        """Wait for three messages in a row of a robot that stands, or for 30."""
+        """Wait until three consecutive messages show that the robot stands, or for 30 messages."""
         now, still = self._after(self._messages), 0
         for _ in range(30):
             before, now = now, self._after(self._messages)
@@ -279,6 +278,6 @@ class RosRobot(abc.ABC):
 
 
 def moved(start: Odometry, end: Odometry, bumped: bool) -> Moved:
-    """Make the result of a motion."""
+    """Make the result of a motion from the poses at its start and its end."""
     way = (end.place - start.place) * cmath.rect(1.0, -start.heading)
     return Moved(way.real, end.heading - start.heading, bumped, way.imag)

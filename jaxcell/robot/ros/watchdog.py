@@ -1,4 +1,4 @@
-"""The process that stops a robot on ROS 2 when its driver is gone."""
+"""A process that stops a robot on ROS 2 when its driver hangs or ends."""
 
 import sys
 import time
@@ -9,9 +9,10 @@ from .halt import goal_cancellers, speed_publisher
 
 
 def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
-    """Stop a robot whenever its driver is silent for `patience` seconds, and at its end.
+    """Stop a robot whenever its driver is silent for `patience` seconds, and when the driver ends.
 
-    `kind` is that of the class of the robot, and `speeds` the type of its messages.
+    `kind` is the `kind` of the robot, `speeds` the type of its messages of speeds, and `arguments`
+    the arguments of ROS.
     """
     rclpy = import_module("rclpy")
     handlers = import_module("rclpy.signals").SignalHandlerOptions.NO

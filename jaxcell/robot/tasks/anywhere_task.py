@@ -16,27 +16,31 @@ KIND = "anywhere"
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereTask(Task):
-    """A robot that is put down anywhere finds out where it is, or comes home."""
+    """The task of a robot that starts anywhere, and is localized or comes to a goal."""
 
     workspace: Workspace
     bounces: tuple[float, ...]
     "The angles to choose from, in radians."
     headings: int | None
-    "Number of headings that the robot may start with; `None` for any."
+    "The number of headings that the robot may start with; `None` for any heading."
     slices: int
+    "The number of slices of headings of the filter."
     errors: Errors
     counted: float
     "The length of the steps that the robot counts, in metres; 0 if it measures its runs."
     known: float
-    "The distance within which the robot is to be known, in metres."
+    "The radius of the possible places within which the robot is localized, in metres."
     goal: tuple[float, float] | None
+    "The centre of the goal region in metres; `None` without a goal."
     goal_radius: float
+    "The radius of the goal region, in metres."
     aim: Aim
     ahead: int
+    "The number of bumps that the choice of an angle looks ahead."
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
-        """The filter of the room, the angles and the aim of the robot."""
+        """The filter of the room, the bouncing angles and the goal of the robot."""
         filter = WallFilter.of(
             self.workspace,
             headings=self.headings,
@@ -59,11 +63,10 @@ class AnywhereTask(Task):
 
 
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
-    """Write a task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
+    """Write the task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
 
     `fields` are `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
-    `counted_m`, `known_m`, `goal_m` and `goal_radius_m` where there is a goal, and `aim` and
-    `ahead` of the choice among angles where there is none.
+    `counted_m` and `known_m`; with a goal `goal_m` and `goal_radius_m`, else `aim` and `ahead`.
     """
     write_task(
         path,
@@ -77,9 +80,9 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read a task of a robot that starts anywhere.
+    """Read the task of a robot that starts anywhere.
 
-    **Raises:** `ValueError` that names the field.
+    **Raises:** `ValueError`, with the file and the field.
     """
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)

@@ -17,7 +17,7 @@ from .task import Task, angles, common_fields, digest as digest
 
 @dataclasses.dataclass(frozen=True)
 class FilterTask(Task):
-    """A localization filter."""
+    """The task of a robot that runs a localization filter."""
 
     filter: Filter
     bounce: float
@@ -38,7 +38,7 @@ class FilterTask(Task):
 
 @dataclasses.dataclass(frozen=True)
 class _Choice(Task):
-    """A task that chooses among bouncing angles."""
+    """A task in which the robot chooses among bouncing angles."""
 
     kind: ClassVar[str]
     bounces: tuple[float, ...]
@@ -52,7 +52,7 @@ class _Choice(Task):
 
 @dataclasses.dataclass(frozen=True)
 class PolicyTask(_Choice):
-    """A localization policy."""
+    """The task of a robot that runs a localization policy."""
 
     kind: ClassVar[str] = "policy"
     policy: Policy
@@ -64,7 +64,7 @@ class PolicyTask(_Choice):
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """A belief that localizes a robot that slips, with one or more angles."""
+    """The task of a robot that slips, and is localized by a belief with one or more angles."""
 
     kind: ClassVar[str] = "belief"
     belief: Belief
@@ -76,14 +76,14 @@ class BeliefTask(_Choice):
 
 @dataclasses.dataclass(frozen=True)
 class PlanTask(Task):
-    """A navigation plan."""
+    """The task of a robot that follows a navigation plan."""
 
     start: int
     "The cell where the plan starts."
     actions: tuple[float, ...]
-    "0 for a step, else the angle to turn by at a bump, in radians."
+    "The actions: 0 for a step without a bump, else the turn after a bump, in radians."
     positions: int | None = None
-    "Number of positions of the map, or `None` if the file does not have it."
+    "The number of positions of the map, or `None` if the file does not contain it."
 
     @property
     def start_direction(self) -> int | None:
@@ -106,14 +106,14 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
         `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
         `patrol.json` of `jaxcell patrol map --out`.
-    - `robot`: number of the robot in a team or patrol, by default the first.
+    - `robot`: the number of the robot in a team or patrol, by default the first robot.
 
     **Returns:** the task.
 
-    **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
-    no such robot in it, or no plan; `FileNotFoundError`.
+    **Raises:** `ValueError`, with the file and the field, if the file is not a task or has no such
+    robot or no plan; `FileNotFoundError`.
 
-    The part of one robot of a team:
+    The part of a robot of a team:
 
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot
@@ -129,8 +129,8 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     if path.suffix == ".nc":
         raise ValueError(
             f"{path}: a robot does not read NetCDF; expected filter.jxf, team.json, patrol.json or "
-            "the summary.json of a plan. One of all plans between cells is that of `jaxcell "
-            "navigate --start ... --goal ... --out`"
+            "the summary.json of a plan. To get a single plan of all plans between cells, run "
+            "`jaxcell navigate --start ... --goal ... --out`"
         )
     values = _json(path) if path.suffix == ".json" else {}
     kind = values.get("kind") if values.get("format") == "jaxcell-robot-task" else None
@@ -141,9 +141,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     if kind == ANYWHERE:
         return read_anywhere(path, values)
     if robot is not None:
-        raise ValueError(
-            f"{path}: it is for one robot, so that there is no robot {robot} to choose"
-        )
+        raise ValueError(f"{path}: it is for one robot, so that robot {robot} cannot be chosen")
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
     if path.suffix == ".jxb":

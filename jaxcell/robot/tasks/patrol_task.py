@@ -19,29 +19,29 @@ KIND = "patrol"
 
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
-    """A random walk of one robot on the cells of a map, with the ways between the cells."""
+    """The task of a robot that patrols the cells of a map by a random walk."""
 
     robot: int
-    "Number of the robot."
+    "The number of the robot."
     robots: int
-    "Number of robots."
+    "The number of robots."
     cells: CellSpace
-    "The squares of the map, with the four directions that the robot drives in."
+    "The squares of the map, with the four directions in which the robot drives."
     closed: tuple[tuple[int, int], ...]
-    "Ways that a wall between two free squares closes: a position, and 0 East to 3 South."
+    "The steps that a wall between two free squares blocks: a position, and 0 East to 3 South."
     image: Int[np.ndarray, "branches states"]
-    """The states that a draw may lead to. States are the positions, or for a robot with memory the
-    pairs of a state of the memory and a position, the position fastest."""
+    """The possible next states of each state. A state is a position; or for a robot with memory a
+    state of the memory and a position, in which the position varies fastest."""
     probability: Float[np.ndarray, "branches states"]
-    "The probability of each state."
+    "The probability of each next state."
     start: int
     "The position at the start."
     reach: float
-    "Range of sight, in metres."
+    "The range of sight, in metres."
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
-        """See [`jaxcell.robot.routing.grid_steps`][]."""
+        """The position after a step in each direction; see [`jaxcell.robot.grid_steps`][]."""
         return grid_steps(self.cells.free, self.closed)
 
     @property
@@ -61,15 +61,16 @@ def save_patrols(
 
     **Arguments:**
 
-    - `path`: the file, which is replaced.
-    - `cells`: the cell space of a map; its directions do not matter.
-    - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain` on
-        the positions, or with memory on pairs of a state and a position, the position fastest.
+    - `path`: the file, which is replaced if it exists.
+    - `cells`: the cell space of a map; its directions have no effect.
+    - `walks`: the `image` and `probability` of the chain of each robot, as of a
+        `jaxcell.mapping.Chain`, on positions, or on pairs as in
+        [`PatrolTask`][jaxcell.robot.PatrolTask].
     - `starts`: the position of each robot at the start.
-    - `reach`: range of sight of a robot, in metres.
+    - `reach`: the range of sight of a robot, in metres.
     - `about`: further fields of the file.
 
-    One robot that patrols between the ends of a corridor:
+    A robot that patrols between the ends of a corridor:
 
         >>> import pathlib, tempfile
         >>> import numpy as np
@@ -108,7 +109,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read a robot of a patrol from the fields of its file.
+    """Read the task of a robot from the file of a patrol.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -153,7 +154,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 
 def _check_ways(task: PatrolTask) -> None:
-    """Raise `ValueError` if a step leads to a position that no path along the grid reaches."""
+    """Raise `ValueError` if the walk leads to a position that no path along the grid reaches."""
     drawn = np.zeros(task.image.shape[1], bool)
     front = np.array([task.start])
     while front.size:
@@ -169,5 +170,5 @@ def _check_ways(task: PatrolTask) -> None:
         x, y, _ = task.cells.centre(int(cut_off[0]))
         raise ValueError(
             f"{task.path}: robots[{task.robot}] walks to position {cut_off[0]}, ({x:g} m, "
-            f"{y:g} m), where no way along the grid leads from its start"
+            f"{y:g} m), which no path along the grid reaches from its start"
         )

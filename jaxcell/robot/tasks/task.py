@@ -20,37 +20,37 @@ _MAX_DIRECTIONS = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """A task from a file, with the numbers of its map that a robot needs."""
+    """The task of a robot from a file, with the sizes of its map."""
 
     path: Path
     cell: float
-    "Side of a cell, in metres."
+    "The side of a cell, in metres."
     directions: int
-    "Number of directions."
+    "The number of directions."
     step: float
-    "Length of a step, in metres."
+    "The length of a step, in metres."
     radius: float
-    "Radius of the robot, in metres."
+    "The radius of the robot, in metres."
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
-        """See [`jaxcell.robot.walker.cell_strides`][]; `None` for a robot without cells."""
+        """The ends of steps; see [`jaxcell.robot.cell_strides`][]. `None` without cells."""
         return cell_strides(self.directions, self.cell, self.step)
 
     @property
     def needs_heading(self) -> bool:
-        """True if the length or the side of a step differs between directions."""
+        """True if the strides of different directions differ."""
         strides = self.strides
         return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
 
     @property
     def start_direction(self) -> int | None:
-        """The direction of the robot at the start; `None` for any."""
+        """The number of the direction of the robot at the start; `None` for any direction."""
         return None
 
     @property
     def header(self) -> dict[str, Any]:
-        """The header of the log of a run."""
+        """The header of the log of a run of this task."""
         return {
             "file": str(self.path.absolute()),
             "sha256": digest(self.path),
@@ -61,20 +61,20 @@ class Task:
 
 
 def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
-    """Write a task in JSON, in place of the file if it exists."""
+    """Write a task as JSON. An existing file is replaced."""
     text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def digest(path: Path) -> str:
-    """Compute the SHA-256 of a file."""
+    """Compute the SHA-256 digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
-    """Read the fields of every [`Task`][]."""
+    """Read the fields that every [`Task`][jaxcell.robot.tasks.task.Task] has."""
     return {
         "path": path,
         "cell": fields.number("cell_m", _MIN_LENGTH),
@@ -85,7 +85,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
-    """Read at least `count` angles, in radians, in degrees in the file."""
+    """Read at least `count` angles, which are in degrees in the file. Returns radians."""
     values = fields.get(name)
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
@@ -97,9 +97,9 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Read the fields of a robot of a file.
+    """Get the fields of a robot in the file of several robots.
 
-    **Raises:** `ValueError` if there is no such robot.
+    **Raises:** `ValueError` if the file has no such robot.
     """
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):

@@ -1,4 +1,4 @@
-/* What the sketch uses of the Arduino core, on a computer. board.cpp says what stands behind it. */
+/* The part of the Arduino core that the sketch uses, on a computer; board.cpp implements it. */
 #pragma once
 
 #include <math.h>
@@ -30,7 +30,7 @@ void delay(uint32_t milliseconds);
 void pinMode(uint8_t pin, uint8_t mode);
 void digitalWrite(uint8_t pin, uint8_t value);
 
-/* The USB port: what is printed there comes to the test. */
+/* The USB port, whose text is sent to the test. */
 struct UsbSerial {
     void begin(uint32_t baud);
     void print(const __FlashStringHelper *text);

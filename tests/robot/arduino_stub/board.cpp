@@ -1,12 +1,12 @@
 /* A board for the sketch in sketch.cpp, with a robot on its port.
  *
- * The robot is at the other end of stdin and stdout, and time is that of the board: it passes where
- * the sketch waits or sends, so that a run is the same on every machine.
- * Messages to the test: 'X' microseconds, count, bytes: what the sketch has sent the robot until
- * then, answered by count, bytes: what the robot has sent; 'T' count, text: of the USB port;
- * 'B' baud: of the port to the robot; 'P' pin, value; 'R': the watchdog resets the board.
+ * The robot is at the other end of stdin and stdout. Time passes only while the sketch waits or
+ * sends, so that a run does not depend on the machine. The messages to the test are: 'X'
+ * microseconds, count, bytes that the sketch has sent to the robot, answered by count, bytes of the
+ * robot; 'T' count, text of the USB port; 'B' baud of the port to the robot; 'P' pin, value; and
+ * 'R' when the watchdog resets the board.
  *
- * HANG_AT: microseconds at which the sketch hangs, once. */
+ * HANG_AT: the microseconds at which the sketch hangs, once. */
 #include <Arduino.h>
 #include <SoftwareSerial.h>
 #include <avr/wdt.h>
@@ -21,13 +21,13 @@ extern uint32_t *const noinit;
 namespace board {
 
 uint64_t now = 0;        /* us */
-uint64_t told = 0;       /* until when the robot knows */
-uint64_t last_byte = 0;  /* when the robot's last byte has come */
-uint64_t fed = 0;        /* the watchdog */
+uint64_t exchanged = 0;       /* the time of the last exchange */
+uint64_t last_byte = 0;  /* the arrival of the last byte of the robot */
+uint64_t fed = 0;        /* the last reset of the watchdog */
 uint64_t patience = 0;
 uint64_t hang_at = UINT64_MAX;
 uint64_t byte_time = 0;
-int asked = 0;           /* how often in a row for a byte that is not there */
+int asked = 0;           /* consecutive tests for a byte without one */
 std::vector<uint8_t> out;
 std::deque<std::pair<uint64_t, uint8_t>> in;
 char **arguments;
@@ -85,7 +85,7 @@ void exchange() {
     get(bytes.data(), back);
     receive(bytes.data(), back);
     out.clear();
-    told = now;
+    exchanged = now;
 }
 
 void pass(uint64_t microseconds) {
@@ -104,7 +104,7 @@ void wait_for_byte() {
         return;
     }
     if (in.front().first > now) now = in.front().first;
-    if (now - told > 15000) exchange();
+    if (now - exchanged > 15000) exchange();
 }
 
 } // namespace board
@@ -126,7 +126,7 @@ void pinMode(uint8_t, uint8_t) {}
 
 void digitalWrite(uint8_t pin, uint8_t value) {
     const uint8_t bytes[] = {pin, value};
-    /* So that time passes in a loop that only blinks. */
+    /* Time must pass in a loop that only blinks. */
     board::pass(5000);
     board::tell('P', bytes, sizeof bytes);
 }
@@ -164,7 +164,7 @@ void RobotSerial::begin(uint32_t baud) {
 
 int RobotSerial::available() {
     if (board::in.empty() || board::in.front().first > board::now) {
-        /* Once may be only to see, twice is to wait. */
+        /* A second test in a row means that the sketch waits. */
         if (++board::asked > 1) board::wait_for_byte();
     }
     int count = 0;

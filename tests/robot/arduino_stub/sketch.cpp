@@ -1,4 +1,4 @@
-/* The sketch in SKETCH, and where it keeps what survives a reset. */
+/* The sketch in SKETCH, and its variable that survives a reset. */
 #include SKETCH
 
 extern uint32_t *const noinit;
