@@ -8,9 +8,7 @@ from jaxtyping import Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
-from . import conic
 from .checked import one_each
-from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
 from .multiplicative import least_resistance
@@ -43,7 +41,7 @@ def minimum_commute(
     share: float = 0.8,
     *,
     durations: Any = None,
-    constraints: Sequence[Linear] | Rules = (),
+    constraints: Sequence[Linear] = (),
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
@@ -72,20 +70,15 @@ def minimum_commute(
         durations, the commute time is in their unit, and `share` is a share of the time. With `t_e`
         the durations, the mean time of a step is `sum_e w_e t_e`, so that `w_e t_e` are the weights
         of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
-    - `constraints`: linear constraints; or, on up to 60 vertices, a function that returns any
-        constraints of cvxpy that are convex in the weights and in the shares of time at the
-        vertices, such as `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with
-        durations.
-    - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01, and at
-        least 1e-4 with constraints of cvxpy.
+    - `constraints`: linear constraints. Not with durations, nor on more than 2,000 vertices.
+    - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
     no weights have an average commute time below `(1 - residual) commute_time`. The problem is an
     A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
     `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints the
-    bound is valid for all `u` that meet the constraints; it follows from the shadow prices of
-    linear constraints, or from a program of cvxpy.
+    bound is valid for all `u` that meet the constraints; it follows from their shadow prices.
 
     **Raises:** `ValueError` for wrong arguments, or for a share so near 1 that the rest for other
     edges is lost in rounding; `RuntimeError` if the gap stays above the tolerance, or if no weights
@@ -112,7 +105,7 @@ def minimum_commute(
         except ValueError as error:
             raise ValueError(f"emphasis: {error}") from None
         emphasised = on_walk(graph, tour)
-    if callable(constraints) or constraints:
+    if constraints:
         if durations is not None:
             raise ValueError("constraints: expected none with durations")
         if graph.vertices > MAX_VERTICES:
@@ -165,16 +158,11 @@ def _constrained(
     tour: Int[np.ndarray, "steps"] | None,
     on_tour: Bool[np.ndarray, "edges"],
     share: float,
-    constraints: Sequence[Linear] | Rules,
+    constraints: Sequence[Linear],
     tolerance: float,
 ) -> MinimumCommute:
     """Find the best weights that meet constraints; the emphasis is a further constraint."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
-    if callable(constraints):
-        best = conic.least_resistance(graph, emphasis, constraints)
-        time = 4 * best.resistance / (graph.vertices - 1)
-        certificate = Certificate(best.iterations, best.gap, max(tolerance, conic.TOLERANCE))
-        return MinimumCommute(best.weights, time, tour, certificate)
     left = room(len(graph.edges), [*constraints, *emphasis])
     apart = vertices_apart(graph.vertices, graph.edges[left.used])
     if apart is not None:

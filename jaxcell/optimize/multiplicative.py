@@ -4,10 +4,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.process import one_blas_thread
-from .laplacian import resistance_gains
-from .resistance import Emphasis, Iterate, Laplacian
+from .resistance import Emphasis, Iterate, Laplacian, pseudo_inverse
 
 
+# Number of edges that are processed at once, which limits the memory.
+_ROWS = 256
 # The least weight, which is positive so that its logarithm is finite.
 _LEAST = 1e-100
 
@@ -42,9 +43,12 @@ def least_resistance(
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = resistance_gains(
-            laplacian.vertices, laplacian.edges, weights / durations
-        )
+        inverse = pseudo_inverse(laplacian.vertices, laplacian.edges, weights / durations)
+        resistance, gain = float(np.trace(inverse)), np.empty(weights.size)
+        for first in range(0, gain.size, _ROWS):
+            tail, head = laplacian.edges[first : first + _ROWS].T
+            columns = inverse[tail] - inverse[head]
+            gain[first : first + _ROWS] = np.einsum("en,en->e", columns, columns)
         gain /= durations
         gap = max(0.0, 1 - resistance / problem.most(gain))
         if gap < best.gap:

@@ -30,7 +30,6 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.process import one_blas_thread
 from .constraints import Room
-from .laplacian import pseudo_inverse
 
 
 _STEPS = 100
@@ -183,6 +182,35 @@ class Laplacian:
             block *= (rows[tail[block_rows]] - rows[head[block_rows]])[:, first:]
             hessian[block_rows, first:] = block
         return hessian
+
+
+def pseudo_inverse(
+    vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
+) -> Float[np.ndarray, "vertices vertices"]:
+    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, where `b_e` is the difference of the ends
+    of `e`.
+
+    **Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices, up to rounding.
+    """
+    tail, head = edges.T
+    laplacian = np.zeros((vertices, vertices))
+    laplacian[tail, head] = laplacian[head, tail] = -weights
+    degree = -laplacian.sum(axis=0)
+    laplacian.flat[:: vertices + 1] = degree
+    # Adding a constant moves the eigenvalue 0 into the range of the other eigenvalues.
+    shift = degree.mean()
+    laplacian += shift / vertices
+    # LAPACK overwrites arrays in Fortran order: the transpose, which is the same matrix.
+    factor, info = scipy.linalg.lapack.dpotrf(laplacian.T, lower=1, overwrite_a=1)
+    if info == 0:
+        factor, info = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+    if info:
+        raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
+    # LAPACK does not fill the entries above the diagonal, which are 0.
+    inverse = factor + factor.T
+    inverse.flat[:: vertices + 1] /= 2
+    inverse -= 1 / (shift * vertices)
+    return inverse
 
 
 def interior_point(
