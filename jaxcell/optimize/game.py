@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate, Outcome
 from ..base.precision import require_x64
 from ..base.process import no_output
-from .checked import finite
+from .checked import distribution, finite
 
 
 # Tolerance relative to the range of payoffs: HiGHS meets constraints of integer programs to 1e-6.
@@ -52,9 +52,9 @@ def stackelberg(
     Stackelberg equilibrium; Alam 2018, section 4.4.2). The leader knows only the probability of
     each type.
 
-    Two methods find the same value. `"dobss"` is one mixed-integer program for all types (Paruchuri
-    et al. 2008). `"multiple-lp"` solves one linear program per combination of answers of the types
-    (Conitzer and Sandholm 2006): one per target for a single type, exponentially many for more.
+    Two methods find the same value. `"dobss"` is one mixed-integer program (Paruchuri et al. 2008).
+    `"multiple-lp"` solves one linear program per combination of answers of the types (Conitzer and
+    Sandholm 2006).
 
     **Arguments:**
 
@@ -73,10 +73,6 @@ def stackelberg(
     leader's payoffs; and the largest gain of a type from another target than its answer, relative
     to the largest difference of targets under one strategy. Differences below the tolerance may
     count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
-
-    **Raises:** `ValueError` for wrong arguments, or more than 10,000 combinations for
-    `"multiple-lp"`; `RuntimeError` if the solver finds no solution, if the residual exceeds the
-    tolerance, or if JAX is set to 32 bits.
 
     The leader gains by mixing; its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
 
@@ -97,7 +93,9 @@ def stackelberg(
         if len(payoffs) not in (1, types):
             raise ValueError(f"{name}: expected payoffs of {types} types, got {len(payoffs)}")
     R, C = (np.broadcast_to(payoffs, (types, *payoffs.shape[1:])) for payoffs in (R, C))
-    probability = _distribution(prior, types)
+    probability = np.full(types, 1 / types)
+    if prior is not None:
+        probability = distribution("prior", prior, types, "per type", zero=True)
     if method not in (None, "dobss", "multiple-lp"):
         raise ValueError(f"method: expected one of ['dobss', 'multiple-lp'], got {method!r}")
     if not time_limit > 0:
@@ -259,7 +257,7 @@ def _commit(
 
 
 def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Correct the rounding of a solver, so that weights are not negative and sum to 1."""
+    """Correct the rounding of a solver."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 
@@ -278,16 +276,3 @@ def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targ
             f"shape {list(array.shape)}"
         )
     return array.reshape(-1, *array.shape[-2:])
-
-
-def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
-    if prior is None:
-        return np.full(types, 1 / types)
-    array = finite("prior", prior)
-    if array.shape != (types,):
-        raise ValueError(f"prior: expected {types} numbers, one per type, got {list(array.shape)}")
-    if (array < 0).any() or abs(array.sum() - 1) > 1e-9:
-        raise ValueError(
-            f"prior: expected numbers that are not negative and sum to 1, got {array.tolist()}"
-        )
-    return array / array.sum()

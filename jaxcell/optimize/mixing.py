@@ -9,7 +9,7 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.process import one_blas_thread
 from ..mapping import Chain
-from .checked import shares_of_time
+from .checked import distribution
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
 
@@ -52,13 +52,7 @@ def fastest_mixing(
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`FastestMixing`][]. The residual of its certificate bounds by how much the largest
-    spectral gap can exceed `1 - rate`, relative to `1 - rate`. It comes from a dual solution: no
-    chain has a rate below `tr Y - sqrt(pi)' Y sqrt(pi) - pi' z`, for a symmetric `Y` whose
-    eigenvalues have moduli with sum 1, and `z >= 0` with `z_i + z_j >= s' Y s` for each edge, where
-    `s = e_i / sqrt(pi_i) - e_j / sqrt(pi_j)`.
-
-    **Raises:** `ValueError` for a graph that is not connected, or for a wrong `stationary`;
-    `RuntimeError` if the residual stays above the tolerance.
+    spectral gap can exceed `1 - rate`, relative to `1 - rate`. It comes from a dual solution.
 
     A line of three vertices; at its ends the chain stays half of the time:
 
@@ -71,8 +65,9 @@ def fastest_mixing(
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
     check_connected(graph.vertices, graph.edges)
-    even = np.full(graph.vertices, 1 / graph.vertices)
-    share = even if stationary is None else shares_of_time(stationary, graph.vertices)
+    share = np.full(graph.vertices, 1 / graph.vertices)
+    if stationary is not None:
+        share = distribution("stationary", stationary, graph.vertices, "per vertex")
     # Weights are not negative, and their sum at a vertex is at most its share of time.
     edges = len(graph.edges)
     ends = (np.ones(2 * edges), (graph.edges.ravel(), np.repeat(np.arange(edges), 2)))

@@ -231,8 +231,8 @@ def test_the_optimal_patrol_has_the_value_of_the_published_one(method):
         ([["a", "b"]], np.ones((1, 2)), None, "leader: expected an array of numbers"),
         ([[1.0], [1.0, 2.0]], np.ones((2, 2)), None, "leader: expected an array of numbers"),
         (np.ones((1, 2)), np.ones((2, 1, 2)), [1.0], r"prior: expected 2 numbers, .* got \[1\]"),
-        (np.ones((1, 2)), np.ones((2, 1, 2)), [0.5, 0.6], "not negative and sum to 1"),
-        (np.ones((1, 2)), np.ones((2, 1, 2)), [1.5, -0.5], "not negative and sum to 1"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [0.5, 0.6], "prior: .* sum to 1, got 1.1"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [1.5, -0.5], r"prior\[1\] is -0.5; expected .* 0"),
         (np.ones((1, 2)), np.ones((2, 1, 2)), [np.nan, 1], r"prior\[0\] is nan"),
     ],
 )

@@ -97,9 +97,7 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     try:
         if suffix == ".json":
             parts = _parse_json(_text(path))
-        elif suffix == ".graphml":
-            parts = _parse_graphml(_text(path))
-        elif suffix in (".gml", ".adjlist"):
+        elif suffix in (".graphml", ".gml", ".adjlist"):
             parts = _parse_networkx(_text(path), suffix)
         elif suffix == ".graph":
             parts = _parse_simulator(_text(path))
@@ -138,20 +136,22 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
     )
 
 
-def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
+    """Read GraphML, GML or an adjacency list with networkx."""
     import networkx as nx
 
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = _refuse_doctype
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise ValueError(f"not valid XML, or cut short: {error}") from None
+    lines = text.splitlines()
+    if suffix == ".graphml":
+        _check_xml(text)
     try:
         with warnings.catch_warnings():
             # Warnings about ports and types are ignored.
             warnings.simplefilter("ignore")
-            graph = nx.parse_graphml(text, force_multigraph=True)
+            graph = {
+                ".graphml": lambda: nx.parse_graphml(text, force_multigraph=True),
+                ".gml": lambda: nx.parse_gml(lines),
+                ".adjlist": lambda: nx.parse_adjlist(lines),
+            }[suffix]()
     except (
         nx.NetworkXError,
         LookupError,
@@ -160,31 +160,31 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
         AttributeError,
         ParseError,
     ) as error:
-        raise ValueError(f"not GraphML that networkx reads: {str(error)[:300]}") from None
-    return _of_networkx(graph, "edgedefault")
-
-
-def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
-    """Read GML or an adjacency list with networkx."""
-    import networkx as nx
-
-    lines = text.splitlines()
-    try:
-        graph = nx.parse_gml(lines) if suffix == ".gml" else nx.parse_adjlist(lines)
-    except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
-    return _of_networkx(graph, "directed")
-
-
-def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
     if graph.is_directed():
-        raise ValueError(f"{directed}: {_DIRECTED}")
+        raise ValueError(f"{'edgedefault' if suffix == '.graphml' else 'directed'}: {_DIRECTED}")
     return (
         [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
         [
             Edge(f"edge {tail!r} to {head!r}", tail, head, length)
             for tail, head, length in graph.edges(data="length")
         ],
+    )
+
+
+def _check_xml(text: str) -> None:
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"not valid XML, or cut short: {error}") from None
+
+
+def _refuse_doctype(*_: object) -> NoReturn:
+    raise ValueError(
+        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
+        "can grow without bounds; expected none"
     )
 
 
@@ -208,13 +208,7 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
 
     def number(what: str) -> float:
         given = word()
-        try:
-            value = float(given)
-        except ValueError:
-            raise refused(f"word {at}", what, given) from None
-        if not abs(value) <= 1e9:
-            raise refused(f"word {at}", what, given)
-        return value
+        return checked_number(f"word {at}", given, what, text=True)
 
     def count(what: str) -> int:
         value = number(what)
@@ -273,13 +267,6 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
     """
     return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
         _WEIGHT.search(_text(Path(path)))
-    )
-
-
-def _refuse_doctype(*_: object) -> NoReturn:
-    raise ValueError(
-        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
-        "can grow without bounds; expected none"
     )
 
 

@@ -23,8 +23,6 @@ def load_values(
 
     **Returns:** the numbers, positive and finite, in the order of the names.
 
-    **Raises:** `ValueError` with the file and the line; `FileNotFoundError`.
-
     Durations of attacks on two vertices:
 
         >>> import pathlib, tempfile

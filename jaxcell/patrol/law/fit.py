@@ -79,10 +79,9 @@ def fit_gld(
     bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
     for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of this interval.
 
-    Newton's method improves the best few of a grid of shapes. Laws under which a sample has
-    probability 0 are excluded, so the likelihood is smooth. The result is the best of several local
-    maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may have a
-    larger likelihood, but is useless.
+    Newton's method improves the best few of a grid of shapes. The result is the best of several
+    local maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may
+    have a larger likelihood, but is useless.
 
     **Arguments:**
 
@@ -95,9 +94,6 @@ def fit_gld(
     **Returns:** [`GldFit`][]. The residual of its certificate is the gain in log-likelihood that
     another step is predicted to bring.
 
-    **Raises:** `ValueError` for samples that cannot be fitted; `RuntimeError` if the search does
-    not converge.
-
     Four parameters need more than four samples:
 
         >>> from jaxcell import patrol
@@ -106,7 +102,9 @@ def fit_gld(
             ...
         ValueError: samples: expected at least 8, with 5 different values, got 4 with 3
     """
-    given = _checked(samples)
+    given = finite("samples", samples)
+    if given.ndim != 1:
+        raise ValueError(f"samples: expected a list of numbers, got an array {list(given.shape)}")
     value, count = np.unique(given, return_counts=True)
     whole = value == np.round(value)
     if censored is None:
@@ -304,14 +302,3 @@ def _distance(
     below = law.cdf(value - half) - (upto - count) / upto[-1]
     above = law.cdf(value + half) - upto / upto[-1]
     return float(np.abs([below, above]).max())
-
-
-def _checked(samples: Any) -> Float[np.ndarray, "samples"]:
-    given = np.asarray(samples)
-    if given.ndim != 1 or not (
-        np.issubdtype(given.dtype, np.floating) or np.issubdtype(given.dtype, np.integer)
-    ):
-        raise ValueError(
-            f"samples: expected a list of numbers, got {given.dtype} of shape {given.shape}"
-        )
-    return finite("samples", given)

@@ -108,9 +108,8 @@ def capture_probabilities(
     """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
     The attack begins with each robot in a cell from which the target is not seen, and fails if a
-    robot sees the target within the attack time (Alam 2018, section 4.4.6). The result is exact,
-    by a product over the independent robots. A robot that sees the target from all of its cells
-    captures every attack.
+    robot sees the target within the attack time (Alam 2018, section 4.4.6). A robot that sees the
+    target from all of its cells captures every attack.
 
     **Arguments:**
 

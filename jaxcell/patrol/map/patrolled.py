@@ -120,7 +120,6 @@ class PatrolledMap(Result):
     "Seed of the patrol that a recording shows."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the parts have different cells or attack times."""
         positions = self.cells.positions
         sizes = {
             "graph": self.graph.vertices,

@@ -63,7 +63,6 @@ class Perimeter:
     "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the numbers do not define a perimeter."""
         for name in ("segments", "robots", "turn"):
             check_count(name, getattr(self, name))
         if self.segments % self.robots:
@@ -263,8 +262,6 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     - `p`: the probability of heads.
 
     **Returns:** the times for the segments 0 to `distance - 1`; `inf` if perhaps no robot comes.
-
-    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solver stalls.
 
     Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
 

@@ -108,8 +108,7 @@ def strategy_game(
     least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
     walk with the least commute time under that emphasis. In each strategy, vertices are in order of
     their mean hitting time: the time from a vertex to the preferred vertices, and in the strategy
-    for all vertices, the time to a vertex from the others. Vertices at equal times are in the order
-    of their numbers.
+    for all vertices, the time to a vertex from the others.
 
     **Arguments:**
 

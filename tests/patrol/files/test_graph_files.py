@@ -148,7 +148,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
     ("suffix", "old", "new", "message"),
     [
         (".graphml", '"undirected"', '"directed"', "edgedefault: it is directed"),
-        (".graphml", "1e-09", "north", "not GraphML that networkx reads"),
+        (".graphml", "1e-09", "north", "not .graphml that networkx reads"),
         (".graphml", "1e-09", "NaN", "node '1'.y: expected a finite number"),
         (".graphml", 'target="1"', 'target="hall"', "edge 'hall' to 'hall': it is a loop"),
         (
@@ -160,7 +160,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
         (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
         (".graphml", "</node>", "", "not valid XML, or cut short"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
-        (".graphml", "graphml.graphdrawing.org", "example.org", "not GraphML"),
+        (".graphml", "graphml.graphdrawing.org", "example.org", "not .graphml"),
         (".edges", "1000000.0 2.0", "1000000.0", "line 4: there is no vertex '3'"),
         (".edges", "1e-09", "inf", "line 2.y: expected a finite number .* got 'inf'"),
         (".edges", "hall 1\n", "hall attic\n", "line 5: there is no vertex 'attic'"),

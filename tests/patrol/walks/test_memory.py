@@ -220,10 +220,3 @@ def test_a_tour_that_is_in_time_everywhere_captures_all():
         found = memory_patrol(RING, attack, 1, walk, tests=0)
         assert found.least_capture[1] == least
         assert found.any_time[1] == attack / 8
-
-
-def test_memory_with_a_stationary_distribution_is_refused():
-    with pytest.raises(ValueError, match="memory: expected 1 with a stationary distribution"):
-        maximin_capture(KITE, 4, memory=2, stationary=np.full(4, 0.25))
-    with pytest.raises(ValueError, match="memory: expected at least 1, got 0"):
-        maximin_capture(KITE, 4, memory=0)

@@ -36,8 +36,6 @@ class OptimizedWalk:
     "The transition matrix."
     value: float
     "The value of the minimised or maximised quantity."
-    start: int
-    "The start that led to the chain; 0 is the default start, which is not random."
     certificate: Certificate
 
     @property
@@ -63,8 +61,6 @@ def minimize(
     relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
     larger share. If the problem is convex, this holds exactly. The iterations are the total over
     all starts.
-
-    **Raises:** `ValueError` for no starts; `RuntimeError` if the gap stays above the tolerance.
     """
     require_x64(what)
     if starts < 1:
@@ -79,7 +75,7 @@ def minimize(
     value = float(values[best])
     certificate = Certificate(steps, gap / max(1, abs(value)), tolerance)
     certificate.check(what, throw)
-    return OptimizedWalk(matrix, value, best, certificate)
+    return OptimizedWalk(matrix, value, certificate)
 
 
 @one_blas_thread()
