@@ -6,7 +6,10 @@ import networkx as nx
 import numpy as np
 from hypothesis import strategies as st
 
+from jaxcell import bundled
 from jaxcell.optimize import Graph
+from jaxcell.patrol import cell_graph
+from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
 def graph_of(network):
@@ -25,6 +28,12 @@ def random_graph(vertices, edges, seed):
 
 def grid(rows, columns):
     return graph_of(nx.grid_2d_graph(rows, columns))
+
+
+def on_map(name, reach):
+    """The graph of the cells of a map, of 1 m, and a mask of the cells that each cell sees."""
+    cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), 1.0, 1)
+    return cell_graph(cells), visible_cells(cells, reach)
 
 
 @st.composite

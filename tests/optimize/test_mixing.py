@@ -143,8 +143,3 @@ def test_a_tolerance_below_rounding_is_not_met():
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         fastest_mixing(Graph([[0, 1], [1, 2]]), **arguments)
-
-
-def test_a_graph_in_separate_parts_is_refused():
-    with pytest.raises(ValueError, match="expected all vertices connected"):
-        fastest_mixing(Graph([[0, 1], [2, 3]]))

@@ -1,28 +1,23 @@
-from pathlib import Path
-
 import jax
 import networkx
 import numpy as np
 import pytest
+from graphs import on_map
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol.map.attack import Attack, boundary, contested, outside
 from jaxcell.patrol.map.attacked_cell import vulnerability
 from jaxcell.patrol.map.capture import Capture, capture_probabilities
-from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
 from jaxcell.patrol.map.regions import angular_regions, base_station
-from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-MAPS = Path(__file__).parents[3] / "data" / "maps"
 TIMES = [1, 2, 5, 11, 30]
 
 
 @pytest.fixture(scope="module")
 def depot():
-    cells = CellSpace.of(Workspace.load(MAPS / "depot.json"), 1.0, 1)
-    graph, visible = cell_graph(cells), visible_cells(cells, 6.0)
+    graph, visible = on_map("depot", 6.0)
     return graph, visible, distributed_policies(graph, visible, 2)
 
 
@@ -107,8 +102,7 @@ def test_the_boundary_is_where_a_robot_from_outside_arrives(depot):
 
 
 def test_robots_of_regions_begin_in_theirs():
-    cells = CellSpace.of(Workspace.load(MAPS / "harbour.json"), 1.0, 1)
-    graph, visible = cell_graph(cells), visible_cells(cells, 6.0)
+    graph, visible = on_map("harbour", 6.0)
     base = base_station(graph, visible)
     regions = angular_regions(graph, base, visible[base], 3)
     policies = centralized_policies(graph, visible, regions)

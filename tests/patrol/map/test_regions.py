@@ -1,23 +1,11 @@
-from pathlib import Path
-
 import networkx
 import numpy as np
 import pytest
+from graphs import on_map
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.regions import angular_regions, base_station
-from jaxcell.space import CellSpace, Workspace, visible_cells
-
-
-MAPS = Path(__file__).parents[3] / "data" / "maps"
-
-
-def harbour():
-    workspace = Workspace.load(MAPS / "harbour.json")
-    cells = CellSpace.of(workspace, 1.0, 1)
-    return cell_graph(cells), visible_cells(cells, 6.0)
 
 
 def drawn(picture):
@@ -101,7 +89,7 @@ def test_regions_of_random_rooms(seed, share, robots):
 
 @pytest.mark.parametrize("robots", [1, 2, 3, 4, 6])
 def test_regions_of_the_harbour(robots):
-    graph, visible = harbour()
+    graph, visible = on_map("harbour", 6.0)
     base = base_station(graph, visible)
     regions = angular_regions(graph, base, visible[base], robots)
     check_partition(graph, regions)
@@ -188,7 +176,7 @@ def test_base_station_is_the_central_cell_that_sees_most(seed):
 
 
 def test_base_station_of_the_harbour():
-    graph, visible = harbour()
+    graph, visible = on_map("harbour", 6.0)
     base = base_station(graph, visible)
     assert np.abs(graph.xy[base] - [9, 8]).max() <= 3
     everywhere = base_station(graph, visible, central=1.0)

@@ -197,8 +197,8 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
         return LinearizedCapture(among, moves, np.full(9, 4))
 
     few = maximize_least_capture(law, among, moves, 1e-4)
-    monkeypatch.setattr(sequential_lp, "_NEAR", np.inf)
-    monkeypatch.setattr(sequential_lp, "_MOST", 1000)
+    monkeypatch.setattr(sequential_lp, "NEAR", np.inf)
+    monkeypatch.setattr(sequential_lp, "MOST", 1000)
     every = maximize_least_capture(law, among, moves, 1e-4)
     assert few[1] == pytest.approx(every[1], rel=2e-4)
     assert few[2] <= 1e-4

@@ -4,7 +4,7 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
-from graphs import connected_graphs, random_graph
+from graphs import connected_graphs, graph_of, random_graph
 from hypothesis import given, strategies as st
 from walks import by_slsqp
 
@@ -108,7 +108,7 @@ def test_gradient_of_the_return_time_entropy_against_differences():
 def test_independent_draws_have_the_most_return_time_entropy():
     # Of laws with the mean 1 / pi_i, the geometric law has most entropy, and a patroller that draws
     # each vertex independently from pi has it at all of them.
-    graph = Graph(np.array(nx.complete_graph(3).edges))
+    graph = graph_of(nx.complete_graph(3))
     share = np.array([0.25, 0.35, 0.4])
     found = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)
     most = -np.sum((1 - share) * np.log(1 - share) + share * np.log(share))

@@ -19,9 +19,9 @@ _SHORTEST = 1e-9
 # Least share of the predicted gain for accepting a step, and for a longer next step.
 _ENOUGH, _GOOD = 0.1, 0.75
 
-# A program includes attacks whose capture exceeds the least by at most this share of the value, and
-# at most this multiple of the number of moves.
-_NEAR, _MOST = 0.5, 6
+NEAR, MOST = 0.5, 6
+"""A program includes attacks whose capture exceeds the least by at most this share of the value,
+and at most this multiple of the number of moves."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
@@ -84,8 +84,8 @@ def _program(
     above = (here.probability - worst[:, None, :]) / value
     known = np.zeros(above.shape, bool)
     for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
-        nearest = order[: _MOST * moves.shape[1]]
-        known[robot].flat[nearest] = above[robot].flat[nearest] <= _NEAR
+        nearest = order[: MOST * moves.shape[1]]
+        known[robot].flat[nearest] = above[robot].flat[nearest] <= NEAR
         # The program has a solution only with the best attack on each target.
         known[robot, above[robot].argmin(axis=0), np.arange(above.shape[2])] = True
     for _ in range(_CUTS):
