@@ -1,6 +1,6 @@
 import dataclasses
 import itertools
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -19,6 +19,10 @@ _TOLERANCE = 1e-6
 # The smallest tolerances of a linear program that HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 _MAX_PROFILES = 10_000
+
+
+_Payoffs: TypeAlias = Float[np.ndarray, "types strategies targets"]
+_Weights: TypeAlias = Float[np.ndarray, "strategies"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,14 +134,10 @@ def stackelberg(
 
 
 # A commitment, its answers, an upper bound on the value of all commitments, and the iterations.
-_Solved = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
+_Solved = tuple[_Weights, Int[np.ndarray, "types"], float, int]
 
 
-def _dobss(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-    time_limit: float,
-) -> _Solved:
+def _dobss(R: _Payoffs, C: _Payoffs, time_limit: float) -> _Solved:
     """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
@@ -194,10 +194,7 @@ def _dobss(
     return weights, answer, -program.mip_dual_bound, int(program.mip_node_count)
 
 
-def _multiple_lp(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-) -> _Solved:
+def _multiple_lp(R: _Payoffs, C: _Payoffs) -> _Solved:
     types, _, targets = C.shape
     profiles = targets**types
     if profiles > _MAX_PROFILES:
@@ -221,10 +218,8 @@ def _multiple_lp(
 
 
 def _commit(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-    answer: Int[np.ndarray, "types"],
-) -> tuple[Float[np.ndarray, "strategies"], float, float] | None:
+    R: _Payoffs, C: _Payoffs, answer: Int[np.ndarray, "types"]
+) -> tuple[_Weights, float, float] | None:
     """Find the best weights for which given targets are the best answers of the types, or `None`.
 
     **Returns:** the weights, their value, and an upper bound on the value of all such weights.
@@ -256,7 +251,7 @@ def _commit(
     return weights, float(weights @ paid), float((paid - price @ gain).max())
 
 
-def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
+def _on_simplex(weights: _Weights) -> _Weights:
     """Correct the rounding of a solver."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
@@ -268,7 +263,7 @@ def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return payoffs / most if most > 0 else payoffs
 
 
-def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targets"]:
+def _payoffs(name: str, values: Any) -> _Payoffs:
     array = finite(name, values)
     if array.ndim not in (2, 3) or array.size == 0:
         raise ValueError(

@@ -25,14 +25,8 @@ def least_resistance(
     its share. Each step to these weights lowers the sum. Two steps are extrapolated (Varadhan and
     Roland 2008), as far as the sum decreases.
 
-    **Arguments:**
-
-    - `laplacian`: the Laplacian of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
-    - `problem`: the edges with at least a given share of the weight.
-    - `tolerance`: tolerance of the relative gap.
-    - `evaluations`: largest number of inversions of the Laplacian.
-
-    **Returns:** the weights with the smallest gap, and the number of inversions.
+    **Returns:** the weights with the smallest relative gap, and the number of inversions of the
+    Laplacian, `evaluations` at most.
     """
     durations = laplacian.durations
     best, count = Iterate(np.empty(0), None, np.inf, np.inf), 0

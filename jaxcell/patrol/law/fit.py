@@ -1,7 +1,7 @@
 import dataclasses
 import itertools
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,6 +33,10 @@ _MAX_HALVINGS = 20
 _MAX_CHANGE = 2.0
 # Curvatures below this number are due to rounding.
 _FLATTEST = 1e-9
+
+
+_Numbers: TypeAlias = Float[np.ndarray, "4"]
+_Point: TypeAlias = Float[np.ndarray, "2"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -142,13 +146,13 @@ class _Problem:
     data: Likelihood
     few: Likelihood
     "The likelihood of at most `_RANKED` values, enough to rank laws and to begin the search."
-    inner: Float[np.ndarray, "2"]
+    inner: _Point
     "Points near the quartiles."
-    log_odds: Float[np.ndarray, "2"]
+    log_odds: _Point
     "The log-odds of the samples at `inner`."
-    outer: Float[np.ndarray, "2"]
+    outer: _Point
     "The interval that the support must contain: both ends of all samples."
-    narrow: Float[np.ndarray, "2"]
+    narrow: _Point
     "The interval that the support must contain so that all samples have positive probability."
     size: int
     "The number of samples."
@@ -186,7 +190,7 @@ class _Problem:
         )
 
 
-def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
+def _starts(problem: _Problem) -> list[tuple[_Numbers, _Point]]:
     """Return the best laws of a grid, one per kind of shapes.
 
     The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
@@ -211,8 +215,8 @@ def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.nd
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Maximum:
-    numbers: Float[np.ndarray, "4"]
-    point: Float[np.ndarray, "2"]
+    numbers: _Numbers
+    point: _Point
     loss: float
     gain: float
     "The gain in log-likelihood that another step is predicted to bring."
@@ -221,9 +225,7 @@ class _Maximum:
     steps: int
 
 
-def _maximum(
-    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
-) -> _Maximum:
+def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Find the maximum to which a start leads.
 
     The likelihood of a censored sample has a kink where the support ends at the outer end of its
@@ -244,9 +246,7 @@ def _maximum(
     return dataclasses.replace(best, steps=wide.steps + narrow.steps)
 
 
-def _maximise(
-    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
-) -> _Maximum:
+def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Maximize the likelihood by Newton's method within bounds.
 
     Curvatures of the loss count as positive, so that each step lowers the loss.

@@ -182,13 +182,8 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Compute the probability that a robot from each cell has not seen each target.
-
-    **Arguments:**
-
-    - `late`: the probability for an earlier time.
-    - `steps`: number of steps after the earlier time.
-    """
+    """Compute the probability that a robot from each cell has not seen each target, from the
+    probability `late` some steps earlier."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

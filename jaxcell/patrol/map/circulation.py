@@ -105,14 +105,8 @@ class CirculationAscent:
         work: str = "",
         say: Callable[[str, int, int], None] | None = None,
     ) -> tuple[Logits, list[Circulation], list[float]]:
-        """Follow the gradient with Adam; the learning rate falls and the hardness rises.
-
-        **Arguments:**
-
-        - `logits`: the logits of the trained steps at the start.
-        - `count`: number of gradient steps.
-        - `work`, `say`: a description of the work, and a function that is called with the
-            description, the number of steps done, and their total.
+        """Follow the gradient with `count` steps of Adam; `say` is called with the description of
+        the work, the number of steps done, and their total.
 
         **Returns:** the last logits, the walks, and the least capture before each block.
         """

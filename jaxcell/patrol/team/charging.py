@@ -65,13 +65,8 @@ class Charged(Result):
         attack_time: Any = None,
         names: Sequence[str] | None = None,
     ) -> "Charged":
-        """Compute the statistics of walks whose steps depend on the number of steps since a charge.
-
-        **Arguments:**
-
-        - `chance`: the probabilities of steps, 0 in states that never occur.
-        - other arguments as in [`charged`][].
-        """
+        """Compute the statistics of walks whose steps depend on the number of steps since a charge;
+        the probabilities of steps are 0 in states that never occur."""
         robots, every, vertices, _ = chance.shape
         often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
         here = np.tile(np.eye(vertices)[charger], (robots, 1))

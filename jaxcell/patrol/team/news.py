@@ -156,15 +156,8 @@ def _backward(
 def with_vertices_on_the_way(
     matrix: Float[np.ndarray, "vertices vertices"], delays: Int[np.ndarray, "vertices vertices"]
 ) -> scipy.sparse.csr_array:
-    """Replace steps that take several units of time by chains of steps of one unit.
-
-    **Arguments:**
-
-    - `matrix`: the transition matrix.
-    - `delays`: number of units that each step takes, at least 1 for possible steps.
-
-    **Returns:** the matrix between the vertices, followed by the places along steps.
-    """
+    """Replace steps with delays of several units of time by chains of steps of one unit, between
+    the vertices, followed by the places along steps."""
     tails, heads = np.nonzero(matrix)
     more = delays[tails, heads] - 1
     places = len(matrix) + int(more.sum())

@@ -97,14 +97,9 @@ def log_missed_from_worst(
 ) -> Float[Array, "targets"]:
     """Compute the logarithm of the probability that a robot misses attacks from its worst start.
 
-    With a hardness, the worst start is a soft minimum of logarithms, because the gradient of a
-    product of many probabilities is almost 0.
-
-    **Arguments:**
-
-    - `late`: probability that the robot does not see the target in time, from each cell.
-    - `weight`: weight of the cell as a start, 0 for none.
-    - `tiny`: least probability whose logarithm is taken.
+    `late` is the probability of a miss from each cell, and `weight` the weight of the cell as a
+    start. With a hardness, the worst start is a soft minimum of logarithms, because the gradient of
+    a product of many probabilities is almost 0.
     """
     caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
     if hardness is None:
@@ -119,13 +114,8 @@ def log_missed_from_worst(
 def soft_loss(
     missed: Float[Array, "targets"], hardness: Float[Array, ""] | float, tiny: float = _TINY
 ) -> Float[Array, ""]:
-    """Compute the negative soft minimum over targets of the log-probability of capture.
-
-    **Arguments:**
-
-    - `missed`: logarithm of the probability that no robot captures.
-    - `tiny`: least probability whose logarithm is taken.
-    """
+    """Compute the negative soft minimum of the log-probability of capture over the targets, from
+    the log-probabilities that all robots miss."""
     caught = jnp.log(jnp.maximum(-jnp.expm1(missed), tiny))
     return jax.nn.logsumexp(-hardness * caught) / hardness
 

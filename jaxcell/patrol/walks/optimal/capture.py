@@ -1,6 +1,6 @@
 import dataclasses
 import itertools
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -42,11 +42,14 @@ _WITH_MEMORY = 10.0
 _EQUAL, _RARE = 1e-5, 1e-5
 
 
+_Matrices: TypeAlias = Float[np.ndarray, "robots states states"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class MaximinCapture:
     """Chains of robots, and the least probability that they capture an adversary."""
 
-    matrices: Float[np.ndarray, "robots states states"]
+    matrices: _Matrices
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
@@ -194,7 +197,7 @@ def _ascend(
     steps: Steps | SymmetricSteps,
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
-) -> tuple[Float[np.ndarray, "robots states states"], int, float]:
+) -> tuple[_Matrices, int, float]:
     """Follow the gradient in the logits of steps from each start.
 
     **Returns:** the best matrices, the number of steps, and the share of the value that the last
@@ -236,16 +239,12 @@ def _missed(
     return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
 
 
-def _value(
-    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
-) -> float:
+def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
     each = np.stack([first_passage(matrix, *arguments) for matrix in matrices])
     return float(captured_by_any(each).min())
 
 
-def _without_rare_moves(
-    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
-) -> tuple[Float[np.ndarray, "robots states states"], float]:
+def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
     Because of the floor, a robot visits even the part of the graph that it leaves to other robots,

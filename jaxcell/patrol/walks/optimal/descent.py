@@ -98,13 +98,8 @@ def descend(
     Starts run one after the other: under `vmap`, all line searches would wait for the slowest,
     which takes twice as long.
 
-    **Arguments:**
-
-    - `measure`: a function of the transition matrices `[robots, vertices, vertices]` and the
-        arguments. It is compiled once per shape, as long as it is the same object.
-    - `polytope`: the chains that each robot may have.
-    - `starts`: chains inside the polytope.
-    - `arguments`: arrays.
+    The measure is a function of the transition matrices `[robots, vertices, vertices]` and the
+    arguments. It is compiled once per shape, as long as it is the same object.
 
     **Returns:** the chains, their values, and the number of steps taken.
     """

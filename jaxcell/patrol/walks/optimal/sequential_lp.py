@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import scipy.optimize
@@ -27,12 +28,15 @@ _CUTS = 8
 _BROKEN = 1e-7
 
 
-Law = Callable[[Float[np.ndarray, "robots moves"]], LinearizedCapture]
+_Moves: TypeAlias = Float[np.ndarray, "robots moves"]
+
+
+Law = Callable[[_Moves], LinearizedCapture]
 
 
 def maximize_least_capture(
-    law: Law, polytope: ChainPolytope, moves: Float[np.ndarray, "robots moves"], tolerance: float
-) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
+    law: Law, polytope: ChainPolytope, moves: _Moves, tolerance: float
+) -> tuple[_Moves, float, float, int]:
     """Maximize the least probability of capture by linear programs, within a trusted distance.
 
     At a maximum of the least of smooth functions, several functions are equal, often enough of them
@@ -65,11 +69,8 @@ def maximize_least_capture(
 
 
 def _program(
-    polytope: ChainPolytope,
-    moves: Float[np.ndarray, "robots moves"],
-    here: LinearizedCapture,
-    distance: float,
-) -> tuple[Float[np.ndarray, "robots moves"], float]:
+    polytope: ChainPolytope, moves: _Moves, here: LinearizedCapture, distance: float
+) -> tuple[_Moves, float]:
     """Find the best chains for probabilities that are linear in the moves.
 
     The variables are the probabilities of the moves of each robot, the change of its least
@@ -102,11 +103,11 @@ def _program(
 
 def _solved(
     polytope: ChainPolytope,
-    moves: Float[np.ndarray, "robots moves"],
+    moves: _Moves,
     here: LinearizedCapture,
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
-) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:
+) -> tuple[_Moves, Float[np.ndarray, "robots targets"], float]:
     """Solve a program that contains the known attacks.
 
     **Returns:** the chains, the increase of the least probability of each robot for each target,
