@@ -24,9 +24,7 @@ class ConicWeights(NamedTuple):
 
 
 def least_resistance(
-    graph: Graph,
-    constraints: Sequence[Linear],
-    durations: Float[np.ndarray, "edges"] | None = None,
+    graph: Graph, constraints: Sequence[Linear], durations: Float[np.ndarray, "edges"] | None = None
 ) -> ConicWeights:
     """Find the weights with the least sum of resistances between all vertices, by Clarabel.
 

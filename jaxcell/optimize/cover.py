@@ -85,10 +85,7 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
 
 def minimum_cover(
-    sets: Bool[np.ndarray, "sets elements"],
-    *,
-    time_limit: float | None = None,
-    throw: bool = True,
+    sets: Bool[np.ndarray, "sets elements"], *, time_limit: float | None = None, throw: bool = True
 ) -> MinimumCover:
     """Choose the fewest sets that cover all elements, by a mixed-integer program.
 

@@ -227,11 +227,7 @@ class _Problem:
 
     @classmethod
     def of(
-        cls,
-        graph: Graph,
-        visible: Bool[np.ndarray, "cells cells"],
-        robots: int,
-        attack: Attack,
+        cls, graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, attack: Attack
     ) -> "_Problem":
         require_x64("capture_policies")
         check_visible(graph, visible)

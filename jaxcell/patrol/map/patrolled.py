@@ -87,8 +87,7 @@ class PatrolledMap(Result):
     recovery: Capture | None = None
     "The capture when the remaining robots patrol the new regions, or `None`."
     sight: Annotated[
-        Literal["centre", "cell", "source"],
-        quantity("", "part of a cell that a robot must see"),
+        Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
     "The search that found the policies, if they maximise capture; else `None`."

@@ -147,8 +147,5 @@ def reassign(
     ]
     _, taken = scipy.optimize.linear_sum_assignment(kept, maximize=True)
     return Reassignment(
-        after,
-        new,
-        left[taken].astype(np.int32),
-        centralized_policies(graph, visible, new, share),
+        after, new, left[taken].astype(np.int32), centralized_policies(graph, visible, new, share)
     )

@@ -84,11 +84,7 @@ def descend(
     polytope: ChainPolytope,
     starts: Float[np.ndarray, "starts robots moves"],
     arguments: tuple[Any, ...],
-) -> tuple[
-    Float[np.ndarray, "starts robots moves"],
-    Float[np.ndarray, "starts"],
-    int,
-]:
+) -> tuple[Float[np.ndarray, "starts robots moves"], Float[np.ndarray, "starts"], int]:
     """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
