@@ -16,8 +16,8 @@ from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# Tolerance of the gap of the first-order method, on large graphs, and its most inversions.
-_COARSE, _INVERSIONS = 1e-2, 300
+# Least tolerance of the gap of the first-order method, on large graphs.
+_COARSE = 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ def minimum_commute(
     laplacian = Laplacian(graph.vertices, graph.edges[used], times[used])
     if isinstance(problem, Emphasis) and graph.vertices > MAX_VERTICES:
         tolerance = max(tolerance, _COARSE)
-        best, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
+        best, steps = least_resistance(laplacian, problem, tolerance)
     else:
         try:
             best, steps = interior_point(laplacian, problem, tolerance)

@@ -9,13 +9,15 @@ from .resistance import Emphasis, Iterate, Laplacian, pseudo_inverse
 
 # Number of edges that are processed at once, which limits the memory.
 _ROWS = 256
+# Largest number of inversions of the Laplacian.
+_INVERSIONS = 300
 # The least weight, which is positive so that its logarithm is finite.
 _LEAST = 1e-100
 
 
 @one_blas_thread()
 def least_resistance(
-    laplacian: Laplacian, problem: Emphasis, tolerance: float, evaluations: int
+    laplacian: Laplacian, problem: Emphasis, tolerance: float
 ) -> tuple[Iterate, int]:
     """Find weights of edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
@@ -26,7 +28,7 @@ def least_resistance(
     Roland 2008), as far as the sum decreases.
 
     **Returns:** the weights with the smallest relative gap, and the number of inversions of the
-    Laplacian, `evaluations` at most.
+    Laplacian.
     """
     durations = laplacian.durations
     best, count = Iterate(np.empty(0), None, np.inf, np.inf), 0
@@ -51,7 +53,7 @@ def least_resistance(
 
     weights = shared(np.ones(durations.size))
     following, _ = step(weights)
-    while best.gap > tolerance and count < evaluations:
+    while best.gap > tolerance and count < _INVERSIONS:
         second, now = step(following)
         logs = [np.log(point) for point in (weights, following, second)]
         ahead, bend = logs[1] - logs[0], logs[2] - 2 * logs[1] + logs[0]
@@ -59,7 +61,7 @@ def least_resistance(
         while length > 1:
             tried = shared(np.exp(logs[0] + 2 * length * ahead + length**2 * bend))
             after, resistance = step(tried)
-            if resistance <= now or count >= evaluations:
+            if resistance <= now or count >= _INVERSIONS:
                 break
             length = (1 + length) / 2 if length > 1.5 else 0.0
         else:

@@ -20,6 +20,7 @@ hall yard
 ```
 """
 
+import functools
 import os
 import re
 import reprlib
@@ -45,7 +46,10 @@ from ...optimize import Graph
 
 LIST_SUFFIXES = (".edges", ".txt")
 SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge list)"
+_NETWORKX = (".graphml", ".gml", ".adjlist")
 _WEIGHT = re.compile(r"""["\s]weight["\s]""")
+# Errors of networkx for damaged files, besides its own.
+_FAULTS = (LookupError, TypeError, ValueError, AttributeError, ParseError)
 _MAX_BYTES = 64 * 1024**2
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
@@ -94,18 +98,16 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     path = Path(path)
     check_file(path, "a graph")
     suffix = path.suffix.lower()
+    parsers = {
+        ".json": _parse_json,
+        ".graph": _parse_simulator,
+        **dict.fromkeys(LIST_SUFFIXES, _parse_list),
+        **{name: functools.partial(_parse_networkx, name) for name in _NETWORKX},
+    }
     try:
-        if suffix == ".json":
-            parts = _parse_json(_text(path))
-        elif suffix in (".graphml", ".gml", ".adjlist"):
-            parts = _parse_networkx(_text(path), suffix)
-        elif suffix == ".graph":
-            parts = _parse_simulator(_text(path))
-        elif suffix in LIST_SUFFIXES:
-            parts = _parse_list(_text(path))
-        else:
+        if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return checked_graph(*parts)
+        return checked_graph(*parsers[suffix](_text(path)))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -125,18 +127,13 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            Edge(
-                f"{key}[{i}]",
-                edge.needed("source"),
-                edge.needed("target"),
-                edge.values.get("length"),
-            )
+            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get("length"))
             for i, edge in enumerate(fields.parts(key))
         ],
     )
 
 
-def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
     """Read GraphML, GML or an adjacency list with networkx."""
     import networkx as nx
 
@@ -152,14 +149,7 @@ def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
                 ".gml": lambda: nx.parse_gml(lines),
                 ".adjlist": lambda: nx.parse_adjlist(lines),
             }[suffix]()
-    except (
-        nx.NetworkXError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        ParseError,
-    ) as error:
+    except (nx.NetworkXError, *_FAULTS) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
     if graph.is_directed():
         raise ValueError(f"{'edgedefault' if suffix == '.graphml' else 'directed'}: {_DIRECTED}")

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, from_part, quantity
 from ...optimize.checked import finite
 from .distribution import Gld
 from .likelihood import Likelihood, law_through
@@ -57,21 +57,10 @@ class GldFit(Result):
         """Compute the distribution function of the law."""
         return self.law.cdf(x)
 
-    @derived("", "l1, the place of the law")
-    def l1(self) -> float:
-        return float(self.law.l1)
-
-    @derived("", "l2, the inverse of its scale")
-    def l2(self) -> float:
-        return float(self.law.l2)
-
-    @derived("", "l3, the shape of its lower tail")
-    def l3(self) -> float:
-        return float(self.law.l3)
-
-    @derived("", "l4, the shape of its upper tail")
-    def l4(self) -> float:
-        return float(self.law.l4)
+    l1 = from_part("law.l1", "", "l1, the place of the law")
+    l2 = from_part("law.l2", "", "l2, the inverse of its scale")
+    l3 = from_part("law.l3", "", "l3, the shape of its lower tail")
+    l4 = from_part("law.l4", "", "l4, the shape of its upper tail")
 
 
 def fit_gld(

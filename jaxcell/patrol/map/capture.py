@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.precision import require_x64
-from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...optimize import Graph
 from .attack import Attack, check_policies, contested
@@ -70,9 +70,9 @@ class Capture(Result):
         caught, at_first = _captures(graph, visible, policies, attacks)
         return cls(attack, caught, at_first, contested(visible, policies, regions))
 
-    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
-    def attack_time(self) -> Int[np.ndarray, "times"]:
-        return self.attack.times
+    attack_time = from_part(
+        "attack.times", "attack_time", "steps of an attack", "steps", kind="coordinate"
+    )
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:

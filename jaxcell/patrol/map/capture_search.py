@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...base.process import one_blas_thread
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour
@@ -70,9 +70,7 @@ class CaptureSearch(Result):
     def late_gain(self) -> float:
         return self.certificate.residual
 
-    @derived("", "gradient steps", kind="count")
-    def iterations(self) -> int:
-        return self.certificate.iterations
+    iterations = from_part("certificate.iterations", "", "gradient steps", kind="count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

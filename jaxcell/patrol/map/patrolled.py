@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...optimize import Graph
 from ...space import CellSpace
 from .attacked_cell import Vulnerability
@@ -242,9 +242,7 @@ class PatrolledMap(Result):
     def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:
         return np.flatnonzero(~self.visible.any(axis=0))
 
-    @derived("edge side", "cells at the ends of the edge", kind="index")
-    def end(self) -> Int[np.ndarray, "edges 2"]:
-        return self.graph.edges
+    end = from_part("graph.edges", "edge side", "cells at the ends of the edge", kind="index")
 
     @derived("robot", "robot", kind="coordinate")
     def robot(self) -> Int[np.ndarray, "robots"]:
@@ -262,9 +260,7 @@ class PatrolledMap(Result):
     def cover_size(self) -> Int[np.ndarray, "robots"]:
         return np.array([policy.cover.size for policy in self.policies])
 
-    @derived("robot", "cells of the smallest cover")
-    def minimum_cover(self) -> Float[np.ndarray, "robots"] | None:
-        return self.smallest_covers
+    minimum_cover = from_part("smallest_covers", "robot", "cells of the smallest cover")
 
     @derived("robot", "cells of its cover to those of the smallest")
     def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:

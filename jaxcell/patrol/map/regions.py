@@ -109,7 +109,14 @@ def angular_regions(
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """
-    _check_base(graph, base, view)
+    if not 0 <= base < graph.vertices:
+        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
+    if view.shape != (graph.vertices,):
+        raise ValueError(
+            f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
+            f"{list(view.shape)}"
+        )
+    _check_sees(base, view)
     near = graph.matrix(graph.lengths)
     outside = ~view
     outside[base] = False
@@ -226,17 +233,6 @@ def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> No
             f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row per cell of "
             f"the graph, got {list(visible.shape)}"
         )
-
-
-def _check_base(graph: Graph, base: int, view: Bool[np.ndarray, "cells"]) -> None:
-    if not 0 <= base < graph.vertices:
-        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
-    if view.shape != (graph.vertices,):
-        raise ValueError(
-            f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
-            f"{list(view.shape)}"
-        )
-    _check_sees(base, view)
 
 
 def _check_sees(base: int, view: Bool[np.ndarray, "cells"]) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...markov import dense
 from ...optimize import Commitment, Graph, Stakes, minimum_commute, payoffs, stackelberg
 from .paths import toward
@@ -69,9 +69,7 @@ class StrategyGame(Result):
     def rank(self) -> Int[np.ndarray, "strategies vertices"]:
         return np.argsort(self.closest, axis=1) + 1
 
-    @derived("", "payoff of the patroller")
-    def value(self) -> float:
-        return self.commitment.value
+    value = from_part("commitment.value", "", "payoff of the patroller")
 
     @derived("", "payoff of the patroller with the best strategy alone")
     def alone(self) -> float:
@@ -90,7 +88,7 @@ class StrategyGame(Result):
 
     @derived("", "optimality gap of the mixture, relative", kind="residual")
     def gap(self) -> float:
-        return float(self.commitment.certificate.residual)
+        return self.commitment.certificate.residual
 
 
 def strategy_game(
