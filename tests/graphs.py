@@ -17,6 +17,14 @@ def graph_of(network):
     return Graph(np.array(network.edges), network.number_of_nodes())
 
 
+def network_of(graph):
+    """The same graph in networkx, with the lengths of its edges."""
+    network = nx.empty_graph(graph.vertices)
+    for (tail, head), length in zip(graph.edges.tolist(), graph.lengths.tolist(), strict=True):
+        network.add_edge(tail, head, length=length)
+    return network
+
+
 def random_graph(vertices, edges, seed):
     """A random tree, and random edges more."""
     network = nx.random_labeled_tree(vertices, seed=seed)

@@ -3,7 +3,7 @@ import itertools
 import networkx as nx
 import numpy as np
 import pytest
-from graphs import connected_graphs, graph_of, grid, incidence, random_graph
+from graphs import connected_graphs, graph_of, grid, incidence, network_of, random_graph
 from hypothesis import given, strategies as st
 from walks import times_by_solves, walk_on
 
@@ -144,9 +144,6 @@ def test_symmetric_graphs(n):
     complete = minimum_commute(graph_of(nx.complete_graph(n)))
     assert complete.commute_time == pytest.approx(2 * (n - 1), rel=1e-8)
     np.testing.assert_allclose(complete.weights, 2 / (n * (n - 1)), atol=1e-8)
-    star = minimum_commute(graph_of(nx.star_graph(n - 1)))
-    assert star.commute_time == pytest.approx(4 * (n - 1) ** 2 / n, rel=1e-8)
-    np.testing.assert_allclose(star.weights, 1 / (n - 1), atol=1e-8)
     if n > 2:
         cycle = minimum_commute(graph_of(nx.cycle_graph(n)))
         assert cycle.commute_time == pytest.approx(n * (n + 1) / 3, rel=1e-8)
@@ -227,9 +224,7 @@ def test_tours_are_shortest(graph, data):
     graph = Graph(graph.edges, xy=xy)
     n = graph.vertices
     stops = data.draw(st.lists(st.integers(0, n - 1), min_size=2, max_size=6, unique=True))
-    network = nx.Graph()
-    for (a, b), length in zip(graph.edges.tolist(), graph.lengths, strict=True):
-        network.add_edge(a, b, length=length)
+    network = network_of(graph)
     between = dict(nx.all_pairs_dijkstra_path_length(network, weight="length"))
     least = min(
         sum(between[a][b] for a, b in zip((stops[0], *o), (*o, stops[0]), strict=True))

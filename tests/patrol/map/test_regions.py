@@ -1,7 +1,7 @@
 import networkx
 import numpy as np
 import pytest
-from graphs import on_map
+from graphs import network_of, on_map
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
@@ -32,17 +32,9 @@ def watched(picture):
     return graph, marks, int(np.flatnonzero(marks == "B")[0]), np.isin(marks, ["v", "B"])
 
 
-def network(graph):
-    made = networkx.Graph()
-    made.add_nodes_from(range(graph.vertices))
-    for (a, b), length in zip(graph.edges.tolist(), graph.lengths.tolist(), strict=True):
-        made.add_edge(a, b, length=length)
-    return made
-
-
 def rim(graph, base, view):
     """The cells in view next to one that is not, where robots report."""
-    net = network(graph)
+    net = network_of(graph)
     return {
         z
         for z in np.flatnonzero(view).tolist()
@@ -53,7 +45,7 @@ def rim(graph, base, view):
 def check_partition(graph, regions):
     outside = ~regions.view
     outside[regions.base] = False
-    net = network(graph)
+    net = network_of(graph)
     assert regions.region[regions.base] == -1
     assert (regions.region[outside] >= 0).all()
     assert all(regions.region[z] >= 0 for z in rim(graph, regions.base, regions.view))
@@ -71,8 +63,8 @@ def test_regions_of_random_rooms(seed, share, robots):
     blocked = random.random((11, 12)) < share
     picture = "\n".join("".join("#" if b else "." for b in row) for row in blocked)
     graph, _ = drawn(picture)
-    largest = np.array(sorted(max(networkx.connected_components(network(graph)), key=len)))
-    net = networkx.convert_node_labels_to_integers(network(graph).subgraph(largest.tolist()))
+    largest = np.array(sorted(max(networkx.connected_components(network_of(graph)), key=len)))
+    net = networkx.convert_node_labels_to_integers(network_of(graph).subgraph(largest.tolist()))
     graph = Graph(np.array(net.edges), xy=graph.xy[largest])
     base = int(random.integers(graph.vertices))
     # The cells within some steps, which is a view that is connected but of no simple shape.
@@ -167,7 +159,7 @@ def test_base_station_is_the_central_cell_that_sees_most(seed):
     net = networkx.connected_watts_strogatz_graph(20, 4, 0.3, seed=seed)
     graph = Graph(np.array(net.edges), xy=random.random((20, 2)))
     visible = random.random((20, 20)) < 0.3
-    closeness = networkx.closeness_centrality(network(graph), distance="length")
+    closeness = networkx.closeness_centrality(network_of(graph), distance="length")
     central = sorted(closeness, key=closeness.get, reverse=True)[:5]
     seen = visible.sum(axis=1)
     base = base_station(graph, visible, central=0.25)

@@ -89,22 +89,6 @@ def test_return_time_law_against_all_walks():
     assert rate <= float(entropy_within(P, 2000)) <= 3 * rate
 
 
-def test_gradient_of_the_return_time_entropy_against_differences():
-    logits, direction = np.random.default_rng(0).normal(size=(2, 4, 4))
-
-    @jax.jit
-    @jax.value_and_grad
-    def entropy(logits):
-        # Some returns cannot be: the graph is a square.
-        ways = np.roll(np.eye(4), 1, 0) + np.roll(np.eye(4), -1, 0)
-        return return_time_entropy(jax.nn.softmax(logits, axis=1, where=ways > 0), 9)
-
-    gradient = np.asarray(entropy(logits)[1])
-    step = 1e-5 * direction
-    numeric = float(entropy(logits + step)[0] - entropy(logits - step)[0]) / 2e-5
-    assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
-
-
 def test_independent_draws_have_the_most_return_time_entropy():
     # Of laws with the mean 1 / pi_i, the geometric law has most entropy, and a patroller that draws
     # each vertex independently from pi has it at all of them.
