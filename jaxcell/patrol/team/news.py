@@ -107,16 +107,15 @@ def age_of_news(
     """
     check_vertex("base", base, graph.vertices)
     delays = move_times(graph, times).astype(np.int64)
-    heard, laws = zip(
-        *(_backward(matrix, delays, base, graph.vertices) for matrix in matrices), strict=True
-    )
+    robots = [_backward(matrix, delays, base, graph.vertices) for matrix in matrices]
+    heard = np.any([brought for brought, _ in robots], axis=0)
     missed: list[float] = []
-    unheard: list[Float[np.ndarray, vertices]] = []
-    for law in itertools.islice(zip(*laws, strict=True), _LONGEST):
-        away, later = (np.prod(part, axis=0) for part in zip(*law, strict=True))
-        missed.append(float(away))
-        unheard.append(later)
-        if later[np.any(heard, axis=0)].max(initial=0) < _REST:
+    unheard: list[np.ndarray] = []
+    for law in itertools.islice(zip(*(law for _, law in robots), strict=True), _LONGEST):
+        away, later = zip(*law, strict=True)
+        missed.append(float(np.prod(away)))
+        unheard.append(np.prod(later, axis=0))
+        if unheard[-1][heard].max(initial=0) < _REST:
             break
     called = names_of(graph.vertices, names)
     return News(called[base], called, unit, 1 - np.array(missed), 1 - np.array(unheard))

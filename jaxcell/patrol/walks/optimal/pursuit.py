@@ -84,7 +84,7 @@ class Pursuit:
         return np.maximum.accumulate(numbers.reshape(vertices, goal.size, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
-        """Lower the bound `most` by tests of probabilities above `least`, with some cuts each."""
+        """Lower the bound `most` by `rounds` tests of probabilities above `least`."""
         random = np.random.default_rng(0)
         kept: Cuts = {}
         for _ in range(rounds):
