@@ -111,8 +111,8 @@ def age_of_news(
     heard = np.any([brought for brought, _ in robots], axis=0)
     missed: list[float] = []
     unheard: list[np.ndarray] = []
-    for law in itertools.islice(zip(*(law for _, law in robots), strict=True), _LONGEST):
-        away, later = zip(*law, strict=True)
+    for now in itertools.islice(zip(*(law for _, law in robots), strict=True), _LONGEST):
+        away, later = zip(*now, strict=True)
         missed.append(float(np.prod(away)))
         unheard.append(np.prod(later, axis=0))
         if unheard[-1][heard].max(initial=0) < _REST:
