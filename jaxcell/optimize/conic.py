@@ -54,4 +54,4 @@ def least_resistance(
         # The caller compares the result, so that its inaccuracy needs no warning.
         warnings.simplefilter("ignore")
         least = problem.solve(solver="CLARABEL", **_ACCURATE)
-    return ConicWeights(weights.value, float(least))
+    return ConicWeights(np.asarray(weights.value), float(least))
