@@ -142,7 +142,7 @@ def minimum_commute(
     weights[used] = numbers / numbers.sum()
     per_resistance = 4 / (graph.vertices - 1)
     prices = None
-    if isinstance(problem, Room):
+    if isinstance(problem, Room) and best.prices is not None:
         prices = per_resistance * problem.prices_of(best.prices, len(constraints))
     return MinimumCommute(weights, per_resistance * best.resistance, tour, certificate, prices)
 
