@@ -25,7 +25,7 @@ import os
 import re
 import reprlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
@@ -98,7 +98,7 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     path = Path(path)
     check_file(path, "a graph")
     suffix = path.suffix.lower()
-    parsers = {
+    parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge]]]] = {
         ".json": _parse_json,
         ".graph": _parse_simulator,
         **dict.fromkeys(LIST_SUFFIXES, _parse_list),

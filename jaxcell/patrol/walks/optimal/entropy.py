@@ -122,7 +122,7 @@ def maximum_return_time_entropy(
         least = 1 / graph.vertices if among.stationary is None else float(among.stationary.min())
         horizon = math.ceil(1 / (_TAIL * least)) - 1
     check_count("horizon", horizon)
-    search = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
+    search: Any = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
     name = "maximum_return_time_entropy"
     walk = minimize(name, _predictable, among, (np.zeros(horizon),), **search)
     return OptimizedWalk(walk.matrix, -walk.value, walk.certificate)

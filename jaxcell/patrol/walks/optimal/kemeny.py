@@ -51,7 +51,7 @@ def minimum_kemeny(
         ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
     """
     among = ChainPolytope.on(graph, stationary, stay=stay)
-    search = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
+    search: Any = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
     return minimize("minimum_kemeny", _kemeny, among, (), **search)
 
 
