@@ -6,12 +6,23 @@ import networkx as nx
 import numpy as np
 from hypothesis import strategies as st
 
+from jaxcell import bundled
 from jaxcell.optimize import Graph
+from jaxcell.patrol import cell_graph
+from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
 def graph_of(network):
     network = nx.convert_node_labels_to_integers(network)
     return Graph(np.array(network.edges), network.number_of_nodes())
+
+
+def network_of(graph):
+    """The same graph in networkx, with the lengths of its edges."""
+    network = nx.empty_graph(graph.vertices)
+    for (tail, head), length in zip(graph.edges.tolist(), graph.lengths.tolist(), strict=True):
+        network.add_edge(tail, head, length=length)
+    return network
 
 
 def random_graph(vertices, edges, seed):
@@ -25,6 +36,12 @@ def random_graph(vertices, edges, seed):
 
 def grid(rows, columns):
     return graph_of(nx.grid_2d_graph(rows, columns))
+
+
+def on_map(name, reach):
+    """The graph of the cells of a map, of 1 m, and a mask of the cells that each cell sees."""
+    cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), 1.0, 1)
+    return cell_graph(cells), visible_cells(cells, reach)
 
 
 @st.composite

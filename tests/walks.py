@@ -1,9 +1,27 @@
-"""Sums over all walks, and chains by another solver, which tests of optimal walks compare with."""
+"""Walks, and other ways to compute their times and capture, for tests to compare with."""
 
 import itertools
 
 import numpy as np
 import scipy.optimize
+
+from jaxcell.patrol import random_walk
+
+
+def walk_on(graph, weights=None):
+    """The transition matrix of a random walk, by default with equal weights."""
+    weights = np.ones(len(graph.edges)) if weights is None else weights
+    return random_walk(graph, weights).to_scipy().toarray()
+
+
+def times_by_solves(matrix, step=1.0):
+    """The mean time from each state to each other, one linear system per target."""
+    times, step = np.zeros_like(matrix), np.broadcast_to(step, len(matrix))
+    for target in range(len(matrix)):
+        others = np.delete(np.arange(len(matrix)), target)
+        system = np.eye(others.size) - matrix[np.ix_(others, others)]
+        times[others, target] = np.linalg.solve(system, step[others])
+    return times
 
 
 def delays_of(graph, times):

@@ -86,11 +86,11 @@ def graphs(full: bool) -> list[tuple[str, Graph, int]]:
 
 
 def by_gradients(graph: Graph, attack: int) -> float:
-    polished, capture._POLISHED = capture._POLISHED, 0
+    polished, capture.POLISHED = capture.POLISHED, 0
     try:
         return maximin_capture(graph, attack, throw=False).value
     finally:
-        capture._POLISHED = polished
+        capture.POLISHED = polished
 
 
 def by_programs(graph: Graph, attack: int) -> float:
@@ -105,7 +105,7 @@ def by_programs(graph: Graph, attack: int) -> float:
 def on_graph(name: str, graph: Graph, attack: int) -> Row:
     programs: list[Callable[[], float] | None] = [
         # On more vertices they are all there is.
-        None if graph.vertices > capture._POLISHED else lambda: by_gradients(graph, attack),
+        None if graph.vertices > capture.POLISHED else lambda: by_gradients(graph, attack),
         None if graph.vertices > PROGRAMS else lambda: by_programs(graph, attack),
         lambda: maximin_capture(graph, attack, throw=False).value,
     ]

@@ -25,11 +25,10 @@ tour through given vertices, `shortest_tour`, sum to at least a share `h`.
 **Fastest mixing.** Find the symmetric matrix `I - L` on a graph whose eigenvalues are nearest to 0,
 except for the eigenvalue 1 of the uniform distribution:
 
-    minimise max(|1 - l_2|, |1 - l_n|)     over w >= 0 with rows that are distributions,
+    minimise max(|1 - l_2|, |1 - l_n|)     over w >= 0 with rows that are distributions.
 
-or, for averaging, over weights of any sign. Both are semidefinite programs (Boyd, Diaconis and Xiao
-2004; Xiao and Boyd 2004), solved by `fastest_mixing`, also for a given stationary distribution, and
-by `fastest_averaging`.
+`fastest_mixing` solves this semidefinite program (Boyd, Diaconis and Xiao 2004), also for a given
+stationary distribution.
 
 **Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union contains every element. Each step
 of `greedy_cover` takes the set that adds most elements; it needs at most `1 + 1/2 + ... + 1/d`
@@ -46,8 +45,8 @@ averaged over the types of the follower. With one type, the problem is one linea
 target; with more types, one mixed-integer program. `payoffs` computes `P` and `Q` of patrol
 strategies from the `Stakes` at each vertex, and `stackelberg` solves for the commitment.
 
-Problems on graphs use `Graph`. The results are `MinimumCommute`, `FastestMixing`,
-`FastestAveraging`, `Cover`, `MinimumCover`, `Mixture` and `Commitment`.
+Problems on graphs use `Graph`. The results are `MinimumCommute`, `FastestMixing`, `Cover`,
+`MinimumCover`, `Mixture` and `Commitment`.
 """
 
 from ..base.hosted import attach

@@ -8,12 +8,7 @@ from .cover import (
 )
 from .game import Commitment as Commitment, stackelberg as stackelberg
 from .graph import Graph as Graph
-from .mixing import (
-    FastestAveraging as FastestAveraging,
-    FastestMixing as FastestMixing,
-    fastest_averaging as fastest_averaging,
-    fastest_mixing as fastest_mixing,
-)
+from .mixing import FastestMixing as FastestMixing, fastest_mixing as fastest_mixing
 from .mixtures import Mixture as Mixture, mixture as mixture
 from .stakes import Stakes as Stakes, payoffs as payoffs
 from .tour import shortest_tour as shortest_tour

@@ -1,4 +1,4 @@
-"""Checks of numbers in arguments; each error names the wrong number."""
+"""Checks of numbers in arguments; each raises a `ValueError` that names the wrong number."""
 
 import numbers
 from typing import Any
@@ -12,16 +12,12 @@ _ROUNDING = 1e-9
 
 
 def check_count(name: str, value: int) -> None:
-    """**Raises:** `ValueError` unless the value is a whole number of at least 1."""
     if not isinstance(value, numbers.Integral) or value < 1:
         raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
 
 
 def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
-    """Return an array of finite numbers, of any shape.
-
-    **Raises:** `ValueError` for anything else.
-    """
+    """Return an array of finite numbers, of any shape."""
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -38,10 +34,7 @@ def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
 def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return an array of one positive number per item; with `zero`, numbers may be 0.
-
-    **Raises:** `ValueError` for another shape, or for a number that is not finite or too small.
-    """
+    """Return an array of one positive number per item; with `zero`, numbers may be 0."""
     array = np.array(values, np.float64)
     if array.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")
@@ -53,13 +46,12 @@ def one_each(
     return array
 
 
-def shares_of_time(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
-    """Return a stationary distribution with a positive share at each vertex.
-
-    **Raises:** as [`one_each`][]; `ValueError` unless the sum is 1.
-    """
-    shares = one_each("stationary", stationary, vertices, "per vertex")
+def distribution(
+    name: str, values: Any, count: int, what: str, *, zero: bool = False
+) -> Float[np.ndarray, "count"]:
+    """Return an array of one share per item, whose sum is 1."""
+    shares = one_each(name, values, count, what, zero=zero)
     total = float(shares.sum())
     if abs(total - 1) > _ROUNDING:
-        raise ValueError(f"stationary: expected numbers that sum to 1, got {total!r}")
+        raise ValueError(f"{name}: expected numbers that sum to 1, got {total!r}")
     return shares / total

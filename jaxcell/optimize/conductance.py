@@ -8,18 +8,16 @@ from jaxtyping import Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
-from . import conic
 from .checked import one_each
-from .conic import Rules
-from .constraints import Linear, room
+from .constraints import Linear, Room, room
 from .graph import Graph
 from .multiplicative import least_resistance
 from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# Tolerance of the gap of the first-order method, on large graphs, and its most inversions.
-_COARSE, _INVERSIONS = 1e-2, 300
+# Least tolerance of the gap of the first-order method, on large graphs.
+_COARSE = 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ def minimum_commute(
     share: float = 0.8,
     *,
     durations: Any = None,
-    constraints: Sequence[Linear] | Rules = (),
+    constraints: Sequence[Linear] = (),
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
@@ -52,15 +50,11 @@ def minimum_commute(
 
     The weights `w` define a random walk that takes an edge with a probability in proportion to its
     weight. With `X` the pseudo-inverse of the weighted Laplacian, the mean commute time over pairs
-    of different vertices is `C = 4 / (n - 1) tr X`: twice the expression of Eq. 4.3, which is the
-    average hitting time. `C` is convex in the weights.
+    of different vertices is `C = 4 / (n - 1) tr X`, convex in the weights.
 
     An interior-point method computes the weights, with one Cholesky factorisation of the edges by
-    edges Hessian per step. This is dense linear algebra on arrays of hundreds, which LAPACK does on
-    the CPU without compilation; neither JAX nor its 64-bit numbers are needed.
-
-    On more than 2,000 vertices the Hessian is too large. A first-order method then computes the
-    weights, with one inverse of the vertices by vertices Laplacian per step.
+    edges Hessian per step. On more than 2,000 vertices the Hessian is too large. A first-order
+    method then computes the weights, with one inverse of the Laplacian per step.
 
     **Arguments:**
 
@@ -69,27 +63,18 @@ def minimum_commute(
         is [`jaxcell.optimize.shortest_tour`][].
     - `share`: the least sum of the weights on the edges of the tour, 0 to 1.
     - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. With
-        durations, the commute time is in their unit, and `share` is a share of the time. With `t_e`
-        the durations, the mean time of a step is `sum_e w_e t_e`, so that `w_e t_e` are the weights
-        of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
-    - `constraints`: linear constraints; or, on up to 60 vertices, a function that returns any
-        constraints of cvxpy that are convex in the weights and in the shares of time at the
-        vertices, such as `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with
-        durations.
-    - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01, and at
-        least 1e-4 with constraints of cvxpy.
+        durations, the commute time is in their unit, and `share` is a share of the time.
+    - `constraints`: linear constraints. Not with durations, nor on more than 2,000 vertices.
+    - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
-    no weights have an average commute time below `(1 - residual) commute_time`. The problem is an
-    A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
-    `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints the
-    bound is valid for all `u` that meet the constraints; it follows from the shadow prices of
-    linear constraints, or from a program of cvxpy.
+    no weights that meet the constraints have an average commute time below `(1 - residual)
+    commute_time`. For any weights `u` without constraints, `C(u) >= C(w) tr X / sum_e u_e |X
+    b_e|^2`, with `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008).
 
-    **Raises:** `ValueError` for wrong arguments, or for a share so near 1 that the rest for other
-    edges is lost in rounding; `RuntimeError` if the gap stays above the tolerance, or if no weights
-    meet the constraints (the message names constraints that contradict each other).
+    **Raises:** `RuntimeError` if no weights meet the constraints; the message names constraints
+    that contradict each other.
 
     On a line of three vertices both edges have the same weight. The commute time is 4 steps for two
     pairs of vertices, and 8 steps for the third pair:
@@ -112,69 +97,65 @@ def minimum_commute(
         except ValueError as error:
             raise ValueError(f"emphasis: {error}") from None
         emphasised = on_walk(graph, tour)
-    if callable(constraints) or constraints:
+    if constraints:
         if durations is not None:
             raise ValueError("constraints: expected none with durations")
         if graph.vertices > MAX_VERTICES:
             raise ValueError(
                 f"constraints: expected at most {MAX_VERTICES:,} vertices, got {graph.vertices:,}"
             )
-        met = _constrained(graph, tour, emphasised, share, constraints, tolerance)
-        met.certificate.check("minimum_commute", throw)
-        return met
-    # Edges that must have weight 0 are left out, and so is a bound that is always met.
-    allowed = emphasised if share == 1 else np.ones_like(emphasised)
-    if share == 1 and tour is not None:
-        left_out = np.setdiff1d(np.arange(graph.vertices), tour)
+    times = np.ones(len(graph.edges))
+    if durations is not None:
+        times = one_each("durations", durations, len(graph.edges), "per edge")
+    problem: Room | Emphasis
+    if constraints:
+        problem = _room(graph, tour, emphasised, share, constraints)
+        used = problem.used
+    else:
+        # Edges that must have weight 0 are left out, and so is a bound that is always met.
+        used = emphasised if share == 1 else np.ones_like(emphasised)
+        on_tour = emphasised[used]
+        problem = Emphasis(on_tour, 0.0 if on_tour.all() else float(share))
+        left_out = np.setdiff1d(np.arange(graph.vertices), graph.edges[used])
         if left_out.size:
             raise ValueError(
                 f"share is 1, but the tour leaves out vertex {left_out[0]}, which no walk would "
                 "ever visit; expected less than 1"
             )
-    edges, on_tour = graph.edges[allowed], emphasised[allowed]
-    times = np.ones(len(graph.edges))
-    if durations is not None:
-        times = one_each("durations", durations, len(graph.edges), "per edge")
-    times = times[allowed]
-    bound = 0.0 if on_tour.all() else float(share)
-    problem = Emphasis(on_tour, bound)
-    laplacian = Laplacian(graph.vertices, edges, times)
-    if graph.vertices > MAX_VERTICES:
+    laplacian = Laplacian(graph.vertices, graph.edges[used], times[used])
+    if isinstance(problem, Emphasis) and graph.vertices > MAX_VERTICES:
         tolerance = max(tolerance, _COARSE)
-        best, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
+        best, steps = least_resistance(laplacian, problem, tolerance)
     else:
         try:
             best, steps = interior_point(laplacian, problem, tolerance)
         except np.linalg.LinAlgError:
-            if not bound:
+            if isinstance(problem, Room) or not problem.share:
                 raise
             raise ValueError(
                 f"share is {share!r}: the rest for other edges is lost in rounding; expected less"
             ) from None
-    numbers = best.numbers[: len(edges)] / times
-    weights = np.zeros(len(graph.edges))
-    weights[allowed] = numbers / numbers.sum()
     certificate = Certificate(int(steps), float(best.gap), tolerance)
     certificate.check("minimum_commute", throw)
-    time = 4 * float(best.resistance) / (graph.vertices - 1)
-    return MinimumCommute(weights, time, tour, certificate)
+    numbers = best.numbers[: used.sum()] / times[used]
+    weights = np.zeros(len(graph.edges))
+    weights[used] = numbers / numbers.sum()
+    per_resistance = 4 / (graph.vertices - 1)
+    prices = None
+    if isinstance(problem, Room) and best.prices is not None:
+        prices = per_resistance * problem.prices_of(best.prices, len(constraints))
+    return MinimumCommute(weights, per_resistance * best.resistance, tour, certificate, prices)
 
 
-def _constrained(
+def _room(
     graph: Graph,
     tour: Int[np.ndarray, "steps"] | None,
     on_tour: Bool[np.ndarray, "edges"],
     share: float,
-    constraints: Sequence[Linear] | Rules,
-    tolerance: float,
-) -> MinimumCommute:
-    """Find the best weights that meet constraints; the emphasis is a further constraint."""
+    constraints: Sequence[Linear],
+) -> Room:
+    """Find the set of weights that constraints allow; the emphasis is a further constraint."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
-    if callable(constraints):
-        best = conic.least_resistance(graph, emphasis, constraints)
-        time = 4 * best.resistance / (graph.vertices - 1)
-        certificate = Certificate(best.iterations, best.gap, max(tolerance, conic.TOLERANCE))
-        return MinimumCommute(best.weights, time, tour, certificate)
     left = room(len(graph.edges), [*constraints, *emphasis])
     apart = vertices_apart(graph.vertices, graph.edges[left.used])
     if apart is not None:
@@ -182,16 +163,4 @@ def _constrained(
             f"constraints: they leave no weight for edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
-    laplacian = Laplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
-    solved, steps = interior_point(laplacian, left, tolerance)
-    weights = np.zeros(len(graph.edges))
-    weights[left.used] = solved.numbers[: left.edges]
-    paid = np.abs(solved.prices / left.units)[left.owner >= 0]
-    prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
-    return MinimumCommute(
-        weights,
-        4 / (graph.vertices - 1) * float(solved.resistance),
-        tour,
-        Certificate(int(steps), float(solved.gap), tolerance),
-        4 / (graph.vertices - 1) * prices[: len(constraints)],
-    )
+    return left

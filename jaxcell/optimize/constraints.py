@@ -52,9 +52,6 @@ class Linear:
         - `label`: the name.
         - `coefficients`: array `[edges]`.
         - `lower`, `upper`: the bounds; equal bounds fix the value of the function.
-
-        **Raises:** `ValueError` for coefficients that are not finite or all 0, or for bounds that
-        no value can meet.
         """
         row = np.array(coefficients, np.float64)
         if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
@@ -125,6 +122,13 @@ class Room:
         prices[spare] = -self.signs[spare] / (self.edges * numbers[self.edges :])
         prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()
         return prices
+
+    def prices_of(
+        self, prices: Float[np.ndarray, "prices"], count: int
+    ) -> Float[np.ndarray, "constraints"]:
+        """Return the price of each of the first `count` constraints; 0 for those without effect."""
+        owned = (self.owner >= 0) & (self.owner < count)
+        return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count)
 
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
         """Return a bound on `gain @ weights` over all allowed weights.

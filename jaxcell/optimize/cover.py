@@ -43,11 +43,7 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
     Each step ranks the sets by the number of elements that they would add; equal sets stay in their
     order. The step takes the best set, or with `choice` k the set k places below it. If too few
-    sets add elements, it takes the last set that does: the source leaves this case open, and a set
-    that adds no element would be chosen forever.
-
-    With `choice` 0, the cover has at most `1 + 1/2 + ... + 1/d` times the least number of sets,
-    where `d` is the size of the largest set.
+    sets add elements, it takes the last set that does; the source leaves this case open.
 
     **Arguments:**
 
@@ -89,15 +85,12 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
 
 def minimum_cover(
-    sets: Bool[np.ndarray, "sets elements"],
-    *,
-    time_limit: float | None = None,
-    throw: bool = True,
+    sets: Bool[np.ndarray, "sets elements"], *, time_limit: float | None = None, throw: bool = True
 ) -> MinimumCover:
     """Choose the fewest sets that cover all elements, by a mixed-integer program.
 
-    The result is a yardstick for [`greedy_cover`][]. In bad cases the computing time grows
-    exponentially with the number of sets; it is a fraction of a second for 200 cells of a room.
+    In bad cases the computing time grows exponentially with the number of sets; it is a fraction of
+    a second for 200 cells of a room.
 
     **Arguments:**
 
@@ -107,8 +100,6 @@ def minimum_cover(
 
     **Returns:** [`MinimumCover`][]. The residual of its certificate is the largest number of sets
     that a smaller cover might save. Iterations are the nodes of the branch and bound.
-
-    **Raises:** `RuntimeError` if time runs out, or if the solver fails.
 
     The greedy cover starts with the largest set, and then needs two more sets:
 

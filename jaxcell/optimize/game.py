@@ -1,6 +1,6 @@
 import dataclasses
 import itertools
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate, Outcome
 from ..base.precision import require_x64
 from ..base.process import no_output
-from .checked import finite
+from .checked import distribution, finite
 
 
 # Tolerance relative to the range of payoffs: HiGHS meets constraints of integer programs to 1e-6.
@@ -19,6 +19,10 @@ _TOLERANCE = 1e-6
 # The smallest tolerances of a linear program that HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 _MAX_PROFILES = 10_000
+
+
+_Payoffs: TypeAlias = Float[np.ndarray, "types strategies targets"]
+_Weights: TypeAlias = Float[np.ndarray, "strategies"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,9 +56,9 @@ def stackelberg(
     Stackelberg equilibrium; Alam 2018, section 4.4.2). The leader knows only the probability of
     each type.
 
-    Two methods find the same value. `"dobss"` is one mixed-integer program for all types (Paruchuri
-    et al. 2008). `"multiple-lp"` solves one linear program per combination of answers of the types
-    (Conitzer and Sandholm 2006): one per target for a single type, exponentially many for more.
+    Two methods find the same value. `"dobss"` is one mixed-integer program (Paruchuri et al. 2008).
+    `"multiple-lp"` solves one linear program per combination of answers of the types (Conitzer and
+    Sandholm 2006).
 
     **Arguments:**
 
@@ -73,10 +77,6 @@ def stackelberg(
     leader's payoffs; and the largest gain of a type from another target than its answer, relative
     to the largest difference of targets under one strategy. Differences below the tolerance may
     count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
-
-    **Raises:** `ValueError` for wrong arguments, or more than 10,000 combinations for
-    `"multiple-lp"`; `RuntimeError` if the solver finds no solution, if the residual exceeds the
-    tolerance, or if JAX is set to 32 bits.
 
     The leader gains by mixing; its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
 
@@ -97,7 +97,9 @@ def stackelberg(
         if len(payoffs) not in (1, types):
             raise ValueError(f"{name}: expected payoffs of {types} types, got {len(payoffs)}")
     R, C = (np.broadcast_to(payoffs, (types, *payoffs.shape[1:])) for payoffs in (R, C))
-    probability = _distribution(prior, types)
+    probability = np.full(types, 1 / types)
+    if prior is not None:
+        probability = distribution("prior", prior, types, "per type", zero=True)
     if method not in (None, "dobss", "multiple-lp"):
         raise ValueError(f"method: expected one of ['dobss', 'multiple-lp'], got {method!r}")
     if not time_limit > 0:
@@ -132,14 +134,10 @@ def stackelberg(
 
 
 # A commitment, its answers, an upper bound on the value of all commitments, and the iterations.
-_Solved = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
+_Solved = tuple[_Weights, Int[np.ndarray, "types"], float, int]
 
 
-def _dobss(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-    time_limit: float,
-) -> _Solved:
+def _dobss(R: _Payoffs, C: _Payoffs, time_limit: float) -> _Solved:
     """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
@@ -196,10 +194,7 @@ def _dobss(
     return weights, answer, -program.mip_dual_bound, int(program.mip_node_count)
 
 
-def _multiple_lp(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-) -> _Solved:
+def _multiple_lp(R: _Payoffs, C: _Payoffs) -> _Solved:
     types, _, targets = C.shape
     profiles = targets**types
     if profiles > _MAX_PROFILES:
@@ -223,10 +218,8 @@ def _multiple_lp(
 
 
 def _commit(
-    R: Float[np.ndarray, "types strategies targets"],
-    C: Float[np.ndarray, "types strategies targets"],
-    answer: Int[np.ndarray, "types"],
-) -> tuple[Float[np.ndarray, "strategies"], float, float] | None:
+    R: _Payoffs, C: _Payoffs, answer: Int[np.ndarray, "types"]
+) -> tuple[_Weights, float, float] | None:
     """Find the best weights for which given targets are the best answers of the types, or `None`.
 
     **Returns:** the weights, their value, and an upper bound on the value of all such weights.
@@ -258,8 +251,8 @@ def _commit(
     return weights, float(weights @ paid), float((paid - price @ gain).max())
 
 
-def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Correct the rounding of a solver, so that weights are not negative and sum to 1."""
+def _on_simplex(weights: _Weights) -> _Weights:
+    """Correct the rounding of a solver."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 
@@ -270,7 +263,7 @@ def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return payoffs / most if most > 0 else payoffs
 
 
-def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targets"]:
+def _payoffs(name: str, values: Any) -> _Payoffs:
     array = finite(name, values)
     if array.ndim not in (2, 3) or array.size == 0:
         raise ValueError(
@@ -278,16 +271,3 @@ def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targ
             f"shape {list(array.shape)}"
         )
     return array.reshape(-1, *array.shape[-2:])
-
-
-def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
-    if prior is None:
-        return np.full(types, 1 / types)
-    array = finite("prior", prior)
-    if array.shape != (types,):
-        raise ValueError(f"prior: expected {types} numbers, one per type, got {list(array.shape)}")
-    if (array < 0).any() or abs(array.sum() - 1) > 1e-9:
-        raise ValueError(
-            f"prior: expected numbers that are not negative and sum to 1, got {array.tolist()}"
-        )
-    return array / array.sum()

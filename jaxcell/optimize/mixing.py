@@ -9,7 +9,7 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.process import one_blas_thread
 from ..mapping import Chain
-from .checked import shares_of_time
+from .checked import distribution
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
 
@@ -34,19 +34,6 @@ class FastestMixing:
         return Chain.from_scipy(self.transition)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class FastestAveraging:
-    """The weights with which averaging between neighbours converges fastest."""
-
-    weights: Float[np.ndarray, "edges"]
-    "The weight of each edge, of either sign."
-    matrix: Float[np.ndarray, "vertices vertices"]
-    "The matrix of a round of averaging: the identity minus the weighted Laplacian."
-    rate: float
-    "The factor by which a round shrinks the distance from the average, in the worst case."
-    certificate: Certificate
-
-
 def fastest_mixing(
     graph: Graph, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
 ) -> FastestMixing:
@@ -65,13 +52,7 @@ def fastest_mixing(
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`FastestMixing`][]. The residual of its certificate bounds by how much the largest
-    spectral gap can exceed `1 - rate`, relative to `1 - rate`. It comes from a dual solution: no
-    chain has a rate below `tr Y - sqrt(pi)' Y sqrt(pi) - pi' z`, for a symmetric `Y` whose
-    eigenvalues have moduli with sum 1, and `z >= 0` with `z_i + z_j >= s' Y s` for each edge, where
-    `s = e_i / sqrt(pi_i) - e_j / sqrt(pi_j)`.
-
-    **Raises:** `ValueError` for a graph that is not connected, or for a wrong `stationary`;
-    `RuntimeError` if the residual stays above the tolerance.
+    spectral gap can exceed `1 - rate`, relative to `1 - rate`. It comes from a dual solution.
 
     A line of three vertices; at its ends the chain stays half of the time:
 
@@ -81,80 +62,27 @@ def fastest_mixing(
         >>> best.transition.round(4).tolist(), round(best.rate, 4)
         ([[0.5, 0.5, 0.0], [0.5, 0.0, 0.5], [0.0, 0.5, 0.5]], 0.5)
     """
-    stationary = (
-        np.full(graph.vertices, 1 / graph.vertices)
-        if stationary is None
-        else shares_of_time(stationary, graph.vertices)
-    )
+    if not tolerance > 0:
+        raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
+    check_connected(graph.vertices, graph.edges)
+    share = np.full(graph.vertices, 1 / graph.vertices)
+    if stationary is not None:
+        share = distribution("stationary", stationary, graph.vertices, "per vertex")
     # Weights are not negative, and their sum at a vertex is at most its share of time.
     edges = len(graph.edges)
     ends = (np.ones(2 * edges), (graph.edges.ravel(), np.repeat(np.arange(edges), 2)))
     at = scipy.sparse.csr_array(ends, shape=(graph.vertices, edges))
     bounds = scipy.sparse.vstack([-scipy.sparse.eye_array(edges), at], format="csr")
-    limits = np.append(np.zeros(edges), stationary)
-    weights, rate, certificate = _fastest(graph, stationary, bounds, limits, tolerance)
-    certificate.check("fastest_mixing", throw)
-    flow = graph.matrix(weights).toarray()
-    holding = np.maximum(0, stationary - flow.sum(axis=0))
-    transition = (flow + np.diag(holding)) / stationary[:, None]
-    return FastestMixing(weights, holding, transition, rate, certificate)
-
-
-def fastest_averaging(
-    graph: Graph, *, tolerance: float = 1e-7, throw: bool = True
-) -> FastestAveraging:
-    """Find the fastest distributed linear averaging on a graph, FDLA (Xiao and Boyd 2004).
-
-    In each round, each vertex replaces its number by `x_i + sum_j w_ij (x_j - x_i)`, with the sum
-    over its neighbours. The numbers converge to their average, and with these weights they converge
-    fastest. The problem is the same as for [`fastest_mixing`][], but weights may be negative, so
-    that they define no chain.
-
-    **Arguments:**
-
-    - `graph`: a connected graph.
-    - `tolerance`: tolerance of the relative gap.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
-
-    **Returns:** [`FastestAveraging`][]. The residual of its certificate bounds the relative
-    distance of `1 - rate` from its maximum.
-
-    **Raises:** `ValueError` for a graph that is not connected; `RuntimeError` for a large residual.
-
-    A line of three vertices:
-
-        >>> from jaxcell import optimize
-        >>> graph = optimize.Graph([[0, 1], [1, 2]])
-        >>> best = optimize.fastest_averaging(graph)
-        >>> best.weights.round(4).tolist(), round(best.rate, 4)
-        ([0.5, 0.5], 0.5)
-    """
-    n = graph.vertices
-    even = np.full(n, 1 / n)
-    nothing = scipy.sparse.csr_array((0, len(graph.edges)), dtype=np.float64)
-    weights, rate, certificate = _fastest(graph, even, nothing, np.zeros(0), tolerance)
-    certificate.check("fastest_averaging", throw)
-    weights = n * weights
-    off = graph.matrix(weights).toarray()
-    matrix = np.eye(n) + off - np.diag(off.sum(axis=0))
-    return FastestAveraging(weights, matrix, rate, certificate)
-
-
-def _fastest(
-    graph: Graph,
-    stationary: Float[np.ndarray, "vertices"],
-    bounds: scipy.sparse.csr_array,
-    limits: Float[np.ndarray, "bounds"],
-    tolerance: float,
-) -> tuple[Float[np.ndarray, "edges"], float, Certificate]:
-    """Solve from a start inside the bounds, with steps that stay in at least half of the time."""
-    if not tolerance > 0:
-        raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    check_connected(graph.vertices, graph.edges)
-    problem = SpectralProblem(graph.edges, np.sqrt(stationary), bounds, limits)
+    limits = np.append(np.zeros(edges), share)
+    problem = SpectralProblem(graph.edges, np.sqrt(share), bounds, limits)
+    # The start uses at most half of the time at each vertex, so that it is inside the bounds.
     degree = np.bincount(graph.edges.ravel(), minlength=graph.vertices)
-    start = (stationary / (2 * degree))[graph.edges].min(axis=1)
+    start = (share / (2 * degree))[graph.edges].min(axis=1)
     with one_blas_thread():
         weights, rate, bound, steps = least_norm(problem, start, tolerance)
-    gap = max(0.0, (rate - bound) / (1 - rate))
-    return weights, rate, Certificate(steps, gap, tolerance)
+    certificate = Certificate(steps, max(0.0, (rate - bound) / (1 - rate)), tolerance)
+    certificate.check("fastest_mixing", throw)
+    flow = graph.matrix(weights).toarray()
+    holding = np.maximum(0, share - flow.sum(axis=0))
+    transition = (flow + np.diag(holding)) / share[:, None]
+    return FastestMixing(weights, holding, transition, rate, certificate)

@@ -4,17 +4,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.process import one_blas_thread
-from .laplacian import resistance_gains
-from .resistance import Emphasis, Iterate, Laplacian
+from .resistance import Emphasis, Iterate, Laplacian, pseudo_inverse
 
 
+# Number of edges that are processed at once, which limits the memory.
+_ROWS = 256
+# Largest number of inversions of the Laplacian.
+_INVERSIONS = 300
 # The least weight, which is positive so that its logarithm is finite.
 _LEAST = 1e-100
 
 
 @one_blas_thread()
 def least_resistance(
-    laplacian: Laplacian, problem: Emphasis, tolerance: float, evaluations: int
+    laplacian: Laplacian, problem: Emphasis, tolerance: float
 ) -> tuple[Iterate, int]:
     """Find weights of edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
@@ -24,14 +27,8 @@ def least_resistance(
     its share. Each step to these weights lowers the sum. Two steps are extrapolated (Varadhan and
     Roland 2008), as far as the sum decreases.
 
-    **Arguments:**
-
-    - `laplacian`: the Laplacian of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
-    - `problem`: the edges with at least a given share of the weight.
-    - `tolerance`: tolerance of the relative gap.
-    - `evaluations`: largest number of inversions of the Laplacian.
-
-    **Returns:** the weights with the smallest gap, and the number of inversions.
+    **Returns:** the weights with the smallest relative gap, and the number of inversions of the
+    Laplacian.
     """
     durations = laplacian.durations
     best, count = Iterate(np.empty(0), None, np.inf, np.inf), 0
@@ -42,9 +39,12 @@ def least_resistance(
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = resistance_gains(
-            laplacian.vertices, laplacian.edges, weights / durations
-        )
+        inverse = pseudo_inverse(laplacian.vertices, laplacian.edges, weights / durations)
+        resistance, gain = float(np.trace(inverse)), np.empty(weights.size)
+        for first in range(0, gain.size, _ROWS):
+            tail, head = laplacian.edges[first : first + _ROWS].T
+            columns = inverse[tail] - inverse[head]
+            gain[first : first + _ROWS] = np.einsum("en,en->e", columns, columns)
         gain /= durations
         gap = max(0.0, 1 - resistance / problem.most(gain))
         if gap < best.gap:
@@ -53,7 +53,7 @@ def least_resistance(
 
     weights = shared(np.ones(durations.size))
     following, _ = step(weights)
-    while best.gap > tolerance and count < evaluations:
+    while best.gap > tolerance and count < _INVERSIONS:
         second, now = step(following)
         logs = [np.log(point) for point in (weights, following, second)]
         ahead, bend = logs[1] - logs[0], logs[2] - 2 * logs[1] + logs[0]
@@ -61,7 +61,7 @@ def least_resistance(
         while length > 1:
             tried = shared(np.exp(logs[0] + 2 * length * ahead + length**2 * bend))
             after, resistance = step(tried)
-            if resistance <= now or count >= evaluations:
+            if resistance <= now or count >= _INVERSIONS:
                 break
             length = (1 + length) / 2 if length > 1.5 else 0.0
         else:

@@ -22,7 +22,7 @@ tangent at `w` bounds the reciprocal everywhere: no weights have a sum below `R(
 import contextlib
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -30,7 +30,6 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.process import one_blas_thread
 from .constraints import Room
-from .laplacian import pseudo_inverse
 
 
 _STEPS = 100
@@ -42,6 +41,11 @@ _ROUNDING = 1e-16
 _SHORT_OF_THE_BOUND = 0.99
 # At the start, the tour has its share and this part of the remaining weight.
 _SPARE = 0.1
+
+
+_Weights: TypeAlias = Float[np.ndarray, "edges"]
+_Numbers: TypeAlias = Float[np.ndarray, "numbers"]
+_Prices: TypeAlias = Float[np.ndarray, "prices"]
 
 
 class Emphasis(NamedTuple):
@@ -64,20 +68,16 @@ class Emphasis(NamedTuple):
     def totals(self) -> Float[np.ndarray, "2"]:
         return np.array([1.0, 1 - self.share])
 
-    def first_prices(
-        self, gain: Float[np.ndarray, "edges"], numbers: Float[np.ndarray, "numbers"]
-    ) -> Float[np.ndarray, "2"]:
+    def first_prices(self, gain: _Weights, numbers: _Numbers) -> Float[np.ndarray, "2"]:
         """Return prices that leave a positive pressure on each number."""
         on_tour = 1.2 * gain[self.on_tour].max()
         return np.array([on_tour, 1.4 * gain.max() - on_tour])
 
-    def most(self, gain: Float[np.ndarray, "edges"], prices: Any = None) -> float:
+    def most(self, gain: _Weights, prices: Any = None) -> float:
         """Return the largest `gain @ weights`, for weights on two edges; prices are ignored."""
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
-    def scaled(
-        self, weights: Float[np.ndarray, "edges"], spare: float = 0.0
-    ) -> Float[np.ndarray, "edges"]:
+    def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
         """Scale weights to sum 1, with at least the share plus `spare` of the rest on the tour."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
@@ -85,9 +85,7 @@ class Emphasis(NamedTuple):
         more, less = max(there, 1 - most) / there, most / max(elsewhere, most)
         return weights * np.where(self.on_tour, more, less)
 
-    def start(
-        self, design: "Callable[[Float[np.ndarray, 'edges']], Design]"
-    ) -> Float[np.ndarray, "numbers"]:
+    def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
         """Return equal weights, multiplied twice by the square root of the gain.
 
         In trees without an emphasis, these weights are optimal.
@@ -102,7 +100,7 @@ class Design(NamedTuple):
     """The sum of resistances, and the parts of its derivatives."""
 
     resistance: float
-    gain: Float[np.ndarray, "edges"]
+    gain: _Weights
     "The decrease of the sum per unit of each weight."
     columns: Float[np.ndarray, "edges vertices"]
     "The vectors `c_e`, one per edge."
@@ -111,8 +109,8 @@ class Design(NamedTuple):
 class Iterate(NamedTuple):
     """The numbers `x` of a step, with their prices, sum of resistances and gap."""
 
-    numbers: Float[np.ndarray, "numbers"]
-    prices: Float[np.ndarray, "prices"] | None
+    numbers: _Numbers
+    prices: _Prices | None
     "The prices of the equations, or `None` for a method without prices."
     resistance: float
     gap: float
@@ -125,11 +123,11 @@ class Laplacian:
 
     vertices: int
     edges: Int[np.ndarray, "edges 2"]
-    durations: Float[np.ndarray, "edges"]
+    durations: _Weights
     many: int = 2000
     "Above this number of edges, steps are computed in 32 bits and on all cores."
 
-    def design(self, numbers: Float[np.ndarray, "numbers"]) -> Design:
+    def design(self, numbers: _Numbers) -> Design:
         """**Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices."""
         tail, head = self.edges.T
         weights = numbers[: tail.size] / self.durations
@@ -139,7 +137,7 @@ class Laplacian:
         return Design(float(np.trace(inverse)), np.einsum("en,en->e", columns, columns), columns)
 
     def divide(
-        self, design: Design, unit: float, diagonal: Float[np.ndarray, "numbers"]
+        self, design: Design, unit: float, diagonal: _Numbers
     ) -> Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]]:
         """Return a function that divides by the Hessian of the edges plus a diagonal.
 
@@ -183,6 +181,35 @@ class Laplacian:
             block *= (rows[tail[block_rows]] - rows[head[block_rows]])[:, first:]
             hessian[block_rows, first:] = block
         return hessian
+
+
+def pseudo_inverse(
+    vertices: int, edges: Int[np.ndarray, "edges 2"], weights: _Weights
+) -> Float[np.ndarray, "vertices vertices"]:
+    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, where `b_e` is the difference of the ends
+    of `e`.
+
+    **Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices, up to rounding.
+    """
+    tail, head = edges.T
+    laplacian = np.zeros((vertices, vertices))
+    laplacian[tail, head] = laplacian[head, tail] = -weights
+    degree = -laplacian.sum(axis=0)
+    laplacian.flat[:: vertices + 1] = degree
+    # Adding a constant moves the eigenvalue 0 into the range of the other eigenvalues.
+    shift = degree.mean()
+    laplacian += shift / vertices
+    # LAPACK overwrites arrays in Fortran order: the transpose, which is the same matrix.
+    factor, info = scipy.linalg.lapack.dpotrf(laplacian.T, lower=1, overwrite_a=1)
+    if info == 0:
+        factor, info = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+    if info:
+        raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
+    # LAPACK does not fill the entries above the diagonal, which are 0.
+    inverse = factor + factor.T
+    inverse.flat[:: vertices + 1] /= 2
+    inverse -= 1 / (shift * vertices)
+    return inverse
 
 
 def interior_point(
@@ -234,10 +261,7 @@ def _follow(
 
 
 def _measured(
-    problem: Emphasis | Room,
-    numbers: Float[np.ndarray, "numbers"],
-    prices: Float[np.ndarray, "prices"] | None,
-    design: Design,
+    problem: Emphasis | Room, numbers: _Numbers, prices: _Prices | None, design: Design
 ) -> Iterate:
     gap = max(0.0, 1 - design.resistance / problem.most(design.gain, prices))
     return Iterate(numbers, prices, design.resistance, gap)
@@ -245,21 +269,14 @@ def _measured(
 
 def _predictor_corrector(
     inverse: Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]],
-    gain: Float[np.ndarray, "numbers"],
+    gain: _Numbers,
     sums: Float[np.ndarray, "numbers prices"],
-    totals: Float[np.ndarray, "prices"],
+    totals: _Prices,
     point: tuple[Any, Any, Any],
 ) -> tuple[Any, Any, Any]:
-    """Take one step that keeps numbers and pressures positive.
+    """Take one step that keeps numbers and pressures positive; a point has both, and the prices.
 
-    **Arguments:**
-
-    - `inverse`: a function that divides by the Hessian with `pressure / numbers` on its diagonal.
-    - `gain`: the decrease of the sum per unit of each number.
-    - `sums`, `totals`: the equations of the problem.
-    - `point`: the numbers, their pressures, and the prices.
-
-    **Returns:** the next point.
+    `inverse` divides by the Hessian with `pressure / numbers` on its diagonal.
     """
     numbers, pressure, prices = point
     residual = sums @ prices - gain - pressure

@@ -1,6 +1,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -17,6 +18,12 @@ _RIDGE = 1e-12
 _SHORT_OF_THE_BOUND = 0.95
 
 
+_Pair: TypeAlias = Float[np.ndarray, "2 vertices vertices"]
+_Matrix: TypeAlias = Float[np.ndarray, "vertices vertices"]
+_Weights: TypeAlias = Float[np.ndarray, "edges"]
+_Forces: TypeAlias = Float[np.ndarray, "bounds"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class SpectralProblem:
     """The least spectral norm of `M(w) = I - r r' - sum_e w_e s_e s_e'` over `limits >= bounds w`.
@@ -30,26 +37,22 @@ class SpectralProblem:
     root: Float[np.ndarray, "vertices"]
     "The vector `r`, positive."
     bounds: scipy.sparse.csr_array
-    limits: Float[np.ndarray, "bounds"]
+    limits: _Forces
 
-    def matrix(self, weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "vertices vertices"]:
+    def matrix(self, weights: _Weights) -> _Matrix:
         """Compute the matrix `M(w)`."""
         return self.centred - self.laplacian(weights)
 
-    def shifted(
-        self, weights: Float[np.ndarray, "edges"], level: float
-    ) -> Float[np.ndarray, "2 vertices vertices"]:
+    def shifted(self, weights: _Weights, level: float) -> _Pair:
         """Compute the matrices `level I - M(w)` and `level I + M(w)`."""
         return level * np.eye(self.root.size) - _SIGNS * self.matrix(weights)
 
     @property
-    def centred(self) -> Float[np.ndarray, "vertices vertices"]:
+    def centred(self) -> _Matrix:
         """The projection `I - r r'`."""
         return np.eye(self.root.size) - np.outer(self.root, self.root)
 
-    def laplacian(
-        self, weights: Float[np.ndarray, "edges"]
-    ) -> Float[np.ndarray, "vertices vertices"]:
+    def laplacian(self, weights: _Weights) -> _Matrix:
         """Compute `L(w)`, the sum of `w_e s_e s_e'` over the edges."""
         tail, head = self.edges.T
         matrix = np.zeros((self.root.size, self.root.size))
@@ -57,16 +60,14 @@ class SpectralProblem:
         matrix[np.diag_indices_from(matrix)] = -matrix.sum(axis=0)
         return matrix / np.outer(self.root, self.root)
 
-    def along(self, matrix: Float[np.ndarray, "vertices vertices"]) -> Float[np.ndarray, "edges"]:
+    def along(self, matrix: _Matrix) -> _Weights:
         """Compute the number `s_e' A s_e` of each edge, for a symmetric matrix."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         own = np.diag(scaled)
         return own[tail] + own[head] - 2 * scaled[tail, head]
 
-    def between(
-        self, matrix: Float[np.ndarray, "vertices vertices"]
-    ) -> Float[np.ndarray, "edges edges"]:
+    def between(self, matrix: _Matrix) -> Float[np.ndarray, "edges edges"]:
         """Compute the number `s_e' A s_f` of each pair of edges."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
@@ -82,11 +83,11 @@ class _Point:
     definite and is itself a matrix; a force on a number keeps the number positive.
     """
 
-    weights: Float[np.ndarray, "edges"]
+    weights: _Weights
     level: float
-    forces: Float[np.ndarray, "2 vertices vertices"]
+    forces: _Pair
     "The forces on `level I - M` and `level I + M`."
-    pressure: Float[np.ndarray, "bounds"]
+    pressure: _Forces
     "The forces on `limits - bounds w`."
 
     def moved(self, change: "_Point", primal: float, dual: float) -> "_Point":
@@ -99,8 +100,8 @@ class _Point:
 
 
 def least_norm(
-    problem: SpectralProblem, weights: Float[np.ndarray, "edges"], tolerance: float
-) -> tuple[Float[np.ndarray, "edges"], float, float, int]:
+    problem: SpectralProblem, weights: _Weights, tolerance: float
+) -> tuple[_Weights, float, float, int]:
     """Follow the central path of the semidefinite program by predictor-corrector steps.
 
     Steps have the direction of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because each edge
@@ -108,11 +109,8 @@ def least_norm(
     general solver cannot exploit this structure: Clarabel, through cvxpy, is 7 times as slow for 30
     vertices and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
 
-    **Arguments:**
-
-    - `problem`: the problem.
-    - `weights`: the start, strictly within the limits, with a norm below 1.
-    - `tolerance`: tolerance of the excess over the least norm, relative to 1 minus the norm.
+    The start `weights` is strictly within the limits, with a norm below 1. The tolerance of the
+    excess over the least norm is relative to 1 minus the norm.
 
     **Returns:** the best weights, their norm, a lower bound on all norms, and the number of steps.
     """
@@ -194,9 +192,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
 
 
 def _balance(
-    problem: SpectralProblem,
-    forces: Float[np.ndarray, "2 vertices vertices"],
-    pressure: Float[np.ndarray, "bounds"],
+    problem: SpectralProblem, forces: _Pair, pressure: _Forces
 ) -> Float[np.ndarray, "unknowns"]:
     """Sum the forces along each edge, which balance if 0, and last on the level, balanced if 1."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
@@ -204,11 +200,8 @@ def _balance(
 
 
 def _hessian_solve(
-    problem: SpectralProblem,
-    point: _Point,
-    inverse: Float[np.ndarray, "2 vertices vertices"],
-    slack: Float[np.ndarray, "bounds"],
-) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[Float[np.ndarray, "edges"], float]]:
+    problem: SpectralProblem, point: _Point, inverse: _Pair, slack: _Forces
+) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[_Weights, float]]:
     """Return a function that computes the change of weights and level for unbalanced forces."""
     stiff = scipy.sparse.diags_array(point.pressure / slack)
     hessian = np.empty((len(point.weights) + 1,) * 2)
@@ -235,23 +228,18 @@ def _hessian_solve(
     return solve
 
 
-def _symmetric(
-    matrices: Float[np.ndarray, "2 vertices vertices"],
-) -> Float[np.ndarray, "2 vertices vertices"]:
+def _symmetric(matrices: _Pair) -> _Pair:
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 
-def _length(
-    inverse_root: Float[np.ndarray, "2 vertices vertices"],
-    change: Float[np.ndarray, "2 vertices vertices"],
-) -> float:
+def _length(inverse_root: _Pair, change: _Pair) -> float:
     """Return the longest step, at most 1, after which both matrices are positive semidefinite."""
     relative = inverse_root @ change @ inverse_root.transpose(0, 2, 1)
     shrink = -float(np.linalg.eigvalsh(relative).min())
     return min(1.0, 1 / shrink) if shrink > 0 else 1.0
 
 
-def _ratio(values: Float[np.ndarray, "bounds"], change: Float[np.ndarray, "bounds"]) -> float:
+def _ratio(values: _Forces, change: _Forces) -> float:
     """Return the longest step, at most 1, after which no number is negative."""
     shrink = float((-change / values).max(initial=0))
     return min(1.0, 1 / shrink) if shrink > 0 else 1.0

@@ -81,18 +81,6 @@ def test_greedy_cover_at_its_worst(k):
     assert minimum_cover(sets).chosen.tolist() == [k, k + 1]
 
 
-def test_equals_are_ranked_by_their_numbers():
-    sets = np.ones((4, 3), bool)
-    assert [greedy_cover(sets, i).chosen.tolist() for i in range(5)] == [[0], [1], [2], [3], [3]]
-
-
-def test_a_later_choice_where_one_set_is_left():
-    # In the second step only set 0 gains anything.
-    sets = np.array([[1, 1, 1, 0], [0, 1, 1, 1]], bool)
-    found = greedy_cover(sets, 1)
-    assert (found.chosen.tolist(), found.gained.tolist()) == ([1, 0], [3, 1])
-
-
 @pytest.mark.parametrize("shape", [(0, 3), (3, 0), (3, 3)])
 @pytest.mark.parametrize("cover", [greedy_cover, minimum_cover])
 def test_no_sets_are_chosen_if_none_has_an_element(cover, shape):

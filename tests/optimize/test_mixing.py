@@ -10,17 +10,12 @@ from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize.graph import Graph
-from jaxcell.optimize.mixing import fastest_averaging, fastest_mixing
+from jaxcell.optimize.mixing import fastest_mixing
 
 
 def second_modulus(matrix):
     """Of a matrix with eigenvalue 1, from its eigenvalues."""
     return float(np.sort(np.abs(np.linalg.eigvals(matrix)))[-2])
-
-
-def averaging(graph, weights):
-    off = graph.matrix(weights).toarray()
-    return np.eye(graph.vertices) + off - np.diag(off.sum(axis=0))
 
 
 def check_chain(graph, found, stationary):
@@ -36,13 +31,13 @@ def check_chain(graph, found, stationary):
     assert found.rate == pytest.approx(second_modulus(found.transition), abs=1e-9)
 
 
-def least_by_cvxpy(graph, stationary, chain):
-    n, q = graph.vertices, len(graph.edges)
-    w = cvxpy.Variable(q)
+def least_by_cvxpy(graph, stationary):
+    n = graph.vertices
+    w = cvxpy.Variable(len(graph.edges), nonneg=True)
     root = np.sqrt(stationary)
     scaled = incidence(graph) / root[:, None]
     matrix = np.eye(n) - np.outer(root, root) - scaled @ cvxpy.diag(w) @ scaled.T
-    limits = [w >= 0, np.abs(incidence(graph)) @ w <= stationary] if chain else []
+    limits = [np.abs(incidence(graph)) @ w <= stationary]
     problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sigma_max(matrix)), limits)
     with warnings.catch_warnings():
         # Some versions stop a little before their own tolerance.
@@ -51,35 +46,16 @@ def least_by_cvxpy(graph, stationary, chain):
 
 
 def test_the_small_graph():
-    # Published with the example; the weights also by another interior-point method.
-    found = fastest_averaging(SMALL)
-    assert found.rate == pytest.approx(0.6433314, abs=5e-8)
-    expected = (
-        ".502549 .075022 .219020 .432255 .075022 .342904 .243913 .145120 .338115 .219020 .419336 "
-        ".338115 -.034178"
-    )
-    np.testing.assert_allclose(found.weights, np.array(expected.split(), float), atol=2e-5)
-    np.testing.assert_allclose(found.matrix, averaging(SMALL, found.weights), atol=1e-15)
-    assert second_modulus(found.matrix) == pytest.approx(found.rate, abs=1e-9)
-    chain = fastest_mixing(SMALL)
-    assert chain.rate == pytest.approx(0.6809607, abs=5e-8)
+    # The rate is published with the example; the weights are by another interior-point method.
+    found = fastest_mixing(SMALL)
+    assert found.rate == pytest.approx(0.6809607, abs=5e-8)
     expected = (
         ".498188 .061695 .183414 .466937 .061695 .378422 .164781 .122480 .259668 .183414 .358185 "
         ".259668 0"
     )
-    np.testing.assert_allclose(8 * chain.weights, np.array(expected.split(), float), atol=2e-5)
-    check_chain(SMALL, chain, np.full(8, 1 / 8))
-    for weights in (found.weights, chain.weights):
-        np.testing.assert_allclose(weights[[1, 2, 8]], weights[[4, 9, 11]], atol=1e-6)
-
-
-def test_rates_of_simpler_weights_are_as_published():
-    degree = np.bincount(SMALL.edges.ravel())
-    metropolis = 1 / degree[SMALL.edges].max(axis=1)
-    laplacian = np.linalg.eigvalsh(np.eye(8) - averaging(SMALL, np.ones(13)))
-    constant = np.full(13, 2 / (laplacian[1] + laplacian[-1]))
-    for weights, rate in ((metropolis, 0.7743), (np.full(13, 1 / 5), 0.7793), (constant, 0.7119)):
-        assert second_modulus(averaging(SMALL, weights)) == pytest.approx(rate, abs=5e-5)
+    np.testing.assert_allclose(8 * found.weights, np.array(expected.split(), float), atol=2e-5)
+    check_chain(SMALL, found, np.full(8, 1 / 8))
+    np.testing.assert_allclose(found.weights[[1, 2, 8]], found.weights[[4, 9, 11]], atol=1e-6)
 
 
 def test_the_wheel():
@@ -103,7 +79,6 @@ def test_paths_and_complete_graphs(n):
     found = fastest_mixing(complete)
     assert found.rate == pytest.approx(0, abs=1e-7)
     np.testing.assert_allclose(found.transition, 1 / n, atol=1e-6)
-    assert fastest_averaging(complete).rate == pytest.approx(0, abs=1e-7)
 
 
 @given(st.integers(2, 9), st.integers(0, 12), st.integers(0, 10_000), st.booleans())
@@ -114,12 +89,8 @@ def test_no_chain_is_faster(n, more, seed, even):
     found = fastest_mixing(graph, None if even else pi)
     assert found.certificate.outcome is Outcome.CONVERGED
     check_chain(graph, found, pi)
-    free = fastest_averaging(graph)
-    if even:
-        assert free.rate <= found.rate + 1e-7
-    # Others, near and far, are no faster than the certificate allows.
+    # Other chains, near and far, are no faster than the certificate allows.
     least = found.rate - found.certificate.residual * (1 - found.rate)
-    slack = free.rate - free.certificate.residual * (1 - free.rate)
     for scale in (1e-3, 1e-1, 1):
         for _ in range(5):
             other = random.uniform(0, 1, len(graph.edges))
@@ -129,8 +100,6 @@ def test_no_chain_is_faster(n, more, seed, even):
             flow = graph.matrix(mixed).toarray()
             np.fill_diagonal(flow, pi - flow.sum(axis=0))
             assert second_modulus(flow / pi[:, None]) >= least - 1e-9
-            moved = free.weights + scale * random.normal(size=len(graph.edges))
-            assert np.linalg.norm(averaging(graph, moved) - 1 / n, 2) >= slack - 1e-9
 
 
 @pytest.mark.parametrize(("vertices", "edges", "seed"), [(6, 9, 0), (12, 20, 1), (20, 35, 2)])
@@ -139,10 +108,8 @@ def test_equals_cvxpy(vertices, edges, seed):
     even = np.full(vertices, 1 / vertices)
     pi = np.random.default_rng(seed).dirichlet(np.full(vertices, 5.0))
     for stationary in (even, pi):
-        expected = least_by_cvxpy(graph, stationary, chain=True)
+        expected = least_by_cvxpy(graph, stationary)
         assert fastest_mixing(graph, stationary).rate == pytest.approx(expected, abs=1e-6)
-    expected = least_by_cvxpy(graph, even, chain=False)
-    assert fastest_averaging(graph).rate == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_given_distribution_is_that_of_the_chain():
@@ -158,8 +125,6 @@ def test_a_given_distribution_is_that_of_the_chain():
 def test_a_tolerance_below_rounding_is_not_met():
     with pytest.raises(RuntimeError, match="fastest_mixing: the residual stayed above"):
         fastest_mixing(SMALL, tolerance=1e-300)
-    with pytest.raises(RuntimeError, match="fastest_averaging: the residual stayed above"):
-        fastest_averaging(SMALL, tolerance=1e-300)
     found = fastest_mixing(SMALL, tolerance=1e-300, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.certificate.residual < 1e-9
@@ -178,9 +143,3 @@ def test_a_tolerance_below_rounding_is_not_met():
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         fastest_mixing(Graph([[0, 1], [1, 2]]), **arguments)
-
-
-@pytest.mark.parametrize("function", [fastest_mixing, fastest_averaging])
-def test_a_graph_in_separate_parts_is_refused(function):
-    with pytest.raises(ValueError, match="expected all vertices connected"):
-        function(Graph([[0, 1], [2, 3]]))

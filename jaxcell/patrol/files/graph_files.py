@@ -20,11 +20,12 @@ hall yard
 ```
 """
 
+import functools
 import os
 import re
 import reprlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
@@ -45,7 +46,10 @@ from ...optimize import Graph
 
 LIST_SUFFIXES = (".edges", ".txt")
 SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge list)"
+_NETWORKX = (".graphml", ".gml", ".adjlist")
 _WEIGHT = re.compile(r"""["\s]weight["\s]""")
+# Errors of networkx for damaged files, besides its own.
+_FAULTS = (LookupError, TypeError, ValueError, AttributeError, ParseError)
 _MAX_BYTES = 64 * 1024**2
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
@@ -94,20 +98,16 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     path = Path(path)
     check_file(path, "a graph")
     suffix = path.suffix.lower()
+    parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge]]]] = {
+        ".json": _parse_json,
+        ".graph": _parse_simulator,
+        **dict.fromkeys(LIST_SUFFIXES, _parse_list),
+        **{name: functools.partial(_parse_networkx, name) for name in _NETWORKX},
+    }
     try:
-        if suffix == ".json":
-            parts = _parse_json(_text(path))
-        elif suffix == ".graphml":
-            parts = _parse_graphml(_text(path))
-        elif suffix in (".gml", ".adjlist"):
-            parts = _parse_networkx(_text(path), suffix)
-        elif suffix == ".graph":
-            parts = _parse_simulator(_text(path))
-        elif suffix in LIST_SUFFIXES:
-            parts = _parse_list(_text(path))
-        else:
+        if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return checked_graph(*parts)
+        return checked_graph(*parsers[suffix](_text(path)))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -127,64 +127,54 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            Edge(
-                f"{key}[{i}]",
-                edge.needed("source"),
-                edge.needed("target"),
-                edge.values.get("length"),
-            )
+            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get("length"))
             for i, edge in enumerate(fields.parts(key))
         ],
     )
 
 
-def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
+    """Read GraphML, GML or an adjacency list with networkx."""
     import networkx as nx
 
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = _refuse_doctype
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise ValueError(f"not valid XML, or cut short: {error}") from None
+    lines = text.splitlines()
+    if suffix == ".graphml":
+        _check_xml(text)
     try:
         with warnings.catch_warnings():
             # Warnings about ports and types are ignored.
             warnings.simplefilter("ignore")
-            graph = nx.parse_graphml(text, force_multigraph=True)
-    except (
-        nx.NetworkXError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        ParseError,
-    ) as error:
-        raise ValueError(f"not GraphML that networkx reads: {str(error)[:300]}") from None
-    return _of_networkx(graph, "edgedefault")
-
-
-def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
-    """Read GML or an adjacency list with networkx."""
-    import networkx as nx
-
-    lines = text.splitlines()
-    try:
-        graph = nx.parse_gml(lines) if suffix == ".gml" else nx.parse_adjlist(lines)
-    except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
+            graph = {
+                ".graphml": lambda: nx.parse_graphml(text, force_multigraph=True),
+                ".gml": lambda: nx.parse_gml(lines),
+                ".adjlist": lambda: nx.parse_adjlist(lines),
+            }[suffix]()
+    except (nx.NetworkXError, *_FAULTS) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
-    return _of_networkx(graph, "directed")
-
-
-def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
     if graph.is_directed():
-        raise ValueError(f"{directed}: {_DIRECTED}")
+        raise ValueError(f"{'edgedefault' if suffix == '.graphml' else 'directed'}: {_DIRECTED}")
     return (
         [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
         [
             Edge(f"edge {tail!r} to {head!r}", tail, head, length)
             for tail, head, length in graph.edges(data="length")
         ],
+    )
+
+
+def _check_xml(text: str) -> None:
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"not valid XML, or cut short: {error}") from None
+
+
+def _refuse_doctype(*_: object) -> NoReturn:
+    raise ValueError(
+        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
+        "can grow without bounds; expected none"
     )
 
 
@@ -208,13 +198,7 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
 
     def number(what: str) -> float:
         given = word()
-        try:
-            value = float(given)
-        except ValueError:
-            raise refused(f"word {at}", what, given) from None
-        if not abs(value) <= 1e9:
-            raise refused(f"word {at}", what, given)
-        return value
+        return checked_number(f"word {at}", given, what, text=True)
 
     def count(what: str) -> int:
         value = number(what)
@@ -273,13 +257,6 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
     """
     return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
         _WEIGHT.search(_text(Path(path)))
-    )
-
-
-def _refuse_doctype(*_: object) -> NoReturn:
-    raise ValueError(
-        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
-        "can grow without bounds; expected none"
     )
 
 

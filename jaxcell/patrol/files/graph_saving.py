@@ -2,6 +2,7 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ...base.paths import replacing
 from ...optimize import Graph
@@ -18,9 +19,6 @@ def save_graph(
     - `graph`: a graph whose vertices have positions.
     - `path`: the file to write or replace; its suffix gives the format, as in [`load_graph`][].
     - `names`: the name of each vertex; by default its number.
-
-    **Raises:** `ValueError` for a graph or names that the format cannot store; `FileNotFoundError`
-    if the folder does not exist.
 
     A line of two vertices:
 
@@ -44,22 +42,24 @@ def save_graph(
             raise ValueError("the vertices have no positions, which a graph file needs")
         if len(names) != graph.vertices:
             raise ValueError(f"names: expected {graph.vertices}, one per vertex, got {len(names)}")
-        places = graph.xy.tolist()
-        pairs = graph.edges.tolist()
+        places = zip(names, graph.xy.tolist(), strict=True)
+        nodes = [{"id": name, "x": x, "y": y} for name, (x, y) in places]
+        edges: list[dict[str, Any]]
+        edges = [{"source": names[i], "target": names[j]} for i, j in graph.edges.tolist()]
+        if graph.ways is not None:
+            for edge, length in zip(edges, graph.ways.tolist(), strict=True):
+                edge["length"] = length
         # The check raises an error for a graph that could not be read from its file.
         checked_graph(
-            [Vertex(f"names[{v}]", names[v], {"x": x, "y": y}) for v, (x, y) in enumerate(places)],
-            [Edge(f"edges[{e}]", *(names[end] for end in ends)) for e, ends in enumerate(pairs)],
+            [Vertex(f"names[{v}]", node["id"], node) for v, node in enumerate(nodes)],
+            [Edge(f"edges[{e}]", *edge.values()) for e, edge in enumerate(edges)],
         )
-        vertices = [(name, x, y) for name, (x, y) in zip(names, places, strict=True)]
-        edges = [(names[tail], names[head]) for tail, head in pairs]
-        ways = None if graph.ways is None else graph.ways.tolist()
         if suffix == ".json":
-            text = _format_json(vertices, edges, ways)
+            text = _format_json(nodes, edges)
         elif suffix == ".graphml":
-            text = _format_graphml(vertices, edges, ways)
-        elif suffix in LIST_SUFFIXES and ways is None:
-            text = _format_list(vertices, edges)
+            text = _format_graphml(nodes, edges)
+        elif suffix in LIST_SUFFIXES and graph.ways is None:
+            text = _format_list(nodes, edges)
         elif suffix in LIST_SUFFIXES:
             raise ValueError("an edge list cannot store lengths of edges; expected another suffix")
         else:
@@ -70,49 +70,25 @@ def save_graph(
         temporary.write_text(text, encoding="utf-8")
 
 
-def _format_json(
-    vertices: list[tuple[str, float, float]],
-    edges: list[tuple[str, str]],
-    ways: list[float] | None,
-) -> str:
-    nodes = [json.dumps({"id": name, "x": x, "y": y}) for name, x, y in vertices]
-    lengths = [{}] * len(edges) if ways is None else [{"length": length} for length in ways]
-    pairs = [
-        json.dumps({"source": tail, "target": head} | length)
-        for (tail, head), length in zip(edges, lengths, strict=True)
-    ]
-    members = [
-        '"directed": false',
-        '"multigraph": false',
-        '"graph": {}',
-        *(
-            f'"{key}": [\n    ' + ",\n    ".join(lines) + "\n  ]"
-            for key, lines in (("nodes", nodes), ("edges", pairs))
-        ),
-    ]
+def _format_json(nodes: list[dict[str, Any]], edges: list[dict[str, Any]]) -> str:
+    members = ['"directed": false', '"multigraph": false', '"graph": {}']
+    for key, parts in (("nodes", nodes), ("edges", edges)):
+        lines = ",\n    ".join(map(json.dumps, parts))
+        members.append(f'"{key}": [\n    {lines}\n  ]')
     return "{\n  " + ",\n  ".join(members) + "\n}\n"
 
 
-def _format_graphml(
-    vertices: list[tuple[str, float, float]],
-    edges: list[tuple[str, str]],
-    ways: list[float] | None,
-) -> str:
+def _format_graphml(nodes: list[dict[str, Any]], edges: list[dict[str, Any]]) -> str:
     import networkx as nx
 
-    graph = nx.Graph()
-    for name, x, y in vertices:
-        graph.add_node(name, x=x, y=y)
-    graph.add_edges_from(edges)
-    if ways is not None:
-        nx.set_edge_attributes(graph, dict(zip(edges, ways, strict=True)), "length")
+    document = {"multigraph": False, "nodes": nodes, "edges": edges}
+    graph = nx.node_link_graph(document, edges="edges")
     return "\n".join(nx.generate_graphml(graph)) + "\n"
 
 
-def _format_list(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
-    for name, _, _ in vertices:
+def _format_list(nodes: list[dict[str, Any]], edges: list[dict[str, Any]]) -> str:
+    for name in (node["id"] for node in nodes):
         if name.split() != [name] or "#" in name:
             raise ValueError(f"an edge list cannot store spaces or # in a name, got {name!r}")
-    lines = [f"{name} {x!r} {y!r}" for name, x, y in vertices]
-    lines += [f"{tail} {head}" for tail, head in edges]
-    return "\n".join(lines) + "\n"
+    parts = [" ".join(map(str, part.values())) for part in [*nodes, *edges]]
+    return "\n".join(parts) + "\n"

@@ -23,8 +23,6 @@ def load_values(
 
     **Returns:** the numbers, positive and finite, in the order of the names.
 
-    **Raises:** `ValueError` with the file and the line; `FileNotFoundError`.
-
     Durations of attacks on two vertices:
 
         >>> import pathlib, tempfile
@@ -50,16 +48,6 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
     - `names`: names of the vertices.
 
     **Returns:** [`jaxcell.optimize.Stakes`][].
-
-    Goods whose value is higher for the adversary:
-
-        >>> import pathlib, tempfile
-        >>> from jaxcell import patrol
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "stakes.txt")
-        ...     _ = path.write_text("hall 6 8\\nyard 9 10\\n")
-        ...     patrol.files.load_stakes(path, ["yard", "hall"]).adversary_values.tolist()
-        [10.0, 8.0]
     """
     return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)
 

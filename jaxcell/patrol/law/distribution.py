@@ -52,7 +52,6 @@ class Gld:
     "Shape of the upper tail."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for numbers that do not define a distribution."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, int):

@@ -1,13 +1,13 @@
 import dataclasses
 import itertools
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, from_part, quantity
 from ...optimize.checked import finite
 from .distribution import Gld
 from .likelihood import Likelihood, law_through
@@ -35,6 +35,10 @@ _MAX_CHANGE = 2.0
 _FLATTEST = 1e-9
 
 
+_Numbers: TypeAlias = Float[np.ndarray, "4"]
+_Point: TypeAlias = Float[np.ndarray, "2"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class GldFit(Result):
     """The generalized lambda distribution of largest likelihood for given samples."""
@@ -53,21 +57,10 @@ class GldFit(Result):
         """Compute the distribution function of the law."""
         return self.law.cdf(x)
 
-    @derived("", "l1, the place of the law")
-    def l1(self) -> float:
-        return float(self.law.l1)
-
-    @derived("", "l2, the inverse of its scale")
-    def l2(self) -> float:
-        return float(self.law.l2)
-
-    @derived("", "l3, the shape of its lower tail")
-    def l3(self) -> float:
-        return float(self.law.l3)
-
-    @derived("", "l4, the shape of its upper tail")
-    def l4(self) -> float:
-        return float(self.law.l4)
+    l1 = from_part("law.l1", "", "l1, the place of the law")
+    l2 = from_part("law.l2", "", "l2, the inverse of its scale")
+    l3 = from_part("law.l3", "", "l3, the shape of its lower tail")
+    l4 = from_part("law.l4", "", "l4, the shape of its upper tail")
 
 
 def fit_gld(
@@ -79,10 +72,9 @@ def fit_gld(
     bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
     for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of this interval.
 
-    Newton's method improves the best few of a grid of shapes. Laws under which a sample has
-    probability 0 are excluded, so the likelihood is smooth. The result is the best of several local
-    maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may have a
-    larger likelihood, but is useless.
+    Newton's method improves the best few of a grid of shapes. The result is the best of several
+    local maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may
+    have a larger likelihood, but is useless.
 
     **Arguments:**
 
@@ -95,9 +87,6 @@ def fit_gld(
     **Returns:** [`GldFit`][]. The residual of its certificate is the gain in log-likelihood that
     another step is predicted to bring.
 
-    **Raises:** `ValueError` for samples that cannot be fitted; `RuntimeError` if the search does
-    not converge.
-
     Four parameters need more than four samples:
 
         >>> from jaxcell import patrol
@@ -106,7 +95,9 @@ def fit_gld(
             ...
         ValueError: samples: expected at least 8, with 5 different values, got 4 with 3
     """
-    given = _checked(samples)
+    given = finite("samples", samples)
+    if given.ndim != 1:
+        raise ValueError(f"samples: expected a list of numbers, got an array {list(given.shape)}")
     value, count = np.unique(given, return_counts=True)
     whole = value == np.round(value)
     if censored is None:
@@ -144,13 +135,13 @@ class _Problem:
     data: Likelihood
     few: Likelihood
     "The likelihood of at most `_RANKED` values, enough to rank laws and to begin the search."
-    inner: Float[np.ndarray, "2"]
+    inner: _Point
     "Points near the quartiles."
-    log_odds: Float[np.ndarray, "2"]
+    log_odds: _Point
     "The log-odds of the samples at `inner`."
-    outer: Float[np.ndarray, "2"]
+    outer: _Point
     "The interval that the support must contain: both ends of all samples."
-    narrow: Float[np.ndarray, "2"]
+    narrow: _Point
     "The interval that the support must contain so that all samples have positive probability."
     size: int
     "The number of samples."
@@ -188,7 +179,7 @@ class _Problem:
         )
 
 
-def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
+def _starts(problem: _Problem) -> list[tuple[_Numbers, _Point]]:
     """Return the best laws of a grid, one per kind of shapes.
 
     The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
@@ -213,8 +204,8 @@ def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.nd
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Maximum:
-    numbers: Float[np.ndarray, "4"]
-    point: Float[np.ndarray, "2"]
+    numbers: _Numbers
+    point: _Point
     loss: float
     gain: float
     "The gain in log-likelihood that another step is predicted to bring."
@@ -223,9 +214,7 @@ class _Maximum:
     steps: int
 
 
-def _maximum(
-    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
-) -> _Maximum:
+def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Find the maximum to which a start leads.
 
     The likelihood of a censored sample has a kink where the support ends at the outer end of its
@@ -246,9 +235,7 @@ def _maximum(
     return dataclasses.replace(best, steps=wide.steps + narrow.steps)
 
 
-def _maximise(
-    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
-) -> _Maximum:
+def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Maximize the likelihood by Newton's method within bounds.
 
     Curvatures of the loss count as positive, so that each step lowers the loss.
@@ -304,14 +291,3 @@ def _distance(
     below = law.cdf(value - half) - (upto - count) / upto[-1]
     above = law.cdf(value + half) - upto / upto[-1]
     return float(np.abs([below, above]).max())
-
-
-def _checked(samples: Any) -> Float[np.ndarray, "samples"]:
-    given = np.asarray(samples)
-    if given.ndim != 1 or not (
-        np.issubdtype(given.dtype, np.floating) or np.issubdtype(given.dtype, np.integer)
-    ):
-        raise ValueError(
-            f"samples: expected a list of numbers, got {given.dtype} of shape {given.shape}"
-        )
-    return finite("samples", given)

@@ -5,10 +5,7 @@ from .attack import (
     outside as outside,
 )
 from .attacked_cell import Vulnerability as Vulnerability, vulnerability as vulnerability
-from .capture import (
-    Capture as Capture,
-    capture_probabilities as capture_probabilities,
-)
+from .capture import Capture as Capture, capture_probabilities as capture_probabilities
 from .capture_search import (
     CaptureSearch as CaptureSearch,
     Frontier as Frontier,

@@ -166,10 +166,7 @@ def vulnerability(
 
 
 def _begin(
-    graph: Graph,
-    policies: Sequence[Policy],
-    view: Bool[np.ndarray, "cells"],
-    attack: Attack,
+    graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "cells"], attack: Attack
 ) -> list[Float[np.ndarray, "cells"]]:
     """Compute the distribution of each robot when an attack on the target begins."""
     begins = attack.begins(graph, policies, view)

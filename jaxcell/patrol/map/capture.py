@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.precision import require_x64
-from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...optimize import Graph
 from .attack import Attack, check_policies, contested
@@ -70,9 +70,9 @@ class Capture(Result):
         caught, at_first = _captures(graph, visible, policies, attacks)
         return cls(attack, caught, at_first, contested(visible, policies, regions))
 
-    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
-    def attack_time(self) -> Int[np.ndarray, "times"]:
-        return self.attack.times
+    attack_time = from_part(
+        "attack.times", "attack_time", "steps of an attack", "steps", kind="coordinate"
+    )
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
@@ -108,9 +108,8 @@ def capture_probabilities(
     """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
     The attack begins with each robot in a cell from which the target is not seen, and fails if a
-    robot sees the target within the attack time (Alam 2018, section 4.4.6). The result is exact,
-    by a product over the independent robots. A robot that sees the target from all of its cells
-    captures every attack.
+    robot sees the target within the attack time (Alam 2018, section 4.4.6). A robot that sees the
+    target from all of its cells captures every attack.
 
     **Arguments:**
 
@@ -183,13 +182,8 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Compute the probability that a robot from each cell has not seen each target.
-
-    **Arguments:**
-
-    - `late`: the probability for an earlier time.
-    - `steps`: number of steps after the earlier time.
-    """
+    """Compute the probability that a robot from each cell has not seen each target, from the
+    probability `late` some steps earlier."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

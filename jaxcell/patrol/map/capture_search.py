@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...base.process import one_blas_thread
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour
@@ -28,8 +28,6 @@ STEPS = 300
 """Number of gradient steps for each start."""
 # An even walk is no start if its capture is less than this share of the capture by tours.
 _HOPELESS = 0.1
-# Hardness of the soft minimum of the logarithms of capture, at the start and at the end.
-_HARDNESS = 10.0, 100.0
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
 # Random spread of logits at the first two starts, and at the others: equal robots stay equal.
@@ -72,9 +70,7 @@ class CaptureSearch(Result):
     def late_gain(self) -> float:
         return self.certificate.residual
 
-    @derived("", "gradient steps", kind="count")
-    def iterations(self) -> int:
-        return self.certificate.iterations
+    iterations = from_part("certificate.iterations", "", "gradient steps", kind="count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -113,15 +109,11 @@ def capture_policies(
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
     logits of the steps of all robots together. The starts are tours through covers and even walks,
-    both perturbed at random. By default robots have been walking for a long time when the attack
-    begins. Their shares of time depend on all steps, and so does the gradient: a sparse
-    factorisation computes both at each step.
+    both perturbed at random.
 
-    Each walk is a circulation, a mixture of two flows that enter and leave each cell equally often:
-    the trained walk, and rare excursions to all cells, which drift back. Excursions spend a share
-    of time of at least 1e-5 in an average cell, so that every cell is visited, and commute times
-    are bounded. The problem is not convex: the result is a local optimum, the best of several
-    starts.
+    Each walk is a mixture of the trained walk, and rare excursions to all cells, which drift back.
+    Excursions spend a share of time of at least 1e-5 in an average cell, so that every cell is
+    visited, and commute times are bounded. The result is a local optimum, the best of the starts.
 
     **Arguments:**
 
@@ -233,11 +225,7 @@ class _Problem:
 
     @classmethod
     def of(
-        cls,
-        graph: Graph,
-        visible: Bool[np.ndarray, "cells cells"],
-        robots: int,
-        attack: Attack,
+        cls, graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, attack: Attack
     ) -> "_Problem":
         require_x64("capture_policies")
         check_visible(graph, visible)
@@ -293,9 +281,7 @@ class _Problem:
 
     def ascent(self, randomness: float) -> CirculationAscent:
         time, start = int(self.attack.times[0]), self.attack.start
-        return CirculationAscent(
-            self.graph, self.steps, self.unseen, time, start, randomness, _HARDNESS
-        )
+        return CirculationAscent(self.graph, self.steps, self.unseen, time, start, randomness)
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
         """Return the logits of the same walks for a lower floor."""
@@ -309,9 +295,9 @@ class _Problem:
     ) -> tuple[CaptureSearch, Logits]:
         """Follow the gradient from several starts. Returns the best result, and its logits."""
         steps = STEPS if self.unseen.shape[1] else 0
-        ascent, progress = self.ascent(randomness), np.arange(steps) / max(1, steps)
+        ascent = self.ascent(randomness)
         tries = [
-            ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)
+            ascent.climb(begin, steps, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
         teams = [

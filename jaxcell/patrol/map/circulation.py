@@ -27,6 +27,8 @@ _BLOCK, _EVALUATED = 10, 400
 # Learning rate of the logits, and the epsilon of Adam, which is so large that noise does not change
 # the logits of cells that are hardly visited.
 _RATE, _SCALE = 0.1, 1e-7
+# Hardness of the soft minimum of the logarithms of capture, at the start and at the end.
+_SOFT, _HARD = 10.0, 100.0
 # Least probability whose logarithm is taken.
 _TINY = 1e-9
 
@@ -95,25 +97,16 @@ class CirculationAscent:
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
     floor: float
     "The share of every trained step that is divided equally among the neighbours."
-    hardness: tuple[float, float]
-    "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 
     def climb(
         self,
         logits: Logits,
-        progress: Float[np.ndarray, "steps"],
+        count: int,
         work: str = "",
         say: Callable[[str, int, int], None] | None = None,
     ) -> tuple[Logits, list[Circulation], list[float]]:
-        """Follow the gradient with Adam.
-
-        **Arguments:**
-
-        - `logits`: the logits of the trained steps at the start.
-        - `progress`: the progress of each step, 0 to 1, with which the learning rate falls and the
-            hardness rises.
-        - `work`, `say`: a description of the work, and a function that is called with the
-            description, the number of steps done, and their total.
+        """Follow the gradient with `count` steps of Adam; `say` is called with the description of
+        the work, the number of steps done, and their total.
 
         **Returns:** the last logits, the walks, and the least capture before each block.
         """
@@ -126,12 +119,12 @@ class CirculationAscent:
         moments = adam.init(logits)
         excursions, pivots = [self._excursions(None)] * robots, [0] * robots
         fixed = {"attack_time": self.attack_time, "start": self.start}
-        for step, now in enumerate(progress):
+        for step, now in enumerate(np.arange(count) / max(1, count)):
             trained = self._trained(logits, pivots)
             pivots = [int(np.argmax(walk.share)) for walk in trained]
             if step % _BLOCK == 0:
                 if say is not None:
-                    say(work, step, progress.size)
+                    say(work, step, count)
                 excursions = [self._excursions(walk.share) for walk in trained]
                 mixed = [np.stack(part) for part in zip(*excursions, strict=True)]
                 flows = jax.device_put([part.astype(np.float32) for part in mixed])
@@ -141,7 +134,7 @@ class CirculationAscent:
                     missed[part::parts] = _log_missed(*_stacked(trained), *flows, *targets, **fixed)
                 course.append(float(-np.expm1(missed.max(initial=-np.inf))))
                 targeted = unseen[:, _weakest(missed, active)]
-            hardness = self.hardness[0] * (self.hardness[1] / self.hardness[0]) ** now
+            hardness = _SOFT * (_HARD / _SOFT) ** now
             by_chance, by_share = _gradient(
                 *_stacked(trained), *flows, targeted, self.steps, np.float32(hardness), **fixed
             )
@@ -165,7 +158,7 @@ class CirculationAscent:
 
     def least(self, logits: Logits) -> float:
         """Compute the least capture over the targets by walks with given logits."""
-        _, walks, _ = self.climb(logits, np.zeros(0))
+        _, walks, _ = self.climb(logits, 0)
         chance, share = _stacked(walks)
         missed = _log_missed(
             *(chance, share, np.zeros_like(share), chance),

@@ -20,8 +20,6 @@ def cell_graph(cells: CellSpace) -> Graph:
 
     **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
 
-    **Raises:** `ValueError` for a space that was made from a grid, or if no two cells are joined.
-
     A room of 2 x 2 cells; robots may also go diagonally:
 
         >>> from jaxcell import patrol, space

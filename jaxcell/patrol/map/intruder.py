@@ -49,11 +49,6 @@ def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
 
     Robots start as in the long run. An attack takes the first attack time, and fails if a robot
     sees the target within this time.
-
-    **Arguments:**
-
-    - `patrol`: the patrol.
-    - `seed`: seed of the robots and the adversary.
     """
     attack_time = int(patrol.attack.attack_time[0])
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...optimize import Graph
 from ...space import CellSpace
 from .attacked_cell import Vulnerability
@@ -87,8 +87,7 @@ class PatrolledMap(Result):
     recovery: Capture | None = None
     "The capture when the remaining robots patrol the new regions, or `None`."
     sight: Annotated[
-        Literal["centre", "cell", "source"],
-        quantity("", "part of a cell that a robot must see"),
+        Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
     "The search that found the policies, if they maximise capture; else `None`."
@@ -120,7 +119,6 @@ class PatrolledMap(Result):
     "Seed of the patrol that a recording shows."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the parts have different cells or attack times."""
         positions = self.cells.positions
         sizes = {
             "graph": self.graph.vertices,
@@ -244,9 +242,7 @@ class PatrolledMap(Result):
     def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:
         return np.flatnonzero(~self.visible.any(axis=0))
 
-    @derived("edge side", "cells at the ends of the edge", kind="index")
-    def end(self) -> Int[np.ndarray, "edges 2"]:
-        return self.graph.edges
+    end = from_part("graph.edges", "edge side", "cells at the ends of the edge", kind="index")
 
     @derived("robot", "robot", kind="coordinate")
     def robot(self) -> Int[np.ndarray, "robots"]:
@@ -264,9 +260,7 @@ class PatrolledMap(Result):
     def cover_size(self) -> Int[np.ndarray, "robots"]:
         return np.array([policy.cover.size for policy in self.policies])
 
-    @derived("robot", "cells of the smallest cover")
-    def minimum_cover(self) -> Float[np.ndarray, "robots"] | None:
-        return self.smallest_covers
+    minimum_cover = from_part("smallest_covers", "robot", "cells of the smallest cover")
 
     @derived("robot", "cells of its cover to those of the smallest")
     def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:

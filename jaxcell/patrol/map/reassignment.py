@@ -53,7 +53,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
 
     The result is the least `t` such that the robot, from any cell of its region, fails to visit its
     contact cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact
-    cell has to return to it. The probability is exact, as in [`jaxcell.markov.survival`][].
+    cell has to return to it.
 
     **Arguments:**
 
@@ -61,9 +61,6 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     - `alpha`: the probability of a false alarm, more than 0 and less than 1.
 
     **Returns:** the number of steps.
-
-    **Raises:** `ValueError` for a policy without a contact cell, or a probability out of range;
-    `RuntimeError` if a million steps are not enough.
 
     A robot that alternates between two cells reports every other step:
 
@@ -150,8 +147,5 @@ def reassign(
     ]
     _, taken = scipy.optimize.linear_sum_assignment(kept, maximize=True)
     return Reassignment(
-        after,
-        new,
-        left[taken].astype(np.int32),
-        centralized_policies(graph, visible, new, share),
+        after, new, left[taken].astype(np.int32), centralized_policies(graph, visible, new, share)
     )

@@ -45,9 +45,9 @@ def base_station(
 ) -> int:
     """Choose the cell for a base station: the central cell that sees most cells.
 
-    The source asks for a place near the middle with a wide view (Alam 2018, section 4.4.5), without
-    a distance. Here a cell is more central if its mean path to all other cells is shorter, as in
-    closeness centrality. Of cells with equal views, the most central cell is chosen.
+    The source asks for a place near the middle with a wide view (Alam 2018, section 4.4.5). Here a
+    cell is more central if its mean path to all other cells is shorter. Of cells with equal views,
+    the most central cell is chosen.
 
     **Arguments:**
 
@@ -56,8 +56,6 @@ def base_station(
     - `central`: the share of the cells that count as central, more than 0 and at most 1.
 
     **Returns:** the number of the cell.
-
-    **Raises:** `ValueError` for wrong arguments, or if the chosen cell sees no other cell.
 
     A corridor of five cells, each of which sees its neighbours:
 
@@ -102,9 +100,6 @@ def angular_regions(
 
     **Returns:** [`Regions`][]; each region is connected.
 
-    **Raises:** `ValueError` for arguments that do not match, or if no regions are possible; the
-    message names the region or the cells, and the reason.
-
     A corridor of five cells, each of which sees its neighbours. Robots report at cells 1 and 3,
     which the base station in the middle sees:
 
@@ -114,7 +109,14 @@ def angular_regions(
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """
-    _check_base(graph, base, view)
+    if not 0 <= base < graph.vertices:
+        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
+    if view.shape != (graph.vertices,):
+        raise ValueError(
+            f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
+            f"{list(view.shape)}"
+        )
+    _check_sees(base, view)
     near = graph.matrix(graph.lengths)
     outside = ~view
     outside[base] = False
@@ -231,17 +233,6 @@ def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> No
             f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row per cell of "
             f"the graph, got {list(visible.shape)}"
         )
-
-
-def _check_base(graph: Graph, base: int, view: Bool[np.ndarray, "cells"]) -> None:
-    if not 0 <= base < graph.vertices:
-        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
-    if view.shape != (graph.vertices,):
-        raise ValueError(
-            f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
-            f"{list(view.shape)}"
-        )
-    _check_sees(base, view)
 
 
 def _check_sees(base: int, view: Bool[np.ndarray, "cells"]) -> None:

@@ -15,9 +15,8 @@ def capture_by_tours(
 ) -> float | None:
     """Compute the least capture by robots that follow closed tours through their covers.
 
-    Tours are the best patrols, of those that are easy to find, against an adversary who does not
-    see the robots. They are not random: an adversary who sees a robot knows when it returns. When
-    an attack begins, all places on a tour out of view of the target are equally likely.
+    An adversary who sees a robot on a tour knows when it returns. When an attack begins, all places
+    on a tour out of view of the target are equally likely.
 
     **Arguments:**
 

@@ -2,6 +2,7 @@ import dataclasses
 import enum
 import functools
 import heapq
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,9 @@ from ...optimize.checked import check_count
 _TOLERANCE = 1e-12
 # Narrower intervals of p are not halved, because the bounds of both halves would be equal.
 _NARROWEST = 2.0**-44
+
+
+_Polynomials: TypeAlias = Float[np.ndarray, "segments coefficients"]
 
 
 class Movement(enum.Enum):
@@ -63,7 +67,6 @@ class Perimeter:
     "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the numbers do not define a perimeter."""
         for name in ("segments", "robots", "turn"):
             check_count(name, getattr(self, name))
         if self.segments % self.robots:
@@ -120,9 +123,7 @@ class Perimeter:
         return Chain(images, np.broadcast_to(coin, images.shape))
 
 
-def detection_polynomials(
-    perimeter: Perimeter, time: int
-) -> Float[np.ndarray, "segments coefficients"]:
+def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     """Compute the probability of penetration detection, a polynomial of p for each segment.
 
     The coefficients belong to the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time -
@@ -169,7 +170,7 @@ class Maximin:
     certificate: Certificate
 
 
-def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
+def maximin(polynomials: _Polynomials) -> Maximin:
     """Find the p in [0, 1] that maximises the minimum of several polynomials.
 
     The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
@@ -264,8 +265,6 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
 
     **Returns:** the times for the segments 0 to `distance - 1`; `inf` if perhaps no robot comes.
 
-    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solver stalls.
-
     Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
 
         >>> from jaxcell import patrol
@@ -283,11 +282,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
 
 
 def simulate(
-    perimeter: Perimeter,
-    p: float,
-    segment: Int[np.ndarray, "runs"],
-    steps: int,
-    key: jax.Array,
+    perimeter: Perimeter, p: float, segment: Int[np.ndarray, "runs"], steps: int, key: jax.Array
 ) -> Float[Array, "runs"]:
     """Simulate the robots until a robot is in a given segment.
 
@@ -341,14 +336,12 @@ def _walk(
     return time
 
 
-def _bound(coefficients: Float[np.ndarray, "segments coefficients"]) -> float:
+def _bound(coefficients: _Polynomials) -> float:
     """Return an upper bound of the minimum of the polynomials, for all p in [0, 1]."""
     return float(coefficients.max(axis=1).min())
 
 
-def _halves(
-    whole: Float[np.ndarray, "segments coefficients"],
-) -> tuple[Float[np.ndarray, "segments coefficients"], Float[np.ndarray, "segments coefficients"]]:
+def _halves(whole: _Polynomials) -> tuple[_Polynomials, _Polynomials]:
     """Compute Bernstein coefficients on the two halves of an interval (de Casteljau)."""
     left, right = np.empty_like(whole), np.empty_like(whole)
     for k in range(whole.shape[1]):

@@ -65,13 +65,8 @@ class Charged(Result):
         attack_time: Any = None,
         names: Sequence[str] | None = None,
     ) -> "Charged":
-        """Compute the statistics of walks whose steps depend on the number of steps since a charge.
-
-        **Arguments:**
-
-        - `chance`: the probabilities of steps, 0 in states that never occur.
-        - other arguments as in [`charged`][].
-        """
+        """Compute the statistics of walks whose steps depend on the number of steps since a charge;
+        the probabilities of steps are 0 in states that never occur."""
         robots, every, vertices, _ = chance.shape
         often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
         here = np.tile(np.eye(vertices)[charger], (robots, 1))
@@ -128,9 +123,8 @@ def charged(
     """Make walks return to a charger in time, and compute their statistics exactly.
 
     A robot draws among the steps of its walk after which it can still reach the charger in time; if
-    its walk has no such step, it goes to a random neighbour from which it can. Its steps depend on
-    the number of steps since the charge: pairs of a vertex and this number are the states of a
-    Markov chain, from which all results are computed. Robots are independent.
+    its walk has no such step, it goes to a random neighbour from which it can. So its steps depend
+    on the number of steps since the charge. Robots are independent.
 
     **Arguments:**
 
@@ -142,9 +136,6 @@ def charged(
     - `names`: names of the vertices; by default their numbers.
 
     **Returns:** [`Charged`][].
-
-    **Raises:** `ValueError` if the graph has no vertex `charger`, if a vertex is too far from the
-    charger, or if `every` exceeds the memory.
 
     A robot on a line of three vertices returns to one end within four steps:
 

@@ -59,9 +59,6 @@ def divide_graph(
 
     **Returns:** the part of each vertex. Every part has two or more vertices.
 
-    **Raises:** `ValueError` for a graph that is not connected, for too many parts, or if every
-    division that was found has a part of a single vertex.
-
     A line of six vertices:
 
         >>> from jaxcell import patrol

@@ -89,13 +89,8 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """Make two quantities of a result: the mean and the longest of the times between visits.
-
-    **Arguments:**
-
-    - `units`: unit of the times.
-    - `idleness`: a function that returns the time between visits to each vertex, from the result.
-    """
+    """Make two quantities of a result: the mean and the longest over the vertices of the time
+    between visits, which `idleness` returns for each vertex of a result."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(

@@ -1,5 +1,6 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -106,87 +107,56 @@ def age_of_news(
     """
     check_vertex("base", base, graph.vertices)
     delays = move_times(graph, times).astype(np.int64)
-    laws = [_Backward.of(matrix, delays, base, graph.vertices) for matrix in matrices]
-    heard = np.any([law.heard for law in laws], axis=0)
+    robots = [_backward(matrix, delays, base, graph.vertices) for matrix in matrices]
+    heard = np.any([brought for brought, _ in robots], axis=0)
     missed: list[float] = []
-    unheard: list[Float[np.ndarray, vertices]] = []
-    while len(missed) < _LONGEST:
-        missed.append(float(np.prod([law.away for law in laws])))
-        unheard.append(np.prod([law.unheard for law in laws], axis=0))
+    unheard: list[np.ndarray] = []
+    for now in itertools.islice(zip(*(law for _, law in robots), strict=True), _LONGEST):
+        away, later = zip(*now, strict=True)
+        missed.append(float(np.prod(away)))
+        unheard.append(np.prod(later, axis=0))
         if unheard[-1][heard].max(initial=0) < _REST:
             break
-        for law in laws:
-            law.step()
     called = names_of(graph.vertices, names)
     return News(called[base], called, unit, 1 - np.array(missed), 1 - np.array(unheard))
 
 
-@dataclasses.dataclass
-class _Backward:
-    """A walk backward in time: from the base station, where news arrives, to each vertex."""
+def _backward(
+    matrix: Float[np.ndarray, "vertices vertices"],
+    delays: Int[np.ndarray, "vertices vertices"],
+    base: int,
+    vertices: int,
+) -> tuple[Bool[np.ndarray, "vertices"], Iterator[tuple[float, Float[np.ndarray, "vertices"]]]]:
+    """Follow a robot backward in time: from the base, where news arrives, to each vertex.
 
-    back: scipy.sparse.csr_array
-    "The transpose of the transition matrix backward in time."
-    base: int
-    vertices: int
-    before: Float[np.ndarray, "places"]
-    "Probability that the robot is at each place, and has not visited the base yet."
-    since: Float[np.ndarray, "places vertices"]
-    "Probability of each place after a visit to the base, and before the visit to each vertex."
-    heard: Bool[np.ndarray, "vertices"]
-    "The vertices whose news the robot brings to the base in the long run."
+    **Returns:** the vertices whose news the robot brings to the base in the long run; and for each
+    age the probability that the robot has not passed the base this time ago or later, and the
+    probability that it brought no news of each vertex that are this old or newer.
+    """
+    whole = with_vertices_on_the_way(matrix, delays)
+    (share,) = long_run([whole])
+    often = np.divide(1.0, share, out=np.zeros_like(share), where=share > 0)
+    back = (scipy.sparse.diags_array(share) @ whole @ scipy.sparse.diags_array(often)).tocsr()
 
-    @classmethod
-    def of(
-        cls,
-        matrix: Float[np.ndarray, "vertices vertices"],
-        delays: Int[np.ndarray, "vertices vertices"],
-        base: int,
-        vertices: int,
-    ) -> "_Backward":
-        whole = with_vertices_on_the_way(matrix, delays)
-        (share,) = long_run([whole])
-        often = np.divide(1.0, share, out=np.zeros_like(share), where=share > 0)
-        back = scipy.sparse.diags_array(share) @ whole @ scipy.sparse.diags_array(often)
-        heard = (share[:vertices] > 0) & (share[base] > 0)
-        since = np.zeros((share.size, vertices))
-        law = cls(back.tocsr(), base, vertices, share, since, heard)
-        law._arrive()
-        return law
+    def law() -> Iterator[tuple[float, Float[np.ndarray, "vertices"]]]:
+        here = np.arange(vertices)
+        # The probability of each place before a visit to the base; and after a visit to the base,
+        # but before the visit to each vertex.
+        before, since = share.copy(), np.zeros((share.size, vertices))
+        while True:
+            since[base] += before[base]
+            before[base] = since[here, here] = 0
+            yield float(before.sum()), before.sum() + since.sum(axis=0)
+            before, since = back @ before, back @ since
 
-    @property
-    def away(self) -> float:
-        return float(self.before.sum())
-
-    @property
-    def unheard(self) -> Float[np.ndarray, "vertices"]:
-        return self.away + self.since.sum(axis=0)
-
-    def step(self) -> None:
-        self.before = self.back @ self.before
-        self.since = self.back @ self.since
-        self._arrive()
-
-    def _arrive(self) -> None:
-        self.since[self.base] += self.before[self.base]
-        self.before = self.before.copy()
-        self.before[self.base] = 0
-        here = np.arange(self.vertices)
-        self.since[here, here] = 0
+    return (share[:vertices] > 0) & (share[base] > 0), law()
 
 
 def with_vertices_on_the_way(
     matrix: Float[np.ndarray, "vertices vertices"], delays: Int[np.ndarray, "vertices vertices"]
 ) -> scipy.sparse.csr_array:
-    """Replace steps that take several units of time by chains of steps of one unit.
-
-    **Arguments:**
-
-    - `matrix`: the transition matrix.
-    - `delays`: number of units that each step takes, at least 1 for possible steps.
-
-    **Returns:** the matrix between the vertices, followed by the places along steps.
-    """
+    """Replace steps with delays of several units of time by chains of steps of one unit, between
+    the vertices, followed by the places along steps."""
     tails, heads = np.nonzero(matrix)
     more = delays[tails, heads] - 1
     places = len(matrix) + int(more.sum())

@@ -112,7 +112,7 @@ def whole_numbers(
 def on_device(
     delays: Int[np.ndarray, "states states"], attack: Int[np.ndarray, "targets"]
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the arguments of [`first_passage`][] that follow the matrix."""
+    """Return the arguments of [`first_passage`][] after the matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
 

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...markov import dense
 from ...optimize import Commitment, Graph, Stakes, minimum_commute, payoffs, stackelberg
 from .paths import toward
@@ -69,9 +69,7 @@ class StrategyGame(Result):
     def rank(self) -> Int[np.ndarray, "strategies vertices"]:
         return np.argsort(self.closest, axis=1) + 1
 
-    @derived("", "payoff of the patroller")
-    def value(self) -> float:
-        return self.commitment.value
+    value = from_part("commitment.value", "", "payoff of the patroller")
 
     @derived("", "payoff of the patroller with the best strategy alone")
     def alone(self) -> float:
@@ -90,7 +88,7 @@ class StrategyGame(Result):
 
     @derived("", "optimality gap of the mixture, relative", kind="residual")
     def gap(self) -> float:
-        return float(self.commitment.certificate.residual)
+        return self.commitment.certificate.residual
 
 
 def strategy_game(
@@ -108,8 +106,7 @@ def strategy_game(
     least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
     walk with the least commute time under that emphasis. In each strategy, vertices are in order of
     their mean hitting time: the time from a vertex to the preferred vertices, and in the strategy
-    for all vertices, the time to a vertex from the others. Vertices at equal times are in the order
-    of their numbers.
+    for all vertices, the time to a vertex from the others.
 
     **Arguments:**
 

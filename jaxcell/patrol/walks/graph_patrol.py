@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.certificate import Certificate, Outcome
-from ...base.quantities import derived, quantity
+from ...base.quantities import derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
@@ -270,10 +270,7 @@ class GraphPatrol(Measures):
     def gap(self) -> float | None:
         return None if self.certificate is None else float(self.certificate.residual)
 
-    @derived("", "steps of the solver", kind="count")
-    def iterations(self) -> int | None:
-        return None if self.certificate is None else int(self.certificate.iterations)
-
+    iterations = from_part("certificate.iterations", "", "steps of the solver", kind="count")
     mean_idleness, worst_idleness = idleness_over_vertices(
         "steps", lambda self: steps_between_visits(self.shares)
     )

@@ -7,13 +7,7 @@ from jaxtyping import Float
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain, persistent_groups
 from ...markov import dense, limiting_distribution
-from ...markov.quantities import (
-    entropy_rate,
-    hitting_matrix,
-    kemeny_constant,
-    mixing_time,
-    slem,
-)
+from ...markov.quantities import entropy_rate, hitting_matrix, kemeny_constant, mixing_time, slem
 from ..team.times import hitting_check
 
 
@@ -39,14 +33,12 @@ class Measures(Result):
         float, quantity("", "mean hitting time over pairs of vertices", "steps", kind="time")
     ]
     kemeny_constant: Annotated[
-        float,
-        quantity("", "Kemeny constant: mean steps to a random vertex", "steps", kind="time"),
+        float, quantity("", "Kemeny constant: mean steps to a random vertex", "steps", kind="time")
     ]
     entropy_rate_nats: Annotated[float, quantity("", "entropy of a step in the long run", "nats")]
     slem: Annotated[float, quantity("", "second largest modulus of an eigenvalue", "1")]
     mixing_time: Annotated[
-        float,
-        quantity("", "steps until within 1/4 of the shares of time", "steps", kind="time"),
+        float, quantity("", "steps until within 1/4 of the shares of time", "steps", kind="time")
     ]
 
     @derived("start target", "mean steps there and back", "steps", kind="time")

@@ -36,8 +36,7 @@ class MemoryPatrol(Result):
     ]
     "The states of robots at the start of an attack are drawn from their shares of time."
     upper_bound: Annotated[
-        float,
-        quantity("", "no walks with any memory capture more than this", "1", kind="share"),
+        float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
     "The number of states with the largest capture; the smallest number among equals."

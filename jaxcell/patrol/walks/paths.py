@@ -24,9 +24,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
     counts once for each of these paths that contains it, and each step away from the vertex counts
     once; a step has a probability in proportion to its count. As printed, a path counts only in its
-    own direction. With one path from each vertex, the time to arrive is therefore the number of
-    edges, as in all rows of Table 4.2. In the long run, the walk may leave out vertices that are on
-    no path from a neighbour of the vertex.
+    own direction. In the long run, the walk may leave out vertices that are on no path from a
+    neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Of equally long paths, such as a line and its
     pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
@@ -39,8 +38,6 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     - `paths`: number of paths from each other vertex; all simple paths, if there are fewer.
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
-
-    **Raises:** `ValueError` for wrong arguments, or if some vertex has no path to the given vertex.
 
     A square with a diagonal from 1 to 3; the path from 2 goes through 1:
 

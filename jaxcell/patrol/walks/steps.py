@@ -1,6 +1,6 @@
 """Walks on a graph as tables of steps, for gradients in the logits of all steps."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +14,17 @@ from ...optimize import Graph
 _LIKELY = 1e-3
 
 
+_TeamSteps: TypeAlias = Float[Array, "robots branches cells"]
+_Chance: TypeAlias = Float[Array, "branches cells"]
+_Values: TypeAlias = Float[Array, "cells targets"]
+
+
 class Steps(NamedTuple):
     """The steps from each cell to its neighbours, with one slot per neighbour."""
 
     image: Int[Array, "branches cells"]
     "The cell to which each step leads; in slots without a neighbour, the cell itself."
-    even: Float[Array, "branches cells"]
+    even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
     "The slot of the neighbour in which the step leads back to the cell."
@@ -56,22 +61,18 @@ class Steps(NamedTuple):
         return matrices
 
     @jax.jit
-    def chances(
-        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
-    ) -> Float[Array, "robots branches cells"]:
+    def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
         """Compute the probability of each step, at least the floor over the number of steps."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
         return (1 - floor) * own + floor * even
 
-    def pull(
-        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
-    ) -> Float[Array, "cells targets"]:
+    def pull(self, chance: _Chance, value: _Values) -> _Values:
         """Compute the products `P v` of the transition matrix and several vectors."""
         return _pull(chance, value, self)
 
-    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+    def often(self, chance: _Chance) -> Float[Array, "cells"]:
         """Return the weight of each cell as the start of a robot; all weights are equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
@@ -119,21 +120,17 @@ class SymmetricSteps(NamedTuple):
         return whole.swapaxes(0, 1).reshape(len(own), states, states)
 
     @jax.jit
-    def chances(
-        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
-    ) -> Float[Array, "robots branches cells"]:
+    def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
         """Compute the probability of each step, at least the floor over the number of steps."""
         return self.own.chances(logits, floor)
 
-    def pull(
-        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
-    ) -> Float[Array, "cells targets"]:
+    def pull(self, chance: _Chance, value: _Values) -> _Values:
         """Compute the products `P v` of the transition matrix and one vector per target."""
         by_number = value.reshape(-1, *self.frames.shape[1:], value.shape[1])
         whole = jnp.concatenate([by_number[:, frame][..., frame] for frame in self.frames])
         return self._dense(chance[None])[0] @ whole.reshape(-1, value.shape[1])
 
-    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+    def often(self, chance: _Chance) -> Float[Array, "cells"]:
         """Return the weight of each cell as the start of a robot; all weights are equal."""
         return self.own.often(chance)
 
@@ -157,9 +154,7 @@ class ChargedSteps(NamedTuple):
     "Steps with less than this fraction of the largest probability are never made."
 
     @jax.jit
-    def chances(
-        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
-    ) -> Float[Array, "robots branches cells"]:
+    def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
         """Compute the probability of each step, 0 for rare steps; the floor is ignored.
 
         Gradients include the rare steps, so that a rare step can become more likely again.
@@ -172,9 +167,7 @@ class ChargedSteps(NamedTuple):
         made /= jnp.where(most > 0, made.sum(axis=1, keepdims=True), 1)
         return own + jax.lax.stop_gradient(made - own)
 
-    def pull(
-        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
-    ) -> Float[Array, "cells targets"]:
+    def pull(self, chance: _Chance, value: _Values) -> _Values:
         """Compute the products `P v` of the transition matrix and several vectors."""
         by_age = value.reshape(*self.allowed.shape[::2], -1)
         after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
@@ -182,7 +175,7 @@ class ChargedSteps(NamedTuple):
             self._by_age(chance), after
         ).reshape(value.shape)
 
-    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+    def often(self, chance: _Chance) -> Float[Array, "cells"]:
         """Compute the expected visits of a robot to each cell between two charges."""
         begin = jnp.zeros(self.allowed.shape[2], chance.dtype).at[self.charger].set(1)
 
@@ -192,17 +185,13 @@ class ChargedSteps(NamedTuple):
 
         return jax.lax.scan(step, begin, self._by_age(chance))[1].ravel()
 
-    def _by_age(
-        self, chance: Float[Array, "branches cells"]
-    ) -> Float[Array, "ages branches vertices"]:
+    def _by_age(self, chance: _Chance) -> Float[Array, "ages branches vertices"]:
         ages, branches, vertices = self.allowed.shape
         return chance.reshape(branches, ages, vertices).swapaxes(0, 1)
 
 
 @jax.custom_vjp
-def _pull(
-    chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"], steps: Steps
-) -> Float[Array, "cells targets"]:
+def _pull(chance: _Chance, value: _Values, steps: Steps) -> _Values:
     """Compute the products `P v` of the transition matrix and several vectors.
 
     The derivative gathers, because every step has a step back; JAX's own derivative scatters,

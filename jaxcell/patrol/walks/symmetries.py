@@ -17,11 +17,6 @@ def symmetries(
 ) -> Int[np.ndarray, "symmetries vertices"]:
     """Find permutations of vertices that keep the durations of moves and the kinds of vertices.
 
-    **Arguments:**
-
-    - `delays`: the duration of each move, 0 for pairs without a move.
-    - `kinds`: the kind of each vertex.
-
     **Returns:** the image of each vertex under each permutation, the identity first. If there are
     at most 48 permutations, they form a group.
     """

@@ -39,9 +39,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts targets"]:
     """Compute the expected number of steps of the walk from each vertex to each other vertex.
 
-    One inverse gives all times, because the walk is reversible. With `X` the pseudo-inverse of the
-    Laplacian and `d` the total weights of the vertices, `h_ij = sum_k d_k (X_ik - X_ij - X_jk +
-    X_jj)`. For one target, or another chain, use [`jaxcell.markov.hitting_times`][].
+    With `X` the pseudo-inverse of the Laplacian and `d` the total weights of the vertices, `h_ij =
+    sum_k d_k (X_ik - X_ij - X_jk + X_jj)`.
 
     **Arguments:**
 

@@ -46,26 +46,6 @@ def likelihood(law, samples, censored):
         scipy.stats.logistic(1e6, 1),
         scipy.stats.gamma(2),
         scipy.stats.t(2),
-        SKEWED,
-    ],
-    ids=lambda law: str(law) if isinstance(law, Gld) else law.dist.name,
-)
-def test_recovers_known_laws(law):
-    if isinstance(law, Gld):
-        samples, cdf = draw(law), law.cdf
-    else:
-        samples, cdf = law.rvs(SAMPLES, random_state=0), law.cdf
-    fit = fit_gld(samples)
-    assert not fit.censored
-    x = np.linspace(samples.min(), samples.max(), 2000)
-    x = np.union1d(x, samples)
-    assert np.abs(fit.cdf(x) - cdf(x)).max() < NEAR
-
-
-@pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize(
-    "law",
-    [
         scipy.stats.geom(0.02),
         scipy.stats.geom(0.4),
         scipy.stats.nbinom(3, 0.1),
@@ -73,12 +53,15 @@ def test_recovers_known_laws(law):
     ],
     ids=lambda law: f"{law.dist.name} {law.args}",
 )
-def test_recovers_laws_of_whole_numbers(law):
+def test_recovers_known_laws(law):
     samples = law.rvs(SAMPLES, random_state=0)
     fit = fit_gld(samples)
-    assert fit.censored
-    t = np.arange(samples.min() - 1, samples.max() + 1)
-    assert np.abs(fit.cdf(t + 0.5) - law.cdf(t)).max() < NEAR
+    whole = hasattr(law.dist, "pmf")
+    assert fit.censored == whole
+    x = np.union1d(np.linspace(samples.min(), samples.max(), 2000), samples)
+    if whole:
+        x = np.arange(samples.min() - 1, samples.max() + 1)
+    assert np.abs(fit.cdf(x + 0.5 * whole) - law.cdf(x)).max() < NEAR
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -122,24 +105,6 @@ def test_at_least_as_likely_as_by_nelder_and_mead(censored):
     for point in (start, np.array([fit.law.l1, fit.law.l2, fit.law.l3, fit.law.l4])):
         peer = scipy.optimize.minimize(loss, point, method="Nelder-Mead", options={"maxiter": 300})
         assert fit.log_likelihood > -peer.fun - 0.02
-
-
-@pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize(
-    ("law", "reached"),
-    [
-        (scipy.stats.norm(3, 2), -632.656),
-        (scipy.stats.logistic(), -600.473),
-        (scipy.stats.expon(scale=5), -786.371),
-        (scipy.stats.uniform(-1, 3), -327.787),
-        (scipy.stats.t(3), -523.434),
-        (scipy.stats.lognorm(0.8), -370.132),
-    ],
-    ids=lambda value: value.dist.name if hasattr(value, "dist") else "",
-)
-def test_at_least_as_likely_as_by_gldpy(law, reached):
-    """The log-likelihoods are of gldpy 0.2, as `experiments/benchmarks/bench_gld.py` runs it."""
-    assert fit_gld(law.rvs(300, random_state=0)).log_likelihood > reached - 0.001
 
 
 @pytest.mark.parametrize("censored", [False, True])
@@ -187,8 +152,8 @@ def test_whole_samples_with_equal_ones_are_censored():
     [
         ([1.5, 2.5, math.nan, 3.5], r"samples\[2\] is nan; expected a finite number"),
         (np.array([math.inf, 1, 2]), r"samples\[0\] is inf; expected a finite number"),
-        (np.ones((3, 3)), r"samples: expected a list of numbers, got float64 of shape \(3, 3\)"),
-        (["a"], "samples: expected a list of numbers"),
+        (np.ones((3, 3)), r"samples: expected a list of numbers, got an array \[3, 3\]"),
+        (["a"], "samples: expected an array of numbers"),
         (np.ones(100), "with 5 different values, got 100 with 1"),
         ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], "at least 8, .* got 7 with 7"),
         ([], "at least 8, .* got 0 with 0"),

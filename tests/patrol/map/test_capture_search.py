@@ -1,20 +1,18 @@
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
+from graphs import on_map
+from walks import times_by_solves
 
 from jaxcell import examples
 from jaxcell.patrol.map.attack import Attack
 from jaxcell.patrol.map.capture import capture_probabilities
 from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
-from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import distributed_policies
 from jaxcell.patrol.map.tours import capture_by_tours
-from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-MAPS = Path(__file__).parents[3] / "data" / "maps"
 STEPS = 4
 
 
@@ -60,8 +58,7 @@ def test_no_walk_on_a_fine_grid_captures_more(start):
 
 @pytest.fixture(scope="module")
 def lab():
-    cells = CellSpace.of(Workspace.load(MAPS / "lab_b.json"), 1.0, 1)
-    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    graph, visible = on_map("lab_b", 2.5)
     return graph, visible, capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
 
 
@@ -141,20 +138,10 @@ def test_all_cells_are_visited_in_the_long_run(lab):
         # An average cell has 1e-5, and one that is far away a fifth of it per edge.
         degree = np.bincount(graph.edges.ravel())
         assert (share >= 0.2 * 1e-5 * degree / degree.mean()).all()
-        times = hitting_times_by_solves(matrix)
+        times = times_by_solves(matrix)
         mean = (times + times.T).sum() / (len(times) * (len(times) - 1))
         assert policy.commute_time == pytest.approx(mean, rel=1e-6)
         assert mean < 1e6
-
-
-def hitting_times_by_solves(matrix):
-    """The mean steps from each cell to each other, one linear system per target."""
-    times = np.zeros_like(matrix)
-    for target in range(len(matrix)):
-        rest = np.delete(np.arange(len(matrix)), target)
-        system = np.eye(rest.size) - matrix[np.ix_(rest, rest)]
-        times[rest, target] = np.linalg.solve(system, np.ones(rest.size))
-    return times
 
 
 def test_tours_capture_as_often_as_simulated_robots_on_them():

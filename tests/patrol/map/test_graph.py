@@ -1,16 +1,12 @@
-from pathlib import Path
-
 import networkx
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, strategies as st
 
+from jaxcell import bundled
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.space import CellSpace, Workspace
-
-
-MAPS = Path(__file__).parents[3] / "data" / "maps"
 
 
 def box(xmin, ymin, xmax, ymax):
@@ -76,7 +72,7 @@ def test_slanted_walls(cell):
     [("depot", (15, 15), 188, (500, 600)), ("harbour", (18, 16), 253, (700, 900))],
 )
 def test_maps_for_patrols(name, size, free, between):
-    workspace = Workspace.load(MAPS / f"{name}.json")
+    workspace = Workspace.load(bundled(f"maps/{name}.json"))
     cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
     assert cells.free.shape == size[::-1]
     assert cells.positions == free

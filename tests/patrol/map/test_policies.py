@@ -1,9 +1,11 @@
 import networkx
 import numpy as np
 import pytest
+from graphs import network_of
 
 from jaxcell.optimize import minimum_commute
 from jaxcell.optimize.cover import greedy_cover
+from jaxcell.optimize.tour import on_walk
 from jaxcell.patrol import Graph, random_walk
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
@@ -22,15 +24,6 @@ BASE = int(CELLS.index(4.5, 3.5))
 REGIONS = angular_regions(ROOM, BASE, VISIBLE[BASE], 2)
 
 
-def weight_on(graph, weights, tour):
-    steps = {
-        frozenset(step) for step in zip(tour.tolist(), np.roll(tour, -1).tolist(), strict=True)
-    }
-    on_tour = [frozenset(edge) in steps for edge in graph.edges.tolist()]
-    assert sum(on_tour) == len(steps)
-    return weights[on_tour].sum()
-
-
 def test_distributed_policies():
     policies = distributed_policies(ROOM, VISIBLE, 2, share=0.7)
     assert len(policies) == 2
@@ -39,7 +32,7 @@ def test_distributed_policies():
         assert VISIBLE[policy.cover].any(axis=0).all()
         assert policy.uncovered.size == 0
         assert set(policy.cover.tolist()) <= set(policy.tour.tolist())
-        assert weight_on(ROOM, policy.weights, policy.tour) >= 0.7 - 1e-9
+        assert policy.weights[on_walk(ROOM, policy.tour)].sum() >= 0.7 - 1e-9
         expected = minimum_commute(ROOM, policy.cover.tolist(), 0.7)
         np.testing.assert_array_equal(policy.weights, expected.weights)
         assert policy.commute_time == expected.commute_time
@@ -73,22 +66,20 @@ def test_centralized_policies():
     visible = visible_cells(CELLS, 2.2)
     policies = centralized_policies(ROOM, visible, REGIONS, share=0.6)
     assert len(policies) == 2
-    net = networkx.Graph()
-    for edge, length in zip(ROOM.edges.tolist(), ROOM.lengths.tolist(), strict=True):
-        net.add_edge(*edge, weight=length)
+    net = network_of(ROOM)
     for k, policy in enumerate(policies):
         own = set(np.flatnonzero(REGIONS.region == k).tolist())
         assert policy.cells.tolist() == sorted(own)
         assert set(policy.cover.tolist()) <= own
         assert visible[policy.cover].any(axis=0)[policy.cells].all()
         part = net.subgraph(own)
-        ways = dict(networkx.all_pairs_dijkstra_path_length(part))
+        ways = dict(networkx.all_pairs_dijkstra_path_length(part, weight="length"))
         ways = {
             z: sum(ways[z][stop] for stop in policy.cover.tolist()) for z in own if REGIONS.view[z]
         }
         assert ways[policy.contact] == pytest.approx(min(ways.values()))
         assert {*policy.cover.tolist(), policy.contact} <= set(policy.tour.tolist()) <= own
-        assert weight_on(ROOM, policy.weights, policy.tour) >= 0.6 - 1e-9
+        assert policy.weights[on_walk(ROOM, policy.tour)].sum() >= 0.6 - 1e-9
         inside = np.isin(ROOM.edges, policy.cells).all(axis=1)
         assert (policy.weights[inside] > 0).all()
         assert (policy.weights[~inside] == 0).all()

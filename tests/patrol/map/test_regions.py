@@ -1,23 +1,11 @@
-from pathlib import Path
-
 import networkx
 import numpy as np
 import pytest
+from graphs import network_of, on_map
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.regions import angular_regions, base_station
-from jaxcell.space import CellSpace, Workspace, visible_cells
-
-
-MAPS = Path(__file__).parents[3] / "data" / "maps"
-
-
-def harbour():
-    workspace = Workspace.load(MAPS / "harbour.json")
-    cells = CellSpace.of(workspace, 1.0, 1)
-    return cell_graph(cells), visible_cells(cells, 6.0)
 
 
 def drawn(picture):
@@ -44,17 +32,9 @@ def watched(picture):
     return graph, marks, int(np.flatnonzero(marks == "B")[0]), np.isin(marks, ["v", "B"])
 
 
-def network(graph):
-    made = networkx.Graph()
-    made.add_nodes_from(range(graph.vertices))
-    for (a, b), length in zip(graph.edges.tolist(), graph.lengths.tolist(), strict=True):
-        made.add_edge(a, b, length=length)
-    return made
-
-
 def rim(graph, base, view):
     """The cells in view next to one that is not, where robots report."""
-    net = network(graph)
+    net = network_of(graph)
     return {
         z
         for z in np.flatnonzero(view).tolist()
@@ -65,7 +45,7 @@ def rim(graph, base, view):
 def check_partition(graph, regions):
     outside = ~regions.view
     outside[regions.base] = False
-    net = network(graph)
+    net = network_of(graph)
     assert regions.region[regions.base] == -1
     assert (regions.region[outside] >= 0).all()
     assert all(regions.region[z] >= 0 for z in rim(graph, regions.base, regions.view))
@@ -83,8 +63,8 @@ def test_regions_of_random_rooms(seed, share, robots):
     blocked = random.random((11, 12)) < share
     picture = "\n".join("".join("#" if b else "." for b in row) for row in blocked)
     graph, _ = drawn(picture)
-    largest = np.array(sorted(max(networkx.connected_components(network(graph)), key=len)))
-    net = networkx.convert_node_labels_to_integers(network(graph).subgraph(largest.tolist()))
+    largest = np.array(sorted(max(networkx.connected_components(network_of(graph)), key=len)))
+    net = networkx.convert_node_labels_to_integers(network_of(graph).subgraph(largest.tolist()))
     graph = Graph(np.array(net.edges), xy=graph.xy[largest])
     base = int(random.integers(graph.vertices))
     # The cells within some steps, which is a view that is connected but of no simple shape.
@@ -101,7 +81,7 @@ def test_regions_of_random_rooms(seed, share, robots):
 
 @pytest.mark.parametrize("robots", [1, 2, 3, 4, 6])
 def test_regions_of_the_harbour(robots):
-    graph, visible = harbour()
+    graph, visible = on_map("harbour", 6.0)
     base = base_station(graph, visible)
     regions = angular_regions(graph, base, visible[base], robots)
     check_partition(graph, regions)
@@ -179,7 +159,7 @@ def test_base_station_is_the_central_cell_that_sees_most(seed):
     net = networkx.connected_watts_strogatz_graph(20, 4, 0.3, seed=seed)
     graph = Graph(np.array(net.edges), xy=random.random((20, 2)))
     visible = random.random((20, 20)) < 0.3
-    closeness = networkx.closeness_centrality(network(graph), distance="length")
+    closeness = networkx.closeness_centrality(network_of(graph), distance="length")
     central = sorted(closeness, key=closeness.get, reverse=True)[:5]
     seen = visible.sum(axis=1)
     base = base_station(graph, visible, central=0.25)
@@ -188,7 +168,7 @@ def test_base_station_is_the_central_cell_that_sees_most(seed):
 
 
 def test_base_station_of_the_harbour():
-    graph, visible = harbour()
+    graph, visible = on_map("harbour", 6.0)
     base = base_station(graph, visible)
     assert np.abs(graph.xy[base] - [9, 8]).max() <= 3
     everywhere = base_station(graph, visible, central=1.0)

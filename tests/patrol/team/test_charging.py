@@ -2,14 +2,14 @@ import itertools
 
 import numpy as np
 import pytest
+from walks import walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk
 from jaxcell.patrol.team import charged
 
 
 GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [3, 4]])
-WALK = random_walk(GRAPH, [1, 2, 1, 1, 3, 1]).to_scipy().toarray()
+WALK = walk_on(GRAPH, [1, 2, 1, 1, 3, 1])
 CHARGER, EVERY = 2, 5
 
 

@@ -3,9 +3,10 @@ import itertools
 import networkx as nx
 import numpy as np
 import pytest
+from graphs import graph_of
+from walks import walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk
 from jaxcell.patrol.team import divide_graph, part_of_graph, walk_in_part
 
 
@@ -29,7 +30,7 @@ def test_no_division_is_more_even_than_the_one_that_is_found(seed):
     if seed % 2:
         extra = np.random.default_rng(seed).choice(vertices, 2, replace=False).tolist()
         network.add_edge(*extra)
-    graph = Graph(np.array(network.edges), vertices)
+    graph = graph_of(network)
     for parts in range(2, vertices // 2 + 1):
         least = least_squares(network, parts)
         if np.isfinite(least):
@@ -52,7 +53,7 @@ def test_a_line_is_divided_evenly(parts):
 @pytest.mark.parametrize("parts", [1, 2, 3, 5])
 def test_parts_are_connected_and_of_one_size(seed, parts):
     network = nx.connected_watts_strogatz_graph(30, 4, 0.2, seed=seed)
-    graph = Graph(np.array(network.edges), 30)
+    graph = graph_of(network)
     part = divide_graph(graph, parts)
     sizes = np.bincount(part, minlength=parts)
     assert (sizes > 1).all()
@@ -66,7 +67,7 @@ def test_parts_are_connected_and_of_one_size(seed, parts):
 def test_a_walk_in_a_part_goes_there_and_stays():
     graph = Graph([[0, 1], [1, 2], [2, 3], [3, 4]], ways=[1, 1, 5, 1])
     inside = np.array([0, 1])
-    within = random_walk(part_of_graph(graph, inside), [1]).to_scipy().toarray()
+    within = walk_on(part_of_graph(graph, inside))
     whole = walk_in_part(graph, inside, within)
     assert whole.argmax(axis=1).tolist() == [1, 0, 1, 2, 3]
     assert (whole.sum(axis=1) == 1).all()

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from walks import times_by_solves, walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk
 from jaxcell.patrol.team import timed, whole_times
 
 
@@ -26,18 +26,12 @@ def subdivided(matrix, taken):
 
 
 def test_times_are_those_of_the_graph_with_vertices_on_the_way():
-    walk = random_walk(GRAPH, [1, 2, 1, 1, 3]).to_scipy().toarray()
-    lazy = 0.8 * walk + 0.2 * np.eye(4)
+    lazy = 0.8 * walk_on(GRAPH, [1, 2, 1, 1, 3]) + 0.2 * np.eye(4)
     taken = GRAPH.matrix(np.array(TIMES, float)).toarray().astype(int) + 2 * np.eye(4, dtype=int)
     whole = subdivided(lazy, taken)
     shares = np.stack([np.linalg.matrix_power(lazy, 2000)[0]] * 2)
     found = timed(GRAPH, np.stack([lazy, lazy]), shares, TIMES, 2.0)
-    for target in range(4):
-        others = np.arange(len(whole)) != target
-        Q = whole[np.ix_(others, others)]
-        times = np.zeros(len(whole))
-        times[others] = np.linalg.solve(np.eye(len(Q)) - Q, np.ones(len(Q)))
-        np.testing.assert_allclose(found.hitting_time[:, target], times[:4], rtol=1e-9)
+    np.testing.assert_allclose(found.hitting_time, times_by_solves(whole)[:4, :4], rtol=1e-9)
     share = np.linalg.matrix_power((whole + np.eye(len(whole))) / 2, 4096)[0]
     # Each of the two robots begins a stay, or passes, as often as the chain in units of time does.
     np.testing.assert_allclose(found.idleness, 1 / (2 * share[:4]), rtol=1e-6)

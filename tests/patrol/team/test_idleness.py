@@ -1,14 +1,11 @@
 import networkx as nx
 import numpy as np
 import pytest
+from graphs import graph_of
+from walks import walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk
 from jaxcell.patrol.team import simulate_idleness
-
-
-def walk_on(graph, weights):
-    return random_walk(graph, weights).to_scipy().toarray()
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -32,8 +29,8 @@ def test_a_walk_comes_as_often_as_its_share_of_time_says():
 @pytest.mark.usefixtures("unchecked")
 def test_robots_on_a_tour_are_equally_far_apart():
     """Of networkx's ring of 12, and with edges that take longer than others."""
-    graph = Graph(np.array(nx.cycle_graph(12).edges), 12)
-    matrices = np.stack([walk_on(graph, np.ones(12))] * 3)
+    graph = graph_of(nx.cycle_graph(12))
+    matrices = np.stack([walk_on(graph)] * 3)
     found = simulate_idleness(graph, matrices)
     assert found.patrol == ["walk", "tour", "random", "reactive"]
     tour = [getattr(found, name)[1] for name in ("mean", "worst", "longest")]
@@ -47,8 +44,8 @@ def test_robots_on_a_tour_are_equally_far_apart():
 
 
 def test_a_reactive_robot_walks_round_a_ring():
-    graph = Graph(np.array(nx.cycle_graph(9).edges), 9)
-    found = simulate_idleness(graph, walk_on(graph, np.ones(9))[None], attack_time=[5] * 9)
+    graph = graph_of(nx.cycle_graph(9))
+    found = simulate_idleness(graph, walk_on(graph)[None], attack_time=[5] * 9)
     assert found.longest[3] == found.mean[3] == 9
     assert found.least_capture[3] == pytest.approx(5 / 9)
 
@@ -66,8 +63,8 @@ def test_idleness_of_vertices_that_a_walk_leaves_out_is_infinite():
 @pytest.mark.usefixtures("unchecked")
 def test_a_unit_of_time_only_scales_idleness():
     """Visits that coincide at 0.1 + 0.2 = 0.3 count once."""
-    graph = Graph(np.array(nx.complete_graph(8).edges), 8)
-    matrices = np.stack([walk_on(graph, np.ones(28))] * 9)
+    graph = graph_of(nx.complete_graph(8))
+    matrices = np.stack([walk_on(graph)] * 9)
     times = np.arange(28) % 3 + 1
     whole = simulate_idleness(graph, matrices, times=times, attack_time=2)
     tenths = simulate_idleness(graph, matrices, times=times * 0.1, attack_time=0.2)
@@ -80,7 +77,7 @@ def test_a_unit_of_time_only_scales_idleness():
 def test_the_error_says_how_far_a_simulation_is_from_the_exact_idleness():
     """On a line of 12, whose random walk is slow to spread, over four simulations."""
     graph = Graph([[i, i + 1] for i in range(11)])
-    walk = walk_on(graph, np.ones(11))[None]
+    walk = walk_on(graph)[None]
     degree = np.bincount(graph.edges.ravel())
     exact = degree.sum() / degree
     found = [simulate_idleness(graph, walk, seed=seed) for seed in range(4)]

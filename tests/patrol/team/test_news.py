@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from walks import walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk
 from jaxcell.patrol.team import age_of_news
 
 
@@ -40,12 +40,8 @@ def ages(team):
 
 @pytest.mark.parametrize("times", [None, TIMES])
 def test_two_robots_against_a_run_of_them(times):
-    walks = np.stack(
-        [
-            random_walk(GRAPH, [1, 2, 1, 1, 3]).to_scipy().toarray(),
-            0.7 * random_walk(GRAPH, [3, 1, 1, 4, 1]).to_scipy().toarray() + 0.3 * np.eye(4),
-        ]
-    )
+    lazy = 0.7 * walk_on(GRAPH, [3, 1, 1, 4, 1]) + 0.3 * np.eye(4)
+    walks = np.stack([walk_on(GRAPH, [1, 2, 1, 1, 3]), lazy])
     found = age_of_news(GRAPH, walks, BASE, times=times, unit=2.0)
     each = np.ones(5) if times is None else times.astype(float)
     delays = GRAPH.matrix(each).toarray() + np.eye(4)
@@ -73,4 +69,4 @@ def test_news_of_a_vertex_that_is_never_visited_are_infinitely_old():
 @pytest.mark.parametrize("base", [-1, 4])
 def test_a_base_that_is_no_vertex_is_refused(base):
     with pytest.raises(ValueError, match=f"base: expected a vertex, 0 to 3, got {base}"):
-        age_of_news(GRAPH, random_walk(GRAPH, np.ones(5)).to_scipy().toarray()[None], base)
+        age_of_news(GRAPH, walk_on(GRAPH)[None], base)

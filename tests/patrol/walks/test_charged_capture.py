@@ -4,6 +4,8 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
+from graphs import graph_of
+from walks import walk_on
 
 from jaxcell import patrol
 from jaxcell.optimize import Graph
@@ -15,10 +17,6 @@ from jaxcell.study import PatrolGraph
 
 KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
 CHARGER, EVERY, ATTACK = 2, 3, 4
-
-
-def walk_on(graph):
-    return patrol.random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
 
 
 def policy(leave, stray):
@@ -80,7 +78,7 @@ def test_steps_are_those_of_the_law():
 
 
 def test_no_walk_of_a_fine_grid_of_all_captures_more():
-    found = charged_capture(KITE, walk_on(KITE), CHARGER, EVERY, ATTACK)
+    found = charged_capture(KITE, walk_on(KITE)[None], CHARGER, EVERY, ATTACK)
     tenths = np.arange(0, 1.01, 0.1)
     best = max(
         Charged.of(policy([a, b, 1 - a - b], stray), CHARGER, attack_time=ATTACK).least_capture
@@ -102,8 +100,8 @@ def test_no_walk_of_a_fine_grid_of_all_captures_more():
     ],
 )
 def test_known_optima(graph, every, attack, optimum, led_back):
-    graph = Graph(np.array(graph.edges))
-    found = charged_capture(graph, walk_on(graph), 0, every, attack, starts=1)
+    graph = graph_of(graph)
+    found = charged_capture(graph, walk_on(graph)[None], 0, every, attack, starts=1)
     assert found.least_capture == pytest.approx(optimum, abs=1e-3)
     assert found.led_back < led_back + 1e-9
     assert found.interval.sum() == pytest.approx(1)
@@ -111,8 +109,8 @@ def test_known_optima(graph, every, attack, optimum, led_back):
 
 
 def test_two_robots_capture_no_less_than_when_they_are_led_back():
-    star = Graph(np.array(nx.star_graph(3).edges))
-    found = charged_capture(star, np.repeat(walk_on(star), 2, axis=0), 0, 2, 2, starts=2)
+    star = graph_of(nx.star_graph(3))
+    found = charged_capture(star, np.stack([walk_on(star)] * 2), 0, 2, 2, starts=2)
     # A robot that goes to each leaf equally often captures a third there; two may share them.
     assert found.led_back == pytest.approx(1 - (2 / 3) ** 2)
     assert found.least_capture >= found.led_back
@@ -122,7 +120,7 @@ def test_two_robots_capture_no_less_than_when_they_are_led_back():
 def test_too_large_graphs_are_refused():
     line = Graph([(i, i + 1) for i in range(99)])
     with pytest.raises(ValueError, match="every: 200 steps, times 100 vertices squared, times att"):
-        charged_capture(line, walk_on(line), 0, 200, 200)
+        charged_capture(line, walk_on(line)[None], 0, 200, 200)
 
 
 def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):

@@ -56,10 +56,14 @@ def test_the_game_of_the_small_graph():
     # Alam 2018, Tables 4.2 and 4.3: strategies 7 and 9 keep the adversary at vertex 7, where both
     # pay most.
     leader, follower = map(np.asarray, payoffs(TABLE_4_2))
-    found = stackelberg(leader, follower)
-    assert found.value == pytest.approx(8, abs=1e-9)
-    assert int(found.answer[0]) == 6
-    assert np.asarray(found.weights)[[6, 8]].sum() == pytest.approx(1, abs=1e-9)
+    for method in ("dobss", "multiple-lp"):
+        found = stackelberg(leader, follower, method=method)
+        assert found.value == pytest.approx(8, abs=1e-6)
+        assert int(found.answer[0]) == 6
+        assert np.asarray(found.weights)[[6, 8]].sum() == pytest.approx(1, abs=1e-6)
+    # Against the published mixture, an attack on vertex 7 is as good as any.
+    replies = np.array([0.9012, 0.0988]) @ follower[[6, 8]]
+    assert replies[6] == pytest.approx(replies.max(), abs=1e-4)
     # Neither does so alone.
     assert follower[6].argmax() != 6
     assert follower[8].argmax() != 6

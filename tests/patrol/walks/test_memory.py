@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 from graphs import grid
-from walks import by_walks, delays_of
+from walks import by_walks, delays_of, walk_on
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import maximin_capture, random_walk
+from jaxcell.patrol import maximin_capture
 from jaxcell.patrol.perimeter import Movement, Perimeter, detection_polynomials, maximin
 from jaxcell.patrol.team import simulate_idleness
 from jaxcell.patrol.walks import capture_bound, memory_patrol, walk_capture_probabilities
@@ -190,8 +190,7 @@ def test_the_bound_against_the_games_with_all_walks(graph, attack, times, tight)
 @pytest.mark.usefixtures("unchecked", "brief")
 def test_walks_with_memory_against_a_simulation():
     graph = grid(2, 3)
-    plain = random_walk(graph, np.ones(7)).to_scipy().toarray()[None]
-    found = memory_patrol(graph, 4, 2, plain, names="abcdef", tests=1)
+    found = memory_patrol(graph, 4, 2, walk_on(graph)[None], names="abcdef", tests=1)
     assert found.patrol == ["memory 1", "memory 2", "tour"]
     assert found.memory == 2
     assert found.state_vertex == [*"abcdefabcdef"]
@@ -216,14 +215,6 @@ def test_several_robots_are_independent():
 
 def test_a_tour_that_is_in_time_everywhere_captures_all():
     for attack, least in ((7, 0.0), (8, 1.0)):
-        walk = random_walk(RING, np.ones(8)).to_scipy().toarray()[None]
-        found = memory_patrol(RING, attack, 1, walk, tests=0)
+        found = memory_patrol(RING, attack, 1, walk_on(RING)[None], tests=0)
         assert found.least_capture[1] == least
         assert found.any_time[1] == attack / 8
-
-
-def test_memory_with_a_stationary_distribution_is_refused():
-    with pytest.raises(ValueError, match="memory: expected 1 with a stationary distribution"):
-        maximin_capture(KITE, 4, memory=2, stationary=np.full(4, 0.25))
-    with pytest.raises(ValueError, match="memory: expected at least 1, got 0"):
-        maximin_capture(KITE, 4, memory=0)

@@ -1,7 +1,9 @@
+import itertools
+
 import networkx as nx
 import numpy as np
 import pytest
-from graphs import SMALL, TABLE_4_2, grid
+from graphs import SMALL, TABLE_4_2, grid, network_of
 from hypothesis import given, strategies as st
 
 from jaxcell.patrol import Graph
@@ -9,44 +11,23 @@ from jaxcell.patrol.walks import measure
 from jaxcell.patrol.walks.paths import toward
 
 
-def simple_paths(graph, start, end):
-    """All, each a set of its edges."""
-    found = []
-
-    def extend(here, seen, used):
-        if here == end:
-            found.append(used)
-            return
-        for edge, ends in enumerate(graph.edges.tolist()):
-            if here in ends:
-                there = sum(ends) - here
-                if there not in seen:
-                    extend(there, seen | {there}, used | {edge})
-
-    extend(start, {start}, frozenset())
-    return found
-
-
 def brute_force(graph, vertex, paths):
+    """The counts of steps on the first of all simple paths, in order."""
+    network = network_of(graph)
+    edge = {frozenset(ends): number for number, ends in enumerate(graph.edges.tolist())}
+
     # Lengths are compared after rounding, so that equal sums in another order are equal.
-    def order(used):
-        length = round(float(graph.lengths[sorted(used)].sum()), 9)
-        return length, len(used), sorted(used, reverse=True)
+    def order(path):
+        used = sorted(edge[frozenset(step)] for step in itertools.pairwise(path))
+        return round(float(graph.lengths[used].sum()), 9), len(used), used[::-1]
 
     counts = np.zeros((graph.vertices, graph.vertices))
-    for ends in graph.edges.tolist():
-        if vertex in ends:
-            counts[vertex, sum(ends) - vertex] += 1
-    for start in range(graph.vertices):
-        if start != vertex:
-            for used in sorted(simple_paths(graph, start, vertex), key=order)[:paths]:
-                here, left = start, set(used)
-                while left:
-                    edge = next(e for e in left if here in graph.edges[e].tolist())
-                    there = int(graph.edges[edge].sum()) - here
-                    counts[here, there] += 1
-                    here = there
-                    left.remove(edge)
+    counts[vertex, list(network[vertex])] = 1
+    for start in network.nodes - {vertex}:
+        simple = nx.all_simple_paths(network, start, vertex)
+        for path in sorted(simple, key=order)[:paths]:
+            for step in itertools.pairwise(path):
+                counts[step] += 1
     return counts
 
 

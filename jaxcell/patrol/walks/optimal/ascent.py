@@ -38,44 +38,39 @@ class Ascent:
     "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 
     def climb(
-        self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
-    ) -> tuple[Any, float, Any, list[float]]:
-        """Follow the gradient with Adam.
+        self, logits: Float[np.ndarray, "robots branches cells"], count: int
+    ) -> tuple[Any, float, list[float]]:
+        """Follow the gradient with `count` steps of Adam.
 
-        **Arguments:**
+        The learning rate falls with each step, and the hardness rises.
 
-        - `begin`: logits, array `[robots, branches, cells]`, or a state of the optimiser.
-        - `progress`: the progress of each step, 0 to 1, with which the learning rate falls and the
-            hardness of the minimum rises.
-        - `best`: the best logits so far.
-
-        **Returns:** the best logits, their value, the last state, and the best value per block.
+        **Returns:** the best logits, their value, and the best value per block of steps.
         """
-        if not isinstance(begin, tuple):
-            logits = np.asarray(begin, np.float32)
-            none = np.zeros_like(logits)
-            state = optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
-            begin = jax.device_put((logits, state))
-        active = active_targets(self.unseen, self.attack_time, begin[0].shape[0])
+        logits = np.asarray(logits, np.float32)
+        none = np.zeros_like(logits)
+        adam = optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
+        now = jax.device_put((logits, adam))
+        best = now[0]
+        active = active_targets(self.unseen, self.attack_time, len(logits))
+        progress, (soft, hard) = np.arange(count) / count, self.hardness
         rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
-        soft, hard = self.hardness
         hardness = soft * (hard / soft) ** progress
-        unseen, time = jax.device_put(self.unseen), self.attack_time
-        best = begin[0] if best is None else best
-        value, course = float(_least(best, self.steps, unseen, self.floor, time)[0]), []
-        missed = _least(begin[0], self.steps, unseen, self.floor, time)[1]
-        for first in range(0, progress.size, _BLOCK):
+        rest = self.steps, jax.device_put(self.unseen), self.floor, self.attack_time
+        least, missed = _least(best, *rest)
+        value, course = float(least), []
+        for first in range(0, count, _BLOCK):
             weak = np.argsort(-np.asarray(missed))[:active]
             if isinstance(self.steps, SymmetricSteps):
                 weak = np.arange(missed.size)
             block = slice(first, first + _BLOCK)
             schedule = rate[block].astype("f4"), hardness[block].astype("f4")
-            begin = _follow(*begin, self.steps, self.unseen[:, weak], self.floor, schedule, time)
-            now, missed = _least(begin[0], self.steps, unseen, self.floor, time)
-            if float(now) > value:
-                best, value = begin[0], float(now)
+            targeted = self.steps, self.unseen[:, weak], self.floor, schedule, self.attack_time
+            now = _follow(*now, *targeted)
+            least, missed = _least(now[0], *rest)
+            if float(least) > value:
+                best, value = now[0], float(least)
             course.append(value)
-        return best, value, begin, course
+        return best, value, course
 
 
 def active_targets(
@@ -102,14 +97,9 @@ def log_missed_from_worst(
 ) -> Float[Array, "targets"]:
     """Compute the logarithm of the probability that a robot misses attacks from its worst start.
 
-    With a hardness, the worst start is a soft minimum of logarithms, because the gradient of a
-    product of many probabilities is almost 0.
-
-    **Arguments:**
-
-    - `late`: probability that the robot does not see the target in time, from each cell.
-    - `weight`: weight of the cell as a start, 0 for none.
-    - `tiny`: least probability whose logarithm is taken.
+    `late` is the probability of a miss from each cell, and `weight` the weight of the cell as a
+    start. With a hardness, the worst start is a soft minimum of logarithms, because the gradient of
+    a product of many probabilities is almost 0.
     """
     caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
     if hardness is None:
@@ -124,13 +114,8 @@ def log_missed_from_worst(
 def soft_loss(
     missed: Float[Array, "targets"], hardness: Float[Array, ""] | float, tiny: float = _TINY
 ) -> Float[Array, ""]:
-    """Compute the negative soft minimum over targets of the log-probability of capture.
-
-    **Arguments:**
-
-    - `missed`: logarithm of the probability that no robot captures.
-    - `tiny`: least probability whose logarithm is taken.
-    """
+    """Compute the negative soft minimum of the log-probability of capture over the targets, from
+    the log-probabilities that all robots miss."""
     caught = jnp.log(jnp.maximum(-jnp.expm1(missed), tiny))
     return jax.nn.logsumexp(-hardness * caught) / hardness
 

@@ -35,16 +35,13 @@ def capture_bound(
     An adversary waits until the robot is at some vertex, and then attacks a random vertex. The best
     answer of the robot is the walk that visits, within the attack time, vertices with the largest
     total probability of attack. A linear program finds the probabilities of attack for which this
-    total is least; on large graphs they are equal. The program counts each visit of a walk, except
-    direct returns to a vertex. Dynamic programming then computes the total, so that the tolerance
-    of the program does not matter. The bound is the least total over several vertices at which the
-    robot may be. For several independent robots, the bound is the sum of the totals of the robots,
-    each from its best vertex.
+    total is least; on large graphs they are equal. Dynamic programming then computes the total, so
+    that the tolerance of the program does not matter. The bound is the least total over several
+    vertices at which the robot may be. For several independent robots, it is the sum of the totals.
 
     With `tests`, nested cuts lower the bound for a single robot. The adversary then sees the robot
-    all the time, and attacks one of the two vertices that are farthest apart. On a line of nine
-    vertices with attacks of 8 steps, the bound falls from 0.667 to 0.151, and a walk captures
-    0.148. Symmetries of the graph save work. A test takes seconds; large graphs are not tested.
+    all the time, and attacks one of the two vertices that are farthest apart. A test takes seconds;
+    large graphs are not tested.
 
     **Arguments:**
 

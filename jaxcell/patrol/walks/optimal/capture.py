@@ -1,6 +1,6 @@
 import dataclasses
 import itertools
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -42,17 +42,18 @@ _WITH_MEMORY = 10.0
 _EQUAL, _RARE = 1e-5, 1e-5
 
 
+_Matrices: TypeAlias = Float[np.ndarray, "robots states states"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class MaximinCapture:
     """Chains of robots, and the least probability that they capture an adversary."""
 
-    matrices: Float[np.ndarray, "robots states states"]
+    matrices: _Matrices
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
     "The least probability over targets and positions of the robots as the attack begins."
-    start: int
-    "The start that led to the chains; 0 is the default start, which is not random."
     certificate: Certificate
 
     @property
@@ -67,7 +68,6 @@ def maximin_capture(
     *,
     travel_times: Any = None,
     robots: int = 1,
-    stationary: Any = None,
     stay: bool = False,
     memory: int = 1,
     starts: int = 8,
@@ -81,13 +81,11 @@ def maximin_capture(
     captured if a robot reaches it within the attack time. It knows the chains and sees the robots,
     so it attacks where and when the probability of [`walk_capture_probabilities`][] is least.
     Several robots move independently, each with its own chain, and all are at their worst positions
-    at the same time: with `F_r` the probabilities of robot `r`, the value is `min_j (1 - prod_r (1
-    - min_i F_r[i, j]))`.
+    at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
     of a soft minimum of logarithms lead near the optimum, by Adam on logits if all edges and
-    attacks take equally long. Logarithms are used because the gradient of a product of many
-    probabilities is almost 0. Linear programs of the nearly best attacks then reach the optimum.
+    attacks take equally long. Linear programs of the nearly best attacks then reach the optimum.
 
     **Arguments:**
 
@@ -95,7 +93,6 @@ def maximin_capture(
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
     - `robots`: number of robots.
-    - `stationary`: array `[vertices]`, the share of moves that begin at each vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
         number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
@@ -114,10 +111,6 @@ def maximin_capture(
     added; with memory, the limit of 100 applies to the vertices times the square of `memory`.
     The iterations are the gradient steps from all starts and the programs.
 
-    **Raises:** `ValueError` for a graph that is not connected, for attacks that end before a robot
-    can arrive from some vertex, or for a stationary distribution that no chain on the graph has;
-    `RuntimeError` if the residual stays above the tolerance, or if JAX is set to 32 bits.
-
     On a line of three vertices, a robot needs two steps from one end to the other:
 
         >>> from jaxcell import patrol
@@ -130,55 +123,47 @@ def maximin_capture(
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
         if count < 1:
             raise ValueError(f"{name}: expected at least 1, got {count}")
-    if memory > 1 and stationary is not None:
-        raise ValueError("memory: expected 1 with a stationary distribution")
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     _check_reach(delays, attack)
     delays = np.tile(delays, (memory, memory))
     whole = _with_memory(graph, memory, stay)
-    among = ChainPolytope.on(whole, stationary, stay=stay)
+    among = ChainPolytope.on(whole, stay=stay)
     arguments = on_device(delays, attack)
-    plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
-    if plain:
+    if travel_times is None and not stay and np.ptp(attack) == 0:
         frames = _frames(delays, memory)
         # On small graphs a step is quick, and more starts improve the result more than more steps.
         quick = _QUICK * len(frames) / whole.vertices**2
         least = 1 if len(frames) == 1 else _SYMMETRIC
         count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
-        begin = among.starts(max(count, min(starts, 2)), robots, seed)
-        skipped = len(begin) - count
-        begin = begin[skipped:]
-        matrices, best, steps, late = _ascend(
+        begin = among.starts(max(count, min(starts, 2)), robots, seed)[-count:]
+        matrices, steps, late = _ascend(
             SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
             attack,
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
-        best += skipped
         moves = matrices[:, among.tails, among.heads]
         if graph.vertices * memory**2 > POLISHED:
             matrices, value = _without_rare_moves(matrices, arguments)
             certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
-            return MaximinCapture(matrices, value, best, certificate)
+            return MaximinCapture(matrices, value, certificate)
     else:
-        begin = among.starts(starts, robots, seed)
-        every, values, steps = descend(_missed, among, begin, arguments)
-        best = int(np.nanargmin(values))
-        moves = every[best]
+        every, values, steps = descend(
+            _missed, among, among.starts(starts, robots, seed), arguments
+        )
+        moves = every[np.nanargmin(values)]
 
     def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
         return LinearizedCapture(among, moves, attack, delays)
 
     if whole.vertices > EXACT:
         tolerance = max(tolerance, _LITTLE)
-    moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
+    moves, _, residual, programs = maximize_least_capture(law, among, moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])
-    if stationary is None:
-        matrices, value = _without_rare_moves(matrices, arguments)
-    return MaximinCapture(matrices, value, best, certificate)
+    return MaximinCapture(*_without_rare_moves(matrices, arguments), certificate)
 
 
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
@@ -212,11 +197,11 @@ def _ascend(
     steps: Steps | SymmetricSteps,
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
-) -> tuple[Float[np.ndarray, "robots states states"], int, int, float]:
+) -> tuple[_Matrices, int, float]:
     """Follow the gradient in the logits of steps from each start.
 
-    **Returns:** the best matrices, the index of their start, the number of steps, and the share of
-    the value that the last quarter of the steps added.
+    **Returns:** the best matrices, the number of steps, and the share of the value that the last
+    quarter of the steps added.
     """
     begins = [steps.logits(start) for start in starts]
     cells = begins[0].shape[-1]
@@ -224,14 +209,13 @@ def _ascend(
     annealed = _ANNEALED if starts.shape[-1] == attack.size else (_WITH_MEMORY, _ANNEALED[1])
     ascent = Ascent(steps, away, int(attack[0]), _FLOOR, annealed)
     count = STEPS // (1 + (cells > _LARGE))
-    progress = np.arange(count) / count
-    climbs = [ascent.climb(begin, progress) for begin in begins]
-    values = np.array([value for _, value, _, _ in climbs])
+    climbs = [ascent.climb(begin, count) for begin in begins]
+    values = np.array([value for _, value, _ in climbs])
     # Values that differ by rounding count as equal; the first of these starts is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
-    best, _, _, course = climbs[first]
+    best, _, course = climbs[first]
     drawn = np.asarray(steps.chances(np.asarray(best, np.float64), _FLOOR))
-    return steps.matrices(drawn), first, count * len(starts), late_gain(course)
+    return steps.matrices(drawn), count * len(starts), late_gain(course)
 
 
 def _missed(
@@ -255,16 +239,12 @@ def _missed(
     return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
 
 
-def _value(
-    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
-) -> float:
+def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
     each = np.stack([first_passage(matrix, *arguments) for matrix in matrices])
     return float(captured_by_any(each).min())
 
 
-def _without_rare_moves(
-    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
-) -> tuple[Float[np.ndarray, "robots states states"], float]:
+def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
     Because of the floor, a robot visits even the part of the graph that it leaves to other robots,

@@ -41,10 +41,8 @@ def charged_capture(
 
     The steps of a robot depend on the number of steps since its charge, and steps that would
     prevent a timely return are never made. The adversary knows the walks, and sees the robots and
-    the time since each charge. Adam follows the gradient of a soft minimum of the logarithms of
-    capture over the vertices and, weighted by their frequency, over the states of the robots.
-    Robots are independent, and all start at their worst places, as in [`maximin_capture`][]. The
-    problem is not convex: the result is a local optimum, the best of several starts.
+    the time since each charge. Robots are independent, and all start at their worst places, as in
+    [`maximin_capture`][]. The result is a local optimum, the best of several starts.
 
     **Arguments:**
 
@@ -104,9 +102,8 @@ def charged_capture(
     begins += [2 * random.normal(size=shape) for _ in range(count - len(begins))]
     away = np.tile(1 - np.eye(graph.vertices, dtype=np.float32), (every, 1))
     ascent = Ascent(steps, away, attack_time, 0.0, _ANNEALED)
-    progress = np.arange(_STEPS) / _STEPS
-    tries = [ascent.climb(begin, progress) for begin in begins[:count]]
-    best, _, _, course = max(tries, key=lambda attempt: attempt[1])
+    tries = [ascent.climb(begin, _STEPS) for begin in begins[:count]]
+    best, _, course = max(tries, key=lambda attempt: attempt[1])
     walks = [led]
     for rare in _RARE:
         made = steps._replace(rare=jax.device_put(rare)).chances(np.asarray(best, np.float64), 0.0)

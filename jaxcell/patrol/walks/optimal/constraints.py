@@ -111,7 +111,10 @@ class _Reader:
         self.shares = np.eye(len(graph.edges))
         self.visits = (np.arange(graph.vertices)[:, None, None] == graph.edges).mean(axis=2)
         ends = [[self.names[end] for end in edge] for edge in graph.edges.tolist()]
-        self.edges = {frozenset(edge): i for i, edge in enumerate(ends)}
+        self.places: Mapping[Any, int] = {
+            **{name: i for i, name in enumerate(self.names)},
+            **{frozenset(edge): i for i, edge in enumerate(ends)},
+        }
         self.labels = [f"edge {'-'.join(edge)}" for edge in ends]
 
     def read(self, fields: Fields) -> list[Linear]:
@@ -164,19 +167,13 @@ class _Reader:
             return rows, labels
         chosen = []
         for i, entry in enumerate(checked_list(where, given)):
-            place = self._vertex(entry) if on_vertices else self._edge(entry)
-            if place is None:
+            pair = isinstance(entry, list) and len(entry) == 2
+            name = frozenset(map(str, entry)) if pair else str(entry)
+            place = self.places.get(name)
+            if place is None or pair == on_vertices:
                 what = "a vertex" if on_vertices else "two vertices with an edge between them"
                 raise refused(f"{where}[{i}]", what, entry)
             chosen.append(place)
         if not chosen or len(set(chosen)) < len(chosen):
             raise refused(where, "one or more, each once", json.dumps(given))
         return rows[chosen], [labels[place] for place in chosen]
-
-    def _vertex(self, name: Any) -> int | None:
-        return self.names.index(str(name)) if str(name) in self.names else None
-
-    def _edge(self, ends: Any) -> int | None:
-        if not isinstance(ends, list) or len(ends) != 2:
-            return None
-        return self.edges.get(frozenset(map(str, ends)))

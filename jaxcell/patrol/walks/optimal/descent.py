@@ -36,8 +36,6 @@ class OptimizedWalk:
     "The transition matrix."
     value: float
     "The value of the minimised or maximised quantity."
-    start: int
-    "The start that led to the chain; 0 is the default start, which is not random."
     certificate: Certificate
 
     @property
@@ -63,8 +61,6 @@ def minimize(
     relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
     larger share. If the problem is convex, this holds exactly. The iterations are the total over
     all starts.
-
-    **Raises:** `ValueError` for no starts; `RuntimeError` if the gap stays above the tolerance.
     """
     require_x64(what)
     if starts < 1:
@@ -79,7 +75,7 @@ def minimize(
     value = float(values[best])
     certificate = Certificate(steps, gap / max(1, abs(value)), tolerance)
     certificate.check(what, throw)
-    return OptimizedWalk(matrix, value, best, certificate)
+    return OptimizedWalk(matrix, value, certificate)
 
 
 @one_blas_thread()
@@ -88,11 +84,7 @@ def descend(
     polytope: ChainPolytope,
     starts: Float[np.ndarray, "starts robots moves"],
     arguments: tuple[Any, ...],
-) -> tuple[
-    Float[np.ndarray, "starts robots moves"],
-    Float[np.ndarray, "starts"],
-    int,
-]:
+) -> tuple[Float[np.ndarray, "starts robots moves"], Float[np.ndarray, "starts"], int]:
     """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
@@ -102,13 +94,8 @@ def descend(
     Starts run one after the other: under `vmap`, all line searches would wait for the slowest,
     which takes twice as long.
 
-    **Arguments:**
-
-    - `measure`: a function of the transition matrices `[robots, vertices, vertices]` and the
-        arguments. It is compiled once per shape, as long as it is the same object.
-    - `polytope`: the chains that each robot may have.
-    - `starts`: chains inside the polytope.
-    - `arguments`: arrays.
+    The measure is a function of the transition matrices `[robots, vertices, vertices]` and the
+    arguments. It is compiled once per shape, as long as it is the same object.
 
     **Returns:** the chains, their values, and the number of steps taken.
     """

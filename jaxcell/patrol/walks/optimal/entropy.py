@@ -44,9 +44,6 @@ def maximum_entropy_rate(
     nats per step. The residual of its certificate, in nats, bounds by how much another chain can
     exceed this rate.
 
-    **Raises:** `ValueError` for a graph that is not connected, or for a stationary distribution
-    that no chain on the graph has; `RuntimeError` if rounding spoils the result.
-
     A star with three leaves, whose adjacency matrix has the Perron root `sqrt(3)`:
 
         >>> from jaxcell import patrol
@@ -75,7 +72,7 @@ def maximum_entropy_rate(
         residual = gap + float(np.abs(among.stationary @ matrix - among.stationary).sum())
     certificate = Certificate(1, max(0.0, residual), _TOLERANCE)
     certificate.check("maximum_entropy_rate", throw)
-    return OptimizedWalk(matrix, value, 0, certificate)
+    return OptimizedWalk(matrix, value, certificate)
 
 
 def maximum_return_time_entropy(
@@ -101,8 +98,7 @@ def maximum_return_time_entropy(
     - `stay`: whether the patroller may wait at a vertex.
     - `horizon`: the longest return time that counts. By default, longer return times have a
         probability of at most 0.1 at each vertex, for any chain with the stationary distribution,
-        or the uniform distribution if it is missing (Markov's inequality). For a given chain, this
-        probability is `1 - return_time_law(matrix, horizon).sum(axis=0)`.
+        or the uniform distribution if it is missing (Markov's inequality).
     - `starts`: number of starts. The first follows a short closed tour.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
@@ -111,9 +107,6 @@ def maximum_return_time_entropy(
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
     The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if 1 is
     larger: to first order, no chain is better by a larger share.
-
-    **Raises:** `ValueError` as [`maximum_entropy_rate`][jaxcell.patrol.walks.maximum_entropy_rate];
-    `RuntimeError` if the residual stays above the tolerance, or if JAX is set to 32 bits.
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 
@@ -129,17 +122,10 @@ def maximum_return_time_entropy(
         least = 1 / graph.vertices if among.stationary is None else float(among.stationary.min())
         horizon = math.ceil(1 / (_TAIL * least)) - 1
     check_count("horizon", horizon)
-    walk = minimize(
-        "maximum_return_time_entropy",
-        _predictable,
-        among,
-        (np.zeros(horizon),),
-        starts=starts,
-        seed=seed,
-        tolerance=tolerance,
-        throw=throw,
-    )
-    return OptimizedWalk(walk.matrix, -walk.value, walk.start, walk.certificate)
+    search: Any = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
+    name = "maximum_return_time_entropy"
+    walk = minimize(name, _predictable, among, (np.zeros(horizon),), **search)
+    return OptimizedWalk(walk.matrix, -walk.value, walk.certificate)
 
 
 def return_time_law(
@@ -174,8 +160,7 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
     """Compute the entropy of the time of first return to a vertex, in nats.
 
     The entropy is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first
-    return and `pi` the stationary distribution, up to the horizon. Without a horizon, the entropy
-    is at least the entropy rate and at most the entropy rate times the number of vertices.
+    return and `pi` the stationary distribution, up to the horizon.
 
     **Arguments:**
 

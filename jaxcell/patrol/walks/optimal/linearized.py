@@ -18,12 +18,8 @@ class LinearizedCapture:
     The derivatives of selected attacks therefore need few values, while the derivatives of all
     attacks by all moves would need billions.
 
-    **Arguments:**
-
-    - `polytope`, `moves`: the chains of the robots.
-    - `attack`: array `[targets]`, the duration of an attack on each vertex. The vertices of the
-        polytope are the targets, or for a robot with memory its states; the target varies fastest.
-    - `delays`: durations of moves, a whole number, or array `[states, states]`.
+    The vertices of the polytope are the targets, or for a robot with memory its states; the target
+    varies fastest.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ....base.connected import check_connected
 from ....optimize import Graph, shortest_tour
-from ....optimize.checked import shares_of_time
+from ....optimize.checked import distribution
 from .sinkhorn import scale_to_stationary
 
 
@@ -22,8 +22,8 @@ class ChainPolytope:
 
     A chain is the vector of the probabilities of its *moves*, the two directions of each edge and,
     if the patroller may stay, the loops. Moves that the stationary distribution rules out are
-    omitted. The constraints are `A p = b` and `p >= 0`, so that all chains, reversible or not, meet
-    a prescribed distribution exactly.
+    omitted. The constraints are `A p = b` and `p >= 0`, so that all chains meet a prescribed
+    distribution exactly.
     """
 
     vertices: int
@@ -34,13 +34,9 @@ class ChainPolytope:
     "The vertex at which each move ends."
     stationary: Float[np.ndarray, "vertices"] | None
     "The prescribed stationary distribution, or `None`."
-    reversible: bool
-    "`True` if each edge is taken equally often in both directions."
 
     @classmethod
-    def on(
-        cls, graph: Graph, stationary: Any = None, *, stay: bool = False, reversible: bool = False
-    ) -> "ChainPolytope":
+    def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
         """Make the polytope of all chains that move along the edges of a graph.
 
         **Arguments:**
@@ -48,28 +44,24 @@ class ChainPolytope:
         - `graph`: a connected graph.
         - `stationary`: array `[vertices]`, the share of the time to spend at each vertex.
         - `stay`: whether the patroller may wait at a vertex.
-        - `reversible`: whether each edge must be taken equally often in both directions; only with
-            a stationary distribution, for which such chains form a polytope.
 
-        **Raises:** `ValueError` for a graph that is not connected; for a stationary distribution
-        that no chain on the graph has; for reversible chains without a distribution.
+        **Raises:** `ValueError` for a graph that is not connected, or for a stationary distribution
+        that no chain on the graph has.
         """
-        if reversible and stationary is None:
-            raise ValueError("reversible: expected a stationary distribution with it, got none")
         moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
         if stay:
             loops = np.repeat(np.arange(graph.vertices, dtype=np.int32)[:, None], 2, axis=1)
             moves = np.concatenate([moves, loops])
         check_connected(graph.vertices, moves)
         if stationary is not None:
-            stationary = shares_of_time(stationary, graph.vertices)
+            stationary = distribution("stationary", stationary, graph.vertices, "per vertex")
             moves = moves[_possible(moves, stationary, stay)]
             # A move that any chain makes is on a cycle, so connected vertices can reach each other.
             check_connected(
                 graph.vertices, moves, "stationary: no chain with it visits all vertices, because"
             )
         tails, heads = moves.T
-        return cls(graph.vertices, tails, heads, stationary, reversible)
+        return cls(graph.vertices, tails, heads, stationary)
 
     def matrix(self, moves: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "vertices vertices"]:
         """Make the matrix with one number per move, such as the transition matrix."""
@@ -85,8 +77,6 @@ class ChainPolytope:
         matrix = self.matrix(weights)
         if self.stationary is None:
             return (matrix / matrix.sum(axis=1, keepdims=True))[self.tails, self.heads]
-        if self.reversible:
-            matrix = np.sqrt(matrix * matrix.T)
         return scale_to_stationary(matrix, self.stationary)[self.tails, self.heads]
 
     def starts(
@@ -123,16 +113,8 @@ class ChainPolytope:
         flow = self.stationary[self.tails]
         columns = np.zeros_like(rows)
         columns[self.heads, move] = flow
-        blocks, sides = [rows, columns], [np.ones(self.vertices), self.stationary]
-        if self.reversible:
-            back = self.matrix(move.astype(np.float64))[self.heads, self.tails].astype(int)
-            there = np.flatnonzero(self.tails < self.heads)
-            pairs = np.zeros((there.size, move.size))
-            pairs[np.arange(there.size), there] = flow[there]
-            pairs[np.arange(there.size), back[there]] = -flow[back[there]]
-            blocks.append(pairs)
-            sides.append(np.zeros(there.size))
-        return np.concatenate(blocks), np.concatenate(sides)
+        sides = np.append(np.ones(self.vertices), self.stationary)
+        return np.concatenate([rows, columns]), sides
 
     def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
         """Compute how much a linear function of the chain is below its maximum over all chains.

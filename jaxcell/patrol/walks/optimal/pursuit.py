@@ -29,12 +29,6 @@ class Pursuit:
     returns a cut that excludes them. The given promises are those of walks that the programs plan
     (nested Benders cuts, as in stochastic dual dynamic programming). Vertices that a symmetry of
     the game exchanges share the cuts of one of these vertices, the *model*.
-
-    **Arguments:**
-
-    - `delays`: the duration of moves between vertices, 0 for pairs without a move.
-    - `attack`: the duration of attacks on each vertex.
-    - `targets`: the vertices that are attacked.
     """
 
     def __init__(
@@ -90,13 +84,7 @@ class Pursuit:
         return np.maximum.accumulate(numbers.reshape(vertices, goal.size, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
-        """Lower the bound `most` by tests of probabilities above `least`.
-
-        **Arguments:**
-
-        - `rounds`: number of tests; each halves the range in which the bound may be.
-        - `cuts`: largest number of cuts per test.
-        """
+        """Lower the bound `most` by `rounds` tests of probabilities above `least`."""
         random = np.random.default_rng(0)
         kept: Cuts = {}
         for _ in range(rounds):

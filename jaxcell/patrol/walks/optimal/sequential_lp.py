@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import scipy.optimize
@@ -19,20 +20,23 @@ _SHORTEST = 1e-9
 # Least share of the predicted gain for accepting a step, and for a longer next step.
 _ENOUGH, _GOOD = 0.1, 0.75
 
-# A program includes attacks whose capture exceeds the least by at most this share of the value, and
-# at most this multiple of the number of moves.
-_NEAR, _MOST = 0.5, 6
+NEAR, MOST = 0.5, 6
+"""A program includes attacks whose capture exceeds the least by at most this share of the value,
+and at most this multiple of the number of moves."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
 
 
-Law = Callable[[Float[np.ndarray, "robots moves"]], LinearizedCapture]
+_Moves: TypeAlias = Float[np.ndarray, "robots moves"]
+
+
+Law = Callable[[_Moves], LinearizedCapture]
 
 
 def maximize_least_capture(
-    law: Law, polytope: ChainPolytope, moves: Float[np.ndarray, "robots moves"], tolerance: float
-) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
+    law: Law, polytope: ChainPolytope, moves: _Moves, tolerance: float
+) -> tuple[_Moves, float, float, int]:
     """Maximize the least probability of capture by linear programs, within a trusted distance.
 
     At a maximum of the least of smooth functions, several functions are equal, often enough of them
@@ -65,11 +69,8 @@ def maximize_least_capture(
 
 
 def _program(
-    polytope: ChainPolytope,
-    moves: Float[np.ndarray, "robots moves"],
-    here: LinearizedCapture,
-    distance: float,
-) -> tuple[Float[np.ndarray, "robots moves"], float]:
+    polytope: ChainPolytope, moves: _Moves, here: LinearizedCapture, distance: float
+) -> tuple[_Moves, float]:
     """Find the best chains for probabilities that are linear in the moves.
 
     The variables are the probabilities of the moves of each robot, the change of its least
@@ -84,8 +85,8 @@ def _program(
     above = (here.probability - worst[:, None, :]) / value
     known = np.zeros(above.shape, bool)
     for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
-        nearest = order[: _MOST * moves.shape[1]]
-        known[robot].flat[nearest] = above[robot].flat[nearest] <= _NEAR
+        nearest = order[: MOST * moves.shape[1]]
+        known[robot].flat[nearest] = above[robot].flat[nearest] <= NEAR
         # The program has a solution only with the best attack on each target.
         known[robot, above[robot].argmin(axis=0), np.arange(above.shape[2])] = True
     for _ in range(_CUTS):
@@ -102,11 +103,11 @@ def _program(
 
 def _solved(
     polytope: ChainPolytope,
-    moves: Float[np.ndarray, "robots moves"],
+    moves: _Moves,
     here: LinearizedCapture,
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
-) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:
+) -> tuple[_Moves, Float[np.ndarray, "robots targets"], float]:
     """Solve a program that contains the known attacks.
 
     **Returns:** the chains, the increase of the least probability of each robot for each target,

@@ -16,16 +16,9 @@ def scale_to_stationary(
     """Compute the chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
 
     This is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
-    `share`. Each step is the better of a Sinkhorn step, which is slow if some flows almost vanish,
+    `share`. If the flow of a positive weight is 0 in all such flows, its probability tends to 0.
+    Each step is the better of a Sinkhorn step, which is slow if some flows almost vanish,
     and a Newton step on the same dual problem.
-
-    **Arguments:**
-
-    - `weights`: at least 0. If the flow of a positive weight is 0 in all matrices of flows with
-        these sums, its probability tends to 0.
-    - `share`: the distribution, positive.
-
-    **Returns:** the transition matrix, whose rows sum to 1.
 
     **Raises:** `RuntimeError` if the sums stay off by more than 1e-9.
     """
