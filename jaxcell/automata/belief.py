@@ -56,7 +56,7 @@ class Belief:
 
     hidden: HiddenMap
     share: float = 0.95
-    "The least total probability of the configurations of an estimate, given the map."
+    "The probability that the configurations of an estimate have together, if the map is right."
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:

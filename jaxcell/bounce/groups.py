@@ -25,7 +25,7 @@ class _ToWalls:
 
     way: Int[Array | np.ndarray, "directions"]
     wall: Int[Array | np.ndarray, "ways positions"]
-    "The wall at the end of the run, counted from the first wall of the way."
+    "The number of the wall at the end of the run, counted from 0 in each way."
     length: Int[Array | np.ndarray, "ways positions"]
 
 

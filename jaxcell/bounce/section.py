@@ -42,7 +42,7 @@ class AngleGroups:
     runs: Runs
     headings: Headings
     first: Int32[np.ndarray, "directions"]
-    "The first slot of the leading direction that represents each direction."
+    "The first slot of the leading direction that has the same groups as each direction."
     wall: Int[np.ndarray, "slots"]
     "The wall in each slot."
     leader: Int32[np.ndarray, "slots"]

@@ -260,7 +260,7 @@ def _cross(
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
-    """Check whether a point is out of the box, or `map.crossing` cells away from a cell."""
+    """Check whether the point `y` is outside the box, or `map.crossing` cells from `here`."""
     there, inside = box.places(jnp.stack([*y]))
     apart = box.apart(there - here)
     return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)

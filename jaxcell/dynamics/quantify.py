@@ -1,4 +1,4 @@
-"""Measures of basins: stability, shocks, entropy and uncertainty."""
+"""Measures of basins: stability, least fatal shocks, entropy and uncertainty exponents."""
 
 import math
 from collections.abc import Callable, Iterator

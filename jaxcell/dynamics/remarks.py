@@ -11,7 +11,7 @@ _MOST_DOUBTED = 5
 
 
 def remarks_on(basins: Any) -> tuple[str, ...]:
-    """List the doubts about [`Basins`][jaxcell.dynamics.Basins], with remedies."""
+    """List reasons to doubt [`Basins`][jaxcell.dynamics.Basins], with remedies."""
     remarks = [remark_of_torn(basins.names[axis]) for axis in basins.torn]
     if basins.self_images > 0.1:
         remarks.append(

@@ -33,7 +33,7 @@ class PeriodicGroups:
 
     @property
     def periodic(self) -> Bool[Array | np.ndarray, "*batch cells"]:
-        """A mask of the cells on a periodic group."""
+        """A mask of the cells in periodic groups."""
         return self.step == 0
 
 

@@ -50,9 +50,10 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
 
 @jax.jit
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
-    """Compute Kemeny's constant: the expected number of steps to a cell drawn from `pi`.
+    """Compute Kemeny's constant: the expected number of steps to a random cell.
 
-    If the drawn cell is the cell of the chain, the number of steps is 0.
+    The cell is drawn from the stationary distribution. If the chain starts there, the number of
+    steps is 0. It is the same for all starts.
 
     A random walk on a line of three cells:
 

@@ -74,7 +74,10 @@ class Emphasis(NamedTuple):
         return np.array([on_tour, 1.4 * gain.max() - on_tour])
 
     def most(self, gain: _Weights, prices: Any = None) -> float:
-        """Return the largest `gain @ weights`, for weights on two edges; prices are ignored."""
+        """Return the largest `gain @ weights` of any weights: two edges have all of it.
+
+        The prices are for rooms with other constraints; here they have no effect.
+        """
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:

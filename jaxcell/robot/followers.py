@@ -238,12 +238,19 @@ def run_follower(
 ) -> RunOutcome:
     """Let a robot bounce until a filter, a policy or a belief ends the run.
 
-    **Arguments:** a robot at the centre of an unknown cell; a follower at its start; the angles of
-    its choices, or the angle of the filter, in radians counter-clockwise; the log; and the largest
-    number of observations. **Returns:** the outcome.
+    **Arguments:**
 
-    A simulated robot in a corridor of three cells, and the filter of robots that drive West in it
-    and stay at the end:
+    - `walker`: a robot at the centre of an unknown cell.
+    - `follower`: a follower without observations.
+    - `bounces`: the bouncing angles that it chooses from, or the angle of a filter, in radians
+        counter-clockwise.
+    - `log`: the log.
+    - `limit`: the largest number of observations.
+
+    **Returns:** the outcome.
+
+    A simulated robot in a corridor of three cells drives West, until the filter knows that it is at
+    the western end:
 
         >>> from jaxcell import examples, robot
         >>> walker = examples.walker(x=2.5, direction=2)

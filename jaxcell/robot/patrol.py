@@ -23,7 +23,7 @@ class PatrolOutcome(RunOutcome):
     position: int = -1
     "The position of the robot at the end."
     intruder: Any = None
-    "The report of an intruder, or `None`."
+    "The report on an intruder; `None` if the robot saw no intruder."
 
 
 class Patrol:
@@ -140,7 +140,7 @@ class Patrol:
         self._distance = wave(self._ways, self.goal)
 
     def outcome(self) -> PatrolOutcome:
-        """Make the outcome of the patrol so far."""
+        """Return the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
         x, y, _ = map(float, self._task.cells.centre(self.position))
         place = f"({x:g} m, {y:g} m)"

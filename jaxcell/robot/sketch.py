@@ -316,6 +316,6 @@ def _float(value: float) -> str:
 
 
 def _comment(text: str) -> str:
-    """Write a text as part of a comment of C, which it cannot begin or end."""
+    """Change a text so that it neither begins nor ends a comment of C."""
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return printable.replace("*/", "* /").replace("/*", "/ *")

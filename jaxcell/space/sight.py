@@ -256,9 +256,11 @@ def _hidden(
     place: Num[np.ndarray, "places 2"],
     origin: Float[np.ndarray, "viewers 2"],
 ) -> Bool[np.ndarray, "viewers places"]:
-    """Find the targets whose free part a shadow overlaps.
+    """Find the targets that are partly in a shadow.
 
-    `row` counts the viewers, and the centre of a target lies at `place - origin` from its viewer.
+    Each shadow is that of the segment from `a` to `b`, which lie relative to the viewer with the
+    index `row`. The centre of a target lies at `place - origin` from its viewer. Of a target only
+    the part in the free space counts.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):

@@ -174,8 +174,9 @@ class Workspace:
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
         """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
 
-        A grid ends in `.txt` or `.map`, and the image of map_server stands beside its file; see
-        `jaxcell.space.maps.map_files`. A map without a name takes the name of the file.
+        The file of an ASCII grid ends in `.txt` or `.map`. The image of a map_server map is in the
+        folder of its `.yaml` file; see `jaxcell.space.maps.map_files`. A map without a name takes
+        the name of its file.
 
         **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
         """

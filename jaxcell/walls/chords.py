@@ -36,7 +36,7 @@ class Chords:
     width: float
     "The width of a slice in radians; 0 for headings that are known exactly."
     displacement: float
-    "The largest distance of a robot from its place on the wall when it leaves, in metres."
+    "The largest distance between a robot that leaves a wall and its place on the wall, in metres."
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]

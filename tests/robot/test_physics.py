@@ -52,7 +52,9 @@ def driven(body: PhysicsBody) -> SimulatedCreate:
 
 
 def test_a_robot_above_the_floor_falls_freely():
-    model = mujoco.MjModel.from_xml_string(robot_model(HALL, Physics(), (0.0, 0.0, 0.0), height=1.0))
+    model = mujoco.MjModel.from_xml_string(
+        robot_model(HALL, Physics(), (0.0, 0.0, 0.0), height=1.0)
+    )
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 400)
     fallen = 1.0 + WHEEL - data.qpos[2]

@@ -23,7 +23,7 @@ class States(Result):
     """
 
     smallest: Smallest | None
-    "The smallest machine with the same outputs, or `None` without a search."
+    "The smallest machine with the outputs of the filter; `None` if no search was made."
 
     @derived("", "states, smallest", "1", kind="count")
     def smallest_states(self) -> int | None:
@@ -241,9 +241,9 @@ class RunOnMap(Candidates):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Localized(RunOnMap, LocalizationFilter):
-    """A localization filter of a map, and a robot that it localizes.
+    """A localization filter of a map, and the run of a robot that it localizes.
 
-    The constructor checks that filter and run belong to these cells.
+    The constructor checks that the filter and the run belong to the cells.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot by its bumps"

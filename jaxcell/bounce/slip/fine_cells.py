@@ -138,7 +138,7 @@ class FineCells:
         return self.at(np.arange(self.cells.size))
 
     def at(self, cell: Int[np.ndarray, "..."] | int) -> Float[np.ndarray, "fine"]:
-        """Make the uniform distribution of a robot over the centres of cells of the map."""
+        """Make the distribution of a robot that is equally likely at the centres of some cells."""
         cell = np.atleast_1d(cell)
         pose = np.stack(self.cells.centre(cell), axis=-1)
         where = self.index(pose, cell // self.cells.positions)

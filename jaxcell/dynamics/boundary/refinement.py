@@ -171,7 +171,7 @@ def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndar
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """Return the coordinates of cells of a level, which may be too many for 32-bit numbers."""
+    """Return the coordinates of cells of a level, whose `keys` may exceed 32 bits."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 

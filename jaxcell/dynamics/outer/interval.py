@@ -58,7 +58,7 @@ def up(x: Any, numbers: int = 1) -> Any:
 
 
 def down(x: Any, numbers: int = 1) -> Any:
-    """Move down by several 64-bit numbers."""
+    """Move a number down by several numbers of 64 bits."""
     return -up(-x, numbers)
 
 
@@ -147,7 +147,7 @@ def sqrt(a: Interval) -> Interval:
 
 
 def total(a: Interval, axis: int) -> Interval:
-    """Sum intervals along an axis, by adding halves."""
+    """Sum intervals along an axis, by pairwise summation."""
     while (count := a.lower.shape[axis]) > 1:
         half = count // 2
         first, second, rest = (

@@ -76,7 +76,7 @@ class Capture(Result):
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
-        """The contested cell with the least probability; the first of equals, up to rounding."""
+        """The contested cell with the least probability; the first if several are equally weak."""
         chosen = self.probability[:, self.contested]
         alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
         return self.contested[alike.argmax(axis=1)]

@@ -43,7 +43,7 @@ class Regions(Result):
 def base_station(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], central: float = 0.1
 ) -> int:
-    """Choose the cell for a base station: the central cell that sees most cells.
+    """Choose the cell for a base station: the central cell that sees the most cells.
 
     The source asks for a place near the middle with a wide view (Alam 2018, section 4.4.5). Here a
     cell is more central if its mean path to all other cells is shorter. Of cells with equal views,

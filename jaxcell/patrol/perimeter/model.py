@@ -256,16 +256,18 @@ def _law(
 
 
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
-    """Compute the expected number of cycles until a robot is in a segment.
+    """Compute the expected number of cycles until a robot visits each segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
 
-    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if perhaps no robot comes.
+    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if it is possible that no
+    robot ever comes.
 
-    Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
+    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` cycles, and
+    the return to segment 0 takes 4:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)

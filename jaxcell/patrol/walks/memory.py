@@ -34,12 +34,12 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "The states of robots at the start of an attack are drawn from their shares of time."
+    "At the start of an attack the state of each robot has its distribution of the long run."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
-    "The number of states with the largest capture; the smallest number among equals."
+    "The smallest number of states of memory whose walk has the largest capture."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
         Float[np.ndarray, "robots states states"],

@@ -32,7 +32,7 @@ START = bytes([128])
 """The command that opens the interface, and switches from any mode to Passive."""
 
 SAFE = bytes([131])
-"""The command that switches to mode Safe."""
+"""The command that switches to Safe mode."""
 
 STOP = bytes([173])
 """The command that closes the interface, switches to mode Off, and ends the stream."""

@@ -108,7 +108,7 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """The seconds of free rolling: 0, because the noise is drawn per tick."""
+        """The seconds that may pass in one move: 0, because noise is drawn for each tick."""
         return 0.0
 
     @classmethod

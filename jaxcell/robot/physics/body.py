@@ -166,7 +166,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The rate at which the wheels approach their speeds; `None` unless they roll steadily."""
+        """The rate at which wheels approach their commanded speeds; `None` soon after a change."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 

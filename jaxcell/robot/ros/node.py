@@ -266,7 +266,7 @@ class RosRobot(abc.ABC):
         return self._odometry
 
     def _settle(self) -> Odometry:
-        """Wait until three consecutive messages show that the robot stands, or for 30 messages."""
+        """Wait until three messages in a row say that the robot stands, or for 30 messages."""
         now, still = self._after(self._messages), 0
         for _ in range(30):
             before, now = now, self._after(self._messages)
