@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import jax
@@ -16,10 +17,10 @@ from .flow import Flow, between, in_squares
 # For each stage of a method: its time as a part of the step, and its weight in the mean.
 _STAGES = {"euler": ((0.0, 1.0),), "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))}
 METHODS = tuple(_STAGES)
+# The number of points that are moved together, chosen to fit the cache of a processor.
+_CHUNK = 1 << 16
 # Fewer points are padded to this number, so that one compiled program serves them all.
 _FEW_POINTS = 1024
-CHUNK = 1 << 16
-"""Number of points that are moved together, chosen to fit the cache of a processor."""
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -78,13 +79,24 @@ def carried(
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
+    return in_chunks(lambda _, x, y: _carried(flow, x, y, *seconds, method, steps), x, y)
+
+
+def in_chunks(
+    move: Callable[[int, np.ndarray, np.ndarray], tuple[Array, Array]],
+    x: Float[np.ndarray, "*points"],
+    y: Float[np.ndarray, "*points"],
+) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
+    """Move points in chunks, by a function of the number of the first point and the points.
+
+    Chunks that fit the cache of a processor are several times faster.
+    """
     begin, ends = np.stack([x.ravel(), y.ravel()]), np.empty((2, x.size))
-    for first in range(0, x.size, CHUNK):
-        part = begin[:, first : first + CHUNK]
+    for first in range(0, x.size, _CHUNK):
+        part = begin[:, first : first + _CHUNK]
         size = max(_FEW_POINTS, bucket(part.shape[1]))
-        padded = (np.resize(place, size) for place in part)
-        moved = _carried(flow, *padded, *seconds, method, steps)
-        ends[:, first : first + CHUNK] = np.stack(moved)[:, : part.shape[1]]
+        moved = move(first, *(np.resize(place, size) for place in part))
+        ends[:, first : first + _CHUNK] = np.stack(moved)[:, : part.shape[1]]
     return ends[0].reshape(x.shape), ends[1].reshape(x.shape)
 
 

@@ -98,6 +98,9 @@ def _with_beaches(
     return Chain(image, probability)
 
 
+_DRY = "NaN: no water"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stranded(Result):
     """The fate of drifters that may strand, released uniformly in all cells of a layer.
@@ -166,12 +169,7 @@ class Stranded(Result):
         share[self.cell] = self._shares[-1, self.water.cells :]
         return self.water.on_grid(share)
 
-    @derived(
-        "y x",
-        "probability to be on a beach then, by the cell of release",
-        "1",
-        padding="NaN: no water",
-    )
+    @derived("y x", "probability to be on a beach then, by the cell of release", "1", padding=_DRY)
     def chance(self) -> Float[np.ndarray, "rows columns"]:
         ashore = np.arange(self.chain.cells) >= self.water.cells
         later = as_sequence(self.chain).pull(ashore.astype(float), self.steps)

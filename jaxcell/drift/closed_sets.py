@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
-from ..markov import NearlyClosedSets, almost_invariant_sets
+from ..markov import NearlyClosedSets
 from .flow import Flow, crossing_time, steps_in
 from .maps import drift_map, refined
 from .ranks import basin_ranks
@@ -29,9 +29,8 @@ def nearly_closed_sets(
     count: int,
     *,
     hours: float | int = _WINDOW,
-    moving: bool = False,
 ) -> NearlyClosedSets:
-    """Find sets of cells that drifters hardly leave, closed or not.
+    """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
     A single drifter that leaves a set decides that the set is no persistent group, so groups depend
     on the step. The share of drifters that leave in a day hardly does. Drifters are released with
@@ -46,7 +45,6 @@ def nearly_closed_sets(
     - `duration`: seconds per step.
     - `count`: the number of sets to find; fewer may be returned.
     - `hours`: the window, rounded to whole steps, or to whole periods of a periodic current.
-    - `moving`: whether to find coherent sets, which may move; by default almost-invariant sets.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
@@ -64,8 +62,7 @@ def nearly_closed_sets(
     steps = phases * steps_in(hours * 3600, duration * phases)
     area = water.sides.prod(axis=0)
     mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
-    find = markov.coherent_sets if moving else almost_invariant_sets
-    return find(chain, count, mass, steps=steps, blur=_blur(water))
+    return markov.almost_invariant_sets(chain, count, mass, steps=steps, blur=_blur(water))
 
 
 def coherent_sets(

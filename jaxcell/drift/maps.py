@@ -12,8 +12,8 @@ from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
-from ..mapping.sequence import as_sequence
 from .advection import carried
+from .currents.sphere import turned
 from .drifting import drifted
 from .flow import Flow, crossing_time
 from .step import DriftStep
@@ -115,10 +115,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         image, probability = slots_of(matrix / samples**2)
     else:
         [(x, y, _)] = _ends(water, flow, step, start, every)
-        if step.spread == "turned":
-            image = water.landing(x, y, exits=exits)
-        else:
-            image = _around(water, x, y, exits=exits)
+        images = _around if step.spread == "all" else Water.landing
+        image = images(water, x, y, exits=exits)
         probability = _set_probabilities(image, float(step.rho))
     if not exits:
         image, probability = _with_uniform_boundary(water, image, probability)
@@ -181,12 +179,9 @@ def exit_shares(
         [[0.0], [0.0], [0.6], [0.0], [0.0], [0.0]]
     """
     step, starts = _phases(water, flow, step)
-    sequence = as_sequence(chain)
-    phases = [
-        _exit_shares(water, flow, step, start, leaving_rows(sequence.at(k).to_scipy()))
-        for k, start in enumerate(starts)
-    ]
-    return np.concatenate(phases, axis=1)
+    lost = leaving_rows(chain.to_scipy()).reshape(len(starts), -1)
+    phases = zip(starts, lost, strict=True)
+    return np.concatenate([_exit_shares(water, flow, step, *one) for one in phases], axis=1)
 
 
 def _exit_shares(
@@ -265,8 +260,7 @@ def _ends(
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps
-            places = drifted(water, flow, x.ravel(), y.ravel(), start, start + duration, longest)
-            return places[0].reshape(x.shape), places[1].reshape(x.shape)
+            return drifted(water, flow, x, y, start, start + duration, longest)
         return carried(flow, x, y, duration, start, step.method, step.substeps)
 
     if step.spread != "sampled":
@@ -340,10 +334,8 @@ def _turned(
     """Turn the drifts by 0, 45 and -45 degrees, and return their end points."""
     dx, dy = water.sides[:, origin]
     column, row = water.column[origin], water.row[origin]
-    right, up = (x - column) * dx, (y - row) * dy
-    angle = np.radians([[0], [45], [-45]])
-    cos, sin = np.cos(angle), np.sin(angle)
-    return column + (right * cos - up * sin) / dx, row + (right * sin + up * cos) / dy
+    right, up = turned((x - column) * dx, (y - row) * dy, np.radians([[0], [45], [-45]]))
+    return column + right / dx, row + up / dy
 
 
 def _around(
@@ -394,17 +386,15 @@ def _with_uniform_boundary(
 ) -> tuple[Int[np.ndarray, "slots cells"], Float[np.ndarray, "slots cells"]]:
     """Map each cell at a coast or an edge to its neighbours and itself, with equal probability."""
     cells = np.flatnonzero(water.boundary)
+    # Existing neighbours come first, in their order.
     near = water.neighbor[:, cells]
-    slots = max(len(image), 1 + int((near >= 0).sum(axis=0).max(initial=0)))
+    near = np.vstack([cells, np.sort(np.where(near < 0, water.cells, near), axis=0)])
+    exists = near < water.cells
+    slots = max(len(image), exists.sum(axis=0).max(initial=0))
     more = ((0, slots - len(image)), (0, 0))
     image = np.pad(image, more, constant_values=_NONE)
     probability = np.pad(probability, more)
-    # Existing neighbours come first, in their order.
-    near = np.sort(np.where(near < 0, np.iinfo(np.int32).max, near), axis=0)
-    near = np.concatenate([cells[None], near])[:slots]
-    exists = near < water.cells
-    image[:, cells] = _NONE
-    probability[:, cells] = 0
-    image[: len(near), cells] = np.where(exists, near, _NONE)
-    probability[: len(near), cells] = exists / exists.sum(axis=0)
+    image[:, cells], probability[:, cells] = _NONE, 0
+    image[: len(near), cells] = np.where(exists, near, _NONE)[:slots]
+    probability[: len(near), cells] = (exists / exists.sum(axis=0))[:slots]
     return image, probability

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import Failure
 from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .storage.digests import made_with
@@ -19,7 +18,7 @@ from .storage.store import DONE, SweepStore
 from .workers.engines import Engine, Outcomes, engine_named
 from .workers.halving import Halving, Parts
 from .workers.progress import Count, Progress, written_down
-from .workers.work import Computed, Job, failure, jax_is_wide, prepared
+from .workers.work import Computed, Failure, Job, failure, jax_is_wide, prepared
 
 
 def run_sweep(

@@ -221,8 +221,8 @@ class Spec:
         return np.arange(math.prod(lengths)).reshape(lengths)[inside].ravel()
 
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """Convert an index in the batch of a chunk to the index along each dimension."""
-        inside = np.unravel_index(place, tuple(self.lengths.values()))
+        """Convert the index of a member in a chunk to the index along each dimension."""
+        inside = np.unravel_index(place, chunk.shape)
         return {
             name: part.start + int(offset)
             for name, part, offset in zip(self.dimensions, chunk.region, inside, strict=True)

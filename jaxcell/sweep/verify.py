@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import write_failures
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
@@ -116,7 +115,7 @@ def verify_sweep(
             export(store)
         elif store.zarr.exists():
             update_result(store)
-        write_failures(folder / "failures.json", [*store.failures()])
+        store.write_failures()
         done = {*np.flatnonzero(store.states == DONE).tolist()}
     unmended = {f"chunk {number}" for number in were_done - done}
     if not done.issuperset(numbers):

@@ -32,19 +32,6 @@ def test_each_gyre_is_nearly_closed_for_all_steps(gyres):
     assert len(set(groups)) > 1
 
 
-def test_moving_parts_are_coherent_sets(gyres):
-    water, maps = gyres
-    step, chain = next(iter(maps.items()))
-    found = drift.nearly_closed_sets(water, chain, step, 3, hours=2 * step / 3600, moving=True)
-    assert found.steps == 2
-    assert (found.begin != found.end).any()
-    P = chain.to_scipy()
-    for number in range(found.count):
-        inside = found.begin == number
-        stays = (inside.astype(float) @ P @ P)[found.end == number].sum() / inside.sum()
-        assert found.leakage[number] == pytest.approx(1 - stays)
-
-
 def test_whole_periods_make_a_window_and_small_pieces_are_left_out():
     wet = np.ones((1, 102), bool)
     wet[0, 100] = False

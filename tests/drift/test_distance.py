@@ -145,7 +145,7 @@ def test_few_drifters_per_cell_give_the_same_distance(eddies):
     np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
 
 
-def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward):
+def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward, monkeypatch):
     water, flow = eastward
     options = drift.METHODS["drifters"]
     # It flows across a cell in five hours on average, and turns every six hours.
@@ -160,6 +160,7 @@ def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward):
     worst = [one.total_variation.max() for one in compared]
     found = drift.nearest_step([water], [tide], options, 120).duration
     assert found == pytest.approx(steps[int(np.argmin(worst))])
-    found, made = nearest_maps([water], [tide], [tide.mean()], options, most_cells=0)
+    monkeypatch.setattr("jaxcell.drift.validation.distance.MOST_CELLS", 0)
+    found, made = nearest_maps([water], [tide], [tide.mean()], options)
     assert found.duration == pytest.approx(10 * 3600)
     assert made is None

@@ -122,8 +122,8 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
             assert rows == own
         places = spec.places(part)
         assert [rows[place] for place in places] == own
-        for place in places:
-            index = spec.index(part, int(place))
+        for member, place in enumerate(places):
+            index = spec.index(part, member)
             assert tuple(index.values()) == rows[place]
             assert spec.member(index) == index
         seen += own

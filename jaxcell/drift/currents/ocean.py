@@ -13,9 +13,9 @@ from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .land import read_land
-from .models.roms import turned
 from .netcdf import OceanFile
 from .sources import Source, open_source, source_name
+from .sphere import turned
 from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..failures import Failure
+from ...base.paths import replacing
 from ..spec import Chunk, Spec
 from ..workers.halving import Parts
-from ..workers.work import Computed
+from ..workers.work import Computed, Failure
 from .contents import Contents
 from .damage import reading
 from .digests import differences
@@ -141,6 +142,16 @@ class SweepStore:
         }
         return np.full(shape, TO_DO, np.int8), arrays
 
+    def write_failures(self) -> None:
+        """Write the failed members with their tracebacks to a file; if none failed, remove it."""
+        path, failures = self.folder / "failures.json", [*self.failures()]
+        if not failures:
+            path.unlink(missing_ok=True)
+            return
+        text = json.dumps([dataclasses.asdict(failure) for failure in failures], indent=2)
+        with replacing(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+
     def failures(self) -> Iterator[Failure]:
         """Yield the failed members, in the order of their chunks."""
         for number, record in sorted(self.contents.chunks.items()):
@@ -242,10 +253,5 @@ class SweepStore:
     def _failures(self, number: int, failed: Mapping[int, tuple[str, str]]) -> Iterator[Failure]:
         chunk = self.spec.chunk(number)
         for place, (message, trace) in failed.items():
-            inside = np.unravel_index(place, chunk.shape)
-            starts = (part.start for part in chunk.region)
-            index = {
-                name: start + int(offset)
-                for name, start, offset in zip(self.spec.dimensions, starts, inside, strict=True)
-            }
+            index = self.spec.index(chunk, place)
             yield Failure(number, index, self.spec.member(index), message, trace)

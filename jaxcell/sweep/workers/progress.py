@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ...base.paths import replacing
-from ..failures import Failure
+from .work import Failure
 
 
 _FILE = "progress.json"

@@ -90,6 +90,20 @@ class Failed:
     "The end of the traceback; empty if there is none."
 
 
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """The failure of a member."""
+
+    chunk: int
+    "The number of the chunk of the member."
+    index: Mapping[str, int]
+    "The place of the member along each dimension."
+    parameters: Mapping[str, Any]
+    message: str
+    trace: str
+    "The end of the traceback; empty if there is none."
+
+
 def find_task(name: str) -> Task:
     """Find the function of a task."""
     reference = name
@@ -121,17 +135,12 @@ def study_of(task: str) -> type[Study] | None:
     return None
 
 
-def check_parameters(spec: Spec) -> None:
-    """Check the task, and the parameters of the first chunk if the task is a study."""
-    if (study := study_of(spec.task)) is not None:
-        studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-
-
 def prepared(spec: Spec) -> Spec:
-    """Check a specification, and find its files."""
+    """Find the files of a specification; check the parameters of the first chunk of a study."""
     try:
         spec = with_task_found(spec)
-        check_parameters(spec)
+        if (study := study_of(spec.task)) is not None:
+            studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
         return with_files_found(spec)
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
