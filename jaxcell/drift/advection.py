@@ -23,6 +23,8 @@ _CHUNK = 1 << 16
 _FEW_POINTS = 1024
 
 _Pair: TypeAlias = tuple[Array, Array]
+_Points: TypeAlias = Float[np.ndarray, "*points"]
+_Time: TypeAlias = float | int
 
 
 @functools.partial(jax.jit, static_argnames=("method", "steps"))
@@ -67,14 +69,8 @@ def advect(
 
 
 def carried(
-    flow: Flow,
-    x: Float[np.ndarray, "*points"],
-    y: Float[np.ndarray, "*points"],
-    duration: float | int,
-    start: float | int,
-    method: str,
-    steps: int,
-) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
+    flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
+) -> tuple[_Points, _Points]:
     """Move points as [`advect`][], but compile only once for all steps and for similar sizes."""
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
@@ -83,10 +79,8 @@ def carried(
 
 
 def in_chunks(
-    move: Callable[[int, np.ndarray, np.ndarray], tuple[Array, Array]],
-    x: Float[np.ndarray, "*points"],
-    y: Float[np.ndarray, "*points"],
-) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
+    move: Callable[[int, np.ndarray, np.ndarray], _Pair], x: _Points, y: _Points
+) -> tuple[_Points, _Points]:
     """Move points in chunks, by a function of the number of the first point and the points.
 
     Chunks that fit the cache of a processor are several times faster.

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from seas import double_gyre, sea
+from seas import double_gyre, sea, water_and_flow
 
 from jaxcell import drift, mapping
 
@@ -12,8 +12,7 @@ from jaxcell import drift, mapping
 @pytest.fixture(scope="module")
 def gyres():
     """Two gyres side by side, and their maps by steps of 1 to 4 cells."""
-    currents = double_gyre(12, 24)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(double_gyre(12, 24))
     steps = [factor * drift.crossing_time(water, flow) for factor in (1, 2, 4)]
     method = drift.METHODS["drifters"]
     return water, {step: drift.drift_map(water, flow, method.lasting(step)) for step in steps}

@@ -2,12 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from seas import double_gyre, sea
+from seas import double_gyre, sea, water_and_flow
 
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.maps import drift_map
-from jaxcell.drift.step import DriftStep
+from jaxcell.drift.step import METHODS
 from jaxcell.drift.validation.coherent import agreement, ftle, ridges
 from jaxcell.drift.water import Water
 
@@ -40,10 +40,9 @@ def test_shear_stretches_at_its_rate(dx, dy):
     rate, time = 3e-5, 6 * 3600.0
     shear = rate * time
     expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
-    currents = linear(((0, rate), (0, 0)), dx=dx, dy=dy)
-    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
-    currents = linear(((0, 0), (rate, 0)), dx=dx, dy=dy)
-    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
+    for gradient in (((0, rate), (0, 0)), ((0, 0), (rate, 0))):
+        currents = linear(gradient, dx=dx, dy=dy)
+        np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
 
 
 def test_a_solid_body_does_not_stretch():
@@ -86,12 +85,9 @@ def test_ridges_are_the_crests_of_the_values():
 
 
 def test_borders_lie_on_ridges_in_the_double_gyre():
-    currents = double_gyre(21, 42)
-    water, flow = Water.of(currents), Flow.of(currents)
+    water, flow = water_and_flow(double_gyre(21, 42))
     crossing = crossing_time(water, flow)
-    chain = drift_map(
-        water, flow, DriftStep(crossing, spread="sampled", edge="exit", method="rk4", substeps=4)
-    )
+    chain = drift_map(water, flow, METHODS["drifters"].lasting(crossing))
     found = long_term_behaviour(chain, crossing)
     ridge = ridges(water, ftle(water, flow, 20 * crossing, steps=200))
     # Each half is a group; in the very middle of each there is a cell by itself.
@@ -120,15 +116,9 @@ def test_agreement_counts_cells():
     assert math.isnan(agreement(water, label, np.zeros(18, bool)).ratio)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda w, f: ridges(w, np.zeros(32), share=0), "share: expected more than 0 and at most"),
-        (lambda w, f: agreement(w, np.zeros(32, int), np.zeros(32, bool)), "got no border"),
-        (lambda w, f: ftle(w, f, 0), "duration: expected a number of seconds other than 0"),
-    ],
-)
-def test_shares_labels_and_durations_out_of_range_are_refused(call, message):
-    currents = double_gyre(4, 8)
-    with pytest.raises(ValueError, match=message):
-        call(Water.of(currents), Flow.of(currents))
+def test_shares_and_labels_out_of_range_are_refused():
+    water = Water.of(double_gyre(4, 8))
+    with pytest.raises(ValueError, match="share: expected more than 0 and at most"):
+        ridges(water, np.zeros(32), share=0)
+    with pytest.raises(ValueError, match="got no border"):
+        agreement(water, np.zeros(32, int), np.zeros(32, bool))

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seas import water_and_flow
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift import (
@@ -28,8 +29,7 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 
 @pytest.fixture(scope="module")
 def surface():
-    currents = open_currents(GYRES, time=1)
-    return Water.of(currents), Flow.of(currents)
+    return water_and_flow(open_currents(GYRES, time=1))
 
 
 def test_each_eddy_of_the_surface_gathers_drifters(surface):
@@ -49,8 +49,7 @@ def test_each_eddy_of_the_surface_gathers_drifters(surface):
 
 
 def test_an_eddy_that_holds_drifters_beyond_64_bits_is_reported():
-    currents = open_currents(GYRES, time=12)
-    water, flow = Water.of(currents), Flow.of(currents)
+    water, flow = water_and_flow(open_currents(GYRES, time=12))
     step = 0.9 * crossing_time(water, flow)
     # The matrix of the times is singular to rounding.
     found = long_term_behaviour(drift_map(water, flow, DriftStep(step)), step)

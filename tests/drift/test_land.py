@@ -9,7 +9,7 @@ import pytest
 import shapely
 from drift import products
 from hypothesis import given, settings, strategies as st
-from seas import land_of_the_channel, sea
+from seas import land_of_the_channel, sea, water_and_flow
 
 from jaxcell import drift
 from jaxcell.base.formatting import format_value
@@ -342,8 +342,7 @@ def test_drifters_leave_by_the_edge_that_the_current_leads_to(quarters, axis, si
     along = [going, still] if axis == 0 else [still, going]
     # The columns of the grid go to the East, North, West or South, and the current by the compass.
     angle = quarters * np.pi / 2
-    currents = sea(*along, angle=angle)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(sea(*along, angle=angle))
     layer = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
     edge = EDGES[axis + (1 - sign)]
     assert layer.mean_leaving_by_way[EXITS.index(f"edge in the {edge}")] == pytest.approx(1)

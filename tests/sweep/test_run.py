@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import errno
 import json
@@ -88,17 +89,9 @@ def test_the_order_of_chunks_does_not_matter(stub_spec, tmp_path, whole, monkeyp
     assert tree(tmp_path / "out") == whole
 
 
-def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, monkeypatch):
-    lengths = []
-    kept = sweep_stub.stub
-
-    def counted(batch, fixed, seed):
-        lengths.append(len(batch["x"]))
-        return kept(batch, fixed, seed)
-
-    monkeypatch.setattr(sweep_stub, "stub", counted)
+def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, task):
     run_sweep(stub_spec(), tmp_path / "out")
-    assert lengths == [4] * 6
+    assert [len(batch["x"]) for batch in task[0]] == [4] * 6
 
 
 def test_a_member_that_fails_is_reported_and_does_not_stop_others(stub_spec, tmp_path, whole):
@@ -242,21 +235,26 @@ def test_a_second_run_at_once_is_refused(stub_spec, tmp_path):
         run_sweep(spec, out, resume=True)
 
 
-def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
-    """The system refuses to write more than some bytes to a file, for a while."""
-    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
+@contextlib.contextmanager
+def files_limited():
+    """Give a function after which the system refuses to write more than some bytes to a file."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
+    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
 
     def fill(progress):
         if progress.done == 3:
-            size = (out / "sweep.journal").stat().st_size
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size + 50, limits[1]))
+            limit((out / "sweep.journal").stat().st_size + 50)
 
-    try:
-        with pytest.raises(OSError, match="File too large; chunks that ended are kept") as caught:
-            run_sweep(spec, out, progress=fill)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    message = "File too large; chunks that ended are kept"
+    with files_limited() as limit, pytest.raises(OSError, match=message) as caught:
+        run_sweep(spec, out, progress=fill)
     assert caught.value.errno == errno.EFBIG
     assert str(caught.value.filename) == str(out)
     found = sweep_status(out)
@@ -267,17 +265,13 @@ def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
 
 def test_a_disk_that_is_full_when_the_result_is_made(stub_spec, tmp_path, whole):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def fill(progress):
         if progress.done == 6:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+            limit(100)
 
-    try:
-        with pytest.raises(OSError, match="chunks that ended are kept"):
-            run_sweep(spec, out, progress=fill)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with files_limited() as limit, pytest.raises(OSError, match="chunks that ended are kept"):
+        run_sweep(spec, out, progress=fill)
     assert sweep_status(out).complete
     assert not (out / "sweep.zarr").exists()
     with open_sweep(out) as dataset, open_sweep(tmp_path / "whole") as expected:
@@ -291,14 +285,11 @@ def test_unfinished_files_are_removed_and_an_interrupted_sweep_can_be_read(
 ):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
 
-    class StopError(Exception):
-        pass
-
     def stop(progress):
         if progress.done == 2:
-            raise StopError
+            raise KeyboardInterrupt
 
-    with pytest.raises(StopError):
+    with pytest.raises(KeyboardInterrupt):
         run_sweep(spec, out, progress=stop)
     with open_sweep(out) as dataset:
         assert dataset.status.values.tolist() == [[1] * 8 + [0] * 2, [0] * 10]
