@@ -50,9 +50,8 @@ def nearly_closed_sets(
 
     The surface of the bundled sea at its first record has three eddies, two of them side by side:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(3600.0))
         >>> sets = drift.nearly_closed_sets(water, chain, 3600.0, 2)
         >>> sets.count, sets.steps

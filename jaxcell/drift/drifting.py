@@ -38,29 +38,39 @@ def drifted(
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
     times = float(start), (end - start) / moves, moves
-    squares = np.stack([water.dx, water.dy]), ~water.closed, water.gone
+    grid = squares(water)
 
     def move(first: int, x: np.ndarray, y: np.ndarray) -> tuple[Array, Array]:
         chunk = None if key is None else jax.random.fold_in(key, first)
-        return _drifted(flow, *squares, x, y, chunk, *times)
+        return _drifted(flow, grid, x, y, chunk, *times)
 
     return in_chunks(move, x, y)
 
 
+def squares(water: Water) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sides of all squares, and the masks of those that are open or off the map."""
+    return np.stack([water.dx, water.dy]), ~water.closed, water.gone
+
+
 @jax.jit
-def _drifted(flow, sides, wet, gone, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
+def _drifted(flow, grid, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
     def move(number, place):  # type: ignore[no-untyped-def]
-        on = on_grid(wet.shape, flow.wraps, *place)
-        on &= ~gone[nearest_square(gone.shape, flow.wraps, *place)]
-        after = advect(
-            flow, *place, length, start=start + number * length, method="rk4", steps=_SUBSTEPS
-        )
-        if key is not None and flow.diffusivity:
-            drawn = jax.random.fold_in(key, number)
-            after = diffuse(drawn, flow, sides, wet, *after, length)
-        return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
+        drawn = None if key is None else jax.random.fold_in(key, number)
+        return moved(flow, grid, place, start + number * length, length, _SUBSTEPS, drawn)
 
     return jax.lax.fori_loop(0, moves, move, (x, y))
+
+
+def moved(flow, grid, place, start, length, steps, key=None, turn=None):  # type: ignore[no-untyped-def]
+    """Move the drifters that have not left a grid of `squares`; `turn` may change their drifts."""
+    sides, wet, gone = grid
+    on = on_grid(wet.shape, flow.wraps, *place)
+    on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
+    after = advect(flow, *place, length, start=start, method="rk4", steps=steps)
+    after = after if turn is None else turn(after)
+    if key is not None and flow.diffusivity:
+        after = diffuse(key, flow, sides, wet, *after, length)
+    return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
 
 @jax.jit

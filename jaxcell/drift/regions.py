@@ -177,11 +177,10 @@ def read_regions(
     A square in the middle of the bundled sea:
 
         >>> import json, pathlib, tempfile
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water = drift.Water.of(currents)
-        >>> place = float(water.lon.mean()), float(water.lat.mean())
         >>> import shapely
+        >>> from jaxcell import drift, examples
+        >>> water, _ = examples.gyres()
+        >>> place = float(water.lon.mean()), float(water.lat.mean())
         >>> square = shapely.Point(place).buffer(0.05, cap_style="square")
         >>> feature = {"type": "Feature", "properties": {"name": "middle"},
         ...            "geometry": shapely.geometry.mapping(square)}

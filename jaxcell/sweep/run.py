@@ -137,10 +137,8 @@ def _ended(
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
     """Make the job of the members of a chunk that are not done."""
-    chunk = spec.chunk(number)
-    job, missing = Job.of(spec, chunk, wide), (store.read(number)[0] != DONE).ravel()
-    # The job of a whole chunk includes the padding, so that all such jobs have the same length.
-    return job if missing.all() else job.part(spec.places(chunk)[missing])
+    job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
+    return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager

@@ -12,14 +12,13 @@ import numpy as np
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
-from .storage.contents import Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
 from .storage.export import digests_of_files, export, update_result
 from .storage.journal import JOURNAL, Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy, write_journal
-from .storage.records import Begun
+from .storage.records import Begun, Contents
 from .storage.store import DONE, SweepStore
 from .workers.engines import engine_named
 from .workers.progress import Progress

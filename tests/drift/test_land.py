@@ -1,5 +1,6 @@
 """Land, sea without data, and the edge of the grid, and the rules for drifters there."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -268,6 +269,15 @@ def test_simulated_drifters_leave_as_the_map_says(coast):
     assert (np.diff((moved.cell < 0).astype(int), axis=0) >= 0).all()
     share = chain.push(np.full(water.cells, 1 / water.cells))
     assert gone[1] == pytest.approx(1 - float(share.sum()), abs=0.02)
+
+
+def test_drifters_that_left_do_not_diffuse_back():
+    water, flow, _ = strait()
+    flow = dataclasses.replace(flow, diffusivity=20.0)
+    found = drift.simulate_drifters(jax.random.key(0), water, flow, 0, 2000, 8, drifters=2000)
+    gone = found.cell < 0
+    assert 0 < gone[4].mean() < 1
+    assert (np.diff(gone.astype(int), axis=0) >= 0).all()
 
 
 def test_water_slips_along_a_coast_and_does_not_cross_it():

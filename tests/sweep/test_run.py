@@ -17,7 +17,7 @@ from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_swee
 from jaxcell.sweep.storage.export import write_result
 from jaxcell.sweep.storage.lock import locked
 from jaxcell.sweep.storage.store import SweepStore
-from jaxcell.sweep.workers.work import compute, with_files_found
+from jaxcell.sweep.workers.work import compute
 
 
 def test_the_result_of_a_member_is_that_of_a_batch_of_one(stub_spec, tmp_path):
@@ -367,32 +367,6 @@ def test_wrong_parameters_of_a_study_are_refused_before_it_runs(lines, message, 
     with pytest.raises(ValueError, match=f"spec.toml: {message}"):
         run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp_path, monkeypatch):
-    there, here = tmp_path / "specs", tmp_path / "here"
-    for path in (there / "a.json", there / "both.json", here / "both.json", here / "b.json"):
-        path.parent.mkdir(exist_ok=True)
-        path.touch()
-    monkeypatch.chdir(here)
-    maps = f'["a.json", "both.json", "../here/b.json", "b.json", "{tmp_path}/none.json"]'
-    (there / "spec.toml").write_text(
-        f'task = "groups"\n[fixed]\ncollision = "swept"\n[grid]\nbounce = [1]\nmap = {maps}\n'
-    )
-    spec = Spec.load("../specs/spec.toml")
-    found = with_files_found(spec)
-    assert found.batch(found.chunk(0))["map"].tolist() == [
-        *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
-        f"{here}/b.json",
-        f"{tmp_path}/none.json",
-    ]
-    assert found.fixed == {"collision": "swept"}
-    text = (there / "spec.toml").read_text().replace('"b.json"', '"c.json"')
-    (there / "spec.toml").write_text(text)
-    with pytest.raises(
-        ValueError, match=rf"spec.toml: map: there is no file 'c.json' in {there} nor in {here}"
-    ):
-        run_sweep(Spec.load("../specs/spec.toml"), tmp_path / "out")
 
 
 def test_the_error_of_a_missing_file_names_the_machine(stub_spec, tmp_path, monkeypatch):

@@ -113,20 +113,14 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         part = spec.chunk(number)
         assert part.number == number
         batch = spec.batch(part)
-        assert {len(array) for array in batch.values()} == {length}
-        # All of the batch lies in the chunk, and all of the chunk in the batch.
         rows = list(zip(*(batch[name].tolist() for name in names), strict=True))
-        own = list(itertools.product(*(range(one.start, one.stop) for one in part.region)))
-        assert set(rows) == set(own)
-        if len(own) == length:
-            assert rows == own
-        places = spec.places(part)
-        assert [rows[place] for place in places] == own
-        for member, place in enumerate(places):
-            index = spec.index(part, member)
-            assert tuple(index.values()) == rows[place]
+        assert 0 < len(rows) <= length
+        assert rows == list(itertools.product(*(range(one.start, one.stop) for one in part.region)))
+        for place, row in enumerate(rows):
+            index = spec.index(part, place)
+            assert tuple(index.values()) == row
             assert spec.member(index) == index
-        seen += own
+        seen += rows
     assert sorted(seen) == list(itertools.product(*map(range, sizes)))
 
 

@@ -90,9 +90,8 @@ class Layer(LayerEnds, Compared):
 
     The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> surface = drift.Layer.of(water, flow, drift.DriftStep(1800))
         >>> surface.cells, surface.persistent_groups, round(surface.mean_shift_cells, 1)
         (538, 3, 1.0)

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import json
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,11 +14,10 @@ from ...base.paths import replacing
 from ..spec import Chunk, Spec
 from ..workers.halving import Parts
 from ..workers.work import Computed, Failure
-from .contents import Contents
 from .damage import reading
 from .digests import differences
 from .journal import JOURNAL, Journal, Kind, Record
-from .records import Begun, Exported, Members, check_fits, decode, encode, fill_value
+from .records import Begun, Contents, Exported, Members, check_fits, decode, encode, fill_value
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
@@ -191,24 +189,18 @@ class SweepStore:
 
     def write(self, parts: Parts) -> list[Failure]:
         """Write the outcomes of the missing members of a chunk; return the failures."""
-        chunk, own = parts.chunk, self.spec.places(parts.chunk)
-        states, arrays = self.read(chunk.number)
-        missing = states != DONE
-        new_states, new_arrays = self.empty((math.prod(self.spec.lengths.values()),))
-        new_states[list(parts.failed)] = FAILED
+        states, arrays = self.read(parts.chunk.number)
+        flat = states.reshape(-1)
+        flat[flat != DONE] = TO_DO
+        flat[list(parts.failed)] = FAILED
         for places, computed in parts.computed:
-            new_states[places] = DONE
-            for name, array in new_arrays.items():
-                array[places] = computed.variables[name].values
-        states[missing] = new_states[own][missing.ravel()]
-        for name, array in arrays.items():
-            array[missing] = new_arrays[name][own][missing.ravel()]
-        failed = {
-            int(np.searchsorted(own, place)): (one.message, one.trace)
-            for place, one in sorted(parts.failed.items())
-        }
-        self.put(chunk, states, arrays, failed)
-        return [*self._failures(chunk.number, failed)]
+            flat[places] = DONE
+            for name, array in arrays.items():
+                members = array.reshape(flat.size, *array.shape[states.ndim :])
+                members[places] = computed.variables[name].values
+        failed = {place: (one.message, one.trace) for place, one in sorted(parts.failed.items())}
+        self.put(parts.chunk, states, arrays, failed)
+        return [*self._failures(parts.chunk.number, failed)]
 
     def put(
         self,

@@ -11,7 +11,7 @@ from .work import Computed, Failed, Job
 
 @dataclasses.dataclass
 class Parts:
-    """The outcomes of the jobs of a chunk. The place of a member is its index in the batch."""
+    """The outcomes of the jobs of a chunk. The place of a member is its index in the chunk."""
 
     chunk: Chunk
     members: int
@@ -41,19 +41,17 @@ class Halving:
 
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:
         """Add the outcome of a job. Returns the chunk if all its jobs have ended, or `None`."""
-        chunk = self._spec.chunk(job.number)
-        inside = np.intersect1d(job.places, self._spec.places(chunk), assume_unique=True)
         if job.number not in self.begun:
-            self.begun[job.number] = Parts(chunk, inside.size)
+            self.begun[job.number] = Parts(self._spec.chunk(job.number), job.places.size)
         parts = self.begun[job.number]
         parts.open -= 1
         if isinstance(outcome, Computed):
             parts.computed.append((job.places, outcome))
-        elif inside.size == 1:
-            parts.failed[int(inside[0])] = outcome
+        elif job.places.size == 1:
+            parts.failed[job.places.item()] = outcome
             self.failed += 1
         else:
-            halves = np.array_split(inside, 2)
+            halves = np.array_split(job.places, 2)
             self._halves += [job.part(half) for half in reversed(halves)]
             parts.open += len(halves)
         return None if parts.open else self.begun.pop(job.number)
