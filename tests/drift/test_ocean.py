@@ -269,8 +269,7 @@ def test_files_without_time_or_date(tmp_path):
     hours = np.diff(currents.time) / np.timedelta64(1, "h")
     np.testing.assert_array_equal(hours, 1)
     assert "without a date" in currents.attrs["notes"]
-    with pytest.raises(ValueError, match=r"time: expected the index of a record"):
-        open_currents(path, time="2011-07-01")
+    refused(path, r"time: expected the index of a record", time="2011-07-01")
     assert open_currents(path, time=1).sizes["time"] == 1
 
 
@@ -470,8 +469,7 @@ def test_missing_files_and_other_formats_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere.nc: there is no such file"):
         open_currents(tmp_path / "nowhere.nc")
     (tmp_path / "sea.nc").write_text("lon,lat,u,v\n")
-    with pytest.raises(ValueError, match=r"sea.nc: cannot be read as NetCDF"):
-        open_currents(tmp_path / "sea.nc")
+    refused(tmp_path / "sea.nc", r"cannot be read as NetCDF")
 
 
 @pytest.mark.parametrize("format", FORMATS)
@@ -498,8 +496,7 @@ def test_records_of_a_classic_file_count(tmp_path, format):
     whole = path.read_bytes()
     for lost in (4, 5, 100, 1000):
         path.write_bytes(whole[:-lost])
-        with pytest.raises(ValueError, match=r"sea\.nc: cannot be read as NetCDF \(truncated"):
-            open_currents(path)
+        refused(path, r"cannot be read as NetCDF \(truncated")
 
 
 def test_a_format_that_hides_truncation_is_refused(tmp_path):
@@ -549,5 +546,4 @@ def test_much_text_is_refused(tmp_path):
         file.createDimension("y", 4000)
         file.createDimension("x", 4000)
         file.createVariable("u", str, ("y", "x"), chunksizes=(8, 8))
-    with pytest.raises(ValueError, match=r"sea\.nc: u: expected at most .* text, got 16,000,000"):
-        open_currents(tmp_path / "sea.nc")
+    refused(tmp_path / "sea.nc", r"u: expected at most .* text, got 16,000,000")
