@@ -1,5 +1,7 @@
 """Specifications of sweeps, damaged."""
 
+import math
+
 import pytest
 from hypothesis import example, given, strategies as st
 from mutations import cases, damaged, limits, place, reads_or_refuses
@@ -45,8 +47,9 @@ SPECS = {"grid.toml": GRID, "list.toml": LIST, "random.toml": RANDOM, "design.to
 def use(path):
     spec = Spec.load(path)
     chunk = spec.chunk(spec.chunk_count - 1)
-    assert len(spec.batch(chunk)) == len(spec.parameters)
-    assert spec.places(chunk).size
+    batch = spec.batch(chunk)
+    assert len(batch) == len(spec.parameters)
+    assert all(values.size == math.prod(chunk.shape) > 0 for values in batch.values())
 
 
 @cases()

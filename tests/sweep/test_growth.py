@@ -47,16 +47,12 @@ def test_a_sweep_grows(stub_spec, tmp_path, task, how):
 @pytest.mark.parametrize(
     ("small", "large"),
     [
-        (
-            "[random]\nsamples = 7\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}",
-            "[random]\nsamples = 19\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}",
-        ),
-        (
-            "[list]\nx = [5, 5, 7]\ny = [1, 1, 2]",
-            "[list]\nx = [7, 5, 5, 5, 7]\ny = [2, 1, 3, 1, 2]",
-        ),
+        ("[random]\nsamples = 7\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}",
+         "[random]\nsamples = 19\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}"),
+        ("[list]\nx = [5, 5, 7]\ny = [1, 1, 2]",
+         "[list]\nx = [7, 5, 5, 5, 7]\ny = [2, 1, 3, 1, 2]"),
     ],
-)
+)  # fmt: skip
 def test_samples_and_lists_grow(stub_spec, tmp_path, task, small, large):
     computed, _ = task
     small, large = stub_spec(text=small), stub_spec(text=large, name="large.toml")

@@ -161,10 +161,8 @@ def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, t
     [
         (lambda found: found.drop_vars("noise"), "the task gave count, even, exponent, power"),
         (lambda found: found.assign(more=found.value), "the chunk that was done first has count"),
-        (
-            lambda found: found.assign(value=found.value.astype("f4")),
-            "'value' with the kind float32",
-        ),
+        (lambda found: found.assign(value=found.value.astype("f4")),
+         "'value' with the kind float32"),
         (lambda found: found.isel(exponent=[0, 1]), "'power' with the shape"),
         (lambda found: found.assign_coords(exponent=[0, 1, 4]), "a coordinate 'exponent' with"),
         (lambda found: found.assign(value=found.value.assign_attrs(units="s")), "attributes"),
@@ -179,7 +177,7 @@ def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, t
         (lambda found: found.assign(value=found.value.assign_attrs(a={1j})), "attributes of text"),
         (lambda found: 3, "gave int; expected an xarray.Dataset"),
     ],
-)
+)  # fmt: skip
 def test_chunks_with_other_variables_than_the_first_fail(
     stub_spec, tmp_path, monkeypatch, change, message
 ):

@@ -143,10 +143,8 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("[grid]\nx = [9223372036854775808]", "grid.x: expected integers of 64 bits"),
         ("[grid]\nx = {count = 0}", "grid.x: count: expected a number from 1"),
         ("[grid]\nx = {start = 0, stop = 3}", "the fields start, stop"),
-        (
-            "[grid]\nx = {start = 0, stop = 3, step = 0}",
-            "grid.x: there are no values from 0 up to 3",
-        ),
+        ("[grid]\nx = {start = 0, stop = 3, step = 0}",
+         "grid.x: there are no values from 0 up to 3"),
         ("[grid]\nx = {start = 0, stop = 3, step = -1}", "grid.x: there are no values"),
         ("[grid]\nx = {start = 0, stop = inf, num = 3}", "grid.x: stop: expected a finite number"),
         ("[grid]\nx = {start = 0, stop = 1e30, step = 1}", "grid.x: the number of values"),
@@ -155,10 +153,8 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ('[grid]\n"a/b" = [1]', "'a/b': expected a name of letters"),
         ("[list]\nx = [1]\ny = [1, 2]", r"\[list\]: expected lists of one length, got x 1, y 2"),
         ("[grid]\nx = [1]\n[list]\nx = [1]", "x is in two of the tables"),
-        (
-            "[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}",
-            "expected only one of them",
-        ),
+        ("[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}",
+         "expected only one of them"),
         ("[random]\nx = {uniform = [0, 1]}", "random.samples: expected a number from 1"),
         ("[random]\nsamples = 3", r"\[random\]: expected a distribution"),
         ("[random]\nsamples = 3\nx = {gauss = [0, 1]}", "random.x: expected one of {uniform}"),
@@ -174,7 +170,7 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("chunk = 1\n[grid]\nx = {count = 1000001}", "chunk: 1000001 chunks"),
         ("task = ", "Invalid value"),
     ],
-)
+)  # fmt: skip
 def test_the_error_of_a_specification_names_the_field(tmp_path, text, named):
     if not text.startswith("task"):
         text = 'task = "a:b"\n' + text
