@@ -178,7 +178,7 @@ def _angle(
         return angle, "the variable angle"
     units = {"radians": angle, "degrees": np.radians(angle)}
     off = {
-        unit: float(np.degrees(np.median(np.abs(_turn(values - computed)[known]))))
+        unit: float(np.median(np.abs(sphere.wrapped(np.degrees(values - computed))[known])))
         for unit, values in units.items()
     }
     unit = min(off, key=lambda unit: off[unit])
@@ -205,11 +205,6 @@ def _in_degrees(
 ) -> Float[np.ndarray, "*shape"]:
     """Convert positions that the file declares to be in radians."""
     return np.degrees(values) if _declares_radians(file, name) else values
-
-
-def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
-    """Wrap angles in radians to the interval from -pi to pi."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _columns(count: int) -> str:

@@ -12,8 +12,7 @@ import numpy as np
 
 from ...base.paths import replacing
 from ..spec import Chunk, Spec
-from ..workers.halving import Parts
-from ..workers.work import Computed, Failure
+from ..workers.work import Computed, Failed, Failure, Job
 from .damage import reading
 from .digests import differences
 from .journal import JOURNAL, Journal, Kind, Record
@@ -26,7 +25,7 @@ TO_DO, DONE, FAILED = 0, 1, 2
 class SweepStore:
     """The folder of a sweep.
 
-    - `sweep.journal` has the specification, and a record for each chunk that ended.
+    - `sweep.journal` has the specification, and records with the results of the chunks.
     - `sweep.zarr` is the result. It is made from the journal when a run ends.
     - `spec.toml` is a copy of the specification.
     - `failures.json` lists the failed members. It is written when a run ends.
@@ -187,20 +186,22 @@ class SweepStore:
         assert self.frame is not None
         check_fits(self.frame, computed)
 
-    def write(self, parts: Parts) -> list[Failure]:
-        """Write the outcomes of the missing members of a chunk; return the failures."""
-        states, arrays = self.read(parts.chunk.number)
-        flat = states.reshape(-1)
-        flat[flat != DONE] = TO_DO
-        flat[list(parts.failed)] = FAILED
-        for places, computed in parts.computed:
-            flat[places] = DONE
+    def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
+        """Write the result of a job, or the failure of a job of one member; return the failure."""
+        chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
+        states, arrays = self.read(chunk.number)
+        states.reshape(-1)[places] = DONE
+        if isinstance(outcome, Failed):
+            states.reshape(-1)[places] = FAILED
+            new = dict.fromkeys(places, (outcome.message, outcome.trace))
+        else:
             for name, array in arrays.items():
-                members = array.reshape(flat.size, *array.shape[states.ndim :])
-                members[places] = computed.variables[name].values
-        failed = {place: (one.message, one.trace) for place, one in sorted(parts.failed.items())}
-        self.put(parts.chunk, states, arrays, failed)
-        return [*self._failures(parts.chunk.number, failed)]
+                members = array.reshape(states.size, *array.shape[states.ndim :])
+                members[places] = outcome.variables[name].values
+        known = self._members(chunk.number).failed if chunk.number in self.contents.chunks else {}
+        others = {place: why for place, why in known.items() if place not in places}
+        self.put(chunk, states, arrays, dict(sorted({**others, **new}.items())))
+        return [*self._failures(chunk.number, new)]
 
     def put(
         self,

@@ -42,9 +42,9 @@ class Count:
         self.chunks, self.done, self.failed, self._members = chunks, done, 0, 0
         self._first, self._clock, self._began = done, clock, clock()
 
-    def add(self, members: int) -> None:
-        """Add a chunk that has ended, with its number of computed members."""
-        self.done += 1
+    def add(self, members: int, ended: bool = True) -> None:
+        """Add computed members of a chunk; `ended` is true for the last of them."""
+        self.done += ended
         self._members += members
 
     def progress(self, failures: tuple[Failure, ...]) -> Progress:
