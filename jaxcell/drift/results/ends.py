@@ -137,7 +137,7 @@ class Ends(Result):
 
     def _mean(self, of_layers: npt.ArrayLike) -> Any:
         """Average numbers of the layers, weighted by the cells of each layer."""
-        return np.average(of_layers, 0, [layer.water.cells for layer in self._layers])
+        return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
