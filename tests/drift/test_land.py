@@ -333,13 +333,10 @@ def test_gaps_connect_water_and_land_parts_it(seed):
     np.testing.assert_array_equal(water.piece, piece[wet])
 
 
-def test_drifters_do_not_strand_where_the_edge_is_closed():
+def test_closed_edges_and_unknown_rules_at_the_coast_are_refused():
     water, flow, _ = strait(coast="strand")
     with pytest.raises(ValueError, match="coast: expected the edge 'exit' with 'strand'"):
         drift.drift_map(water, flow, drift.DriftStep(3000))
-
-
-def test_unknown_rules_at_the_coast_are_refused():
     with pytest.raises(ValueError, match="coast: expected 'hold', 'slip' or 'strand'"):
         strait(coast="bounce")
 

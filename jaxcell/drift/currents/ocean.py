@@ -49,17 +49,15 @@ def open_currents(
 
     A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps, among them
     values with a bad quality flag, are interpolated in time. If the file has a mask, the cell must
-    also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags
-    or options such as `option_0`, or by a standard name.
+    also be water by the mask.
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
     below a square with a velocity is the sea bed. For other squares the mask decides, or else the
     depth of the sea bed, or else a coastline: a square that contains land is land.
 
     If the columns go round the Earth, repeated columns are left out, and all computations go on
-    across the seam, which `notes` mentions. If the file lacks the sides of cells at the seam, cells
-    beside the seam have the velocity of their other side. Rows that repeat others because the grid
-    is folded in the North are closed, as land.
+    across the seam. Rows that repeat others because the grid is folded in the North are closed, as
+    land.
 
     **Arguments:**
 
