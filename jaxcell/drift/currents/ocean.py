@@ -49,7 +49,8 @@ def open_currents(
 
     A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps, among them
     values with a bad quality flag, are interpolated in time. If the file has a mask, the cell must
-    also be water by the mask.
+    also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags
+    or options such as `option_0`, or by a standard name.
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
     below a square with a velocity is the sea bed. For other squares the mask decides, or else the
