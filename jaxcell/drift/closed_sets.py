@@ -133,9 +133,8 @@ class ClosedSets(Result):
     Two cells that drifters seldom exchange, in steps of an hour:
 
         >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(2, dtype=np.int32).reshape(1, 2), np.full((1, 2), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water = examples.water([[1, 1]])
         >>> chain = mapping.Chain.from_scipy(np.array([[0.999, 0.001], [0.001, 0.999]]))
         >>> sets = drift.ClosedSets.of([water], [chain], 3600.0, 2)
         >>> sets.number.tolist(), sets.leakage.round(3).tolist(), sets.hours.round().tolist()

@@ -176,9 +176,8 @@ def exit_shares(
     One cell with an open edge, whose water moves by half a cell to the East in a step:
 
         >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.int32([[0]]), np.full((1, 1), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples
+        >>> water = examples.water([[1]])
         >>> flow = drift.Flow(np.array([0.5, 0.0]).reshape(1, 2, 1, 1), np.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
         >>> chain = drift.drift_maps(water, flow, step)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
-from small_seas import water
 
 from jaxcell import drift
+from jaxcell.examples import water
 from jaxcell.mapping import Chain, persistent_groups
 from jaxcell.optimize import greedy_cover
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from seas import sea, water_and_flow
-from small_seas import water
 
 from jaxcell import bundled, drift, study, verify
 from jaxcell.drift.flow import in_squares
 from jaxcell.drift.validation.replay import Sampling
+from jaxcell.examples import water
 from jaxcell.mapping import Chain, ChainSequence
 
 

@@ -145,9 +145,8 @@ def distances_by_cell(
 
         >>> import numpy as np
         >>> import jax.numpy as jnp
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(4, dtype=np.int32).reshape(1, 4), np.full((1, 4), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water = examples.water([[1, 1, 1, 1]])
         >>> flow = drift.Flow(jnp.full((1, 2, 1, 4), 1e-9), jnp.zeros(1))
         >>> away = mapping.Chain(np.int32([[1, 1, 2, 3]]), np.ones((1, 4)))
         >>> (one,) = drift.distances(water, flow, [(away, 3600.0)])

@@ -165,10 +165,9 @@ def compare(
     Two cells of 1 km. The chain moves all drifters to the second cell; one of two drifters moved:
 
         >>> import jax.numpy as jnp, numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.int32([[0, 1]]), np.full((1, 2), 1000.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> from jaxcell import drift, examples, mapping
         >>> chain = mapping.Chain(np.int32([[1, 1]]), np.ones((1, 2)))
+        >>> water = examples.water([[1, 1]])
         >>> x = jnp.array([[0.0, 0.0], [0.0, 1.0]])
         >>> drifted = drift.Drifters(x, 0 * x, np.int32([[0, 0], [0, 1]]), 3600.0)
         >>> drift.compare(water, chain, drifted, [0, 1]).total_variation.tolist()
