@@ -117,8 +117,8 @@ def water(wet: npt.ArrayLike, depth: float = 0.0) -> "Water":
 
     wet = np.asarray(wet, bool)
     number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
-    side = np.full(wet.shape, 1000.0)
-    return Water(number, side, side, *[0 * side] * 3, depth)
+    side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)
+    return Water(number, side, side, zero, zero, zero, depth)
 
 
 def gyres() -> "tuple[Water, Flow]":
