@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Bool
 
 from .base.bundled import bundled
@@ -102,14 +103,22 @@ def _chain(matrix: Any) -> "Chain":
 
 def sea() -> "Sea":
     """Make two layers of three cells in a row: the upper flows East, the lower flows West."""
-    from .drift import Sea, Water
+    from .drift import Sea
     from .mapping import Chain
 
-    number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-    still = 0 * side
-    layers = [Water(number, side, side, still, still, still, depth) for depth in (0.0, 5.0)]
+    layers = [water([[1, 1, 1]], depth) for depth in (0.0, 5.0)]
     ends = [1, 2, 2], [0, 0, 1]
     return Sea.of(layers, [Chain(np.array([to], np.int32), np.ones((1, 3))) for to in ends])
+
+
+def water(wet: npt.ArrayLike, depth: float = 0.0) -> "Water":
+    """Make the water of some squares of 1 km, of which 1 stands for water and 0 for land."""
+    from .drift import Water
+
+    wet = np.asarray(wet, bool)
+    number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
+    side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)
+    return Water(number, side, side, zero, zero, zero, depth)
 
 
 def gyres() -> "tuple[Water, Flow]":

@@ -5,6 +5,7 @@ import shapely
 import xarray as xr
 from hypothesis import strategies as st
 
+from jaxcell.drift import Flow, Water
 from jaxcell.drift.currents.land import read_land
 
 
@@ -77,3 +78,8 @@ def land_of_the_channel():
     return shapely.union_all(
         [polygon for polygon in read_land().polygons if polygon.intersects(near)]
     )
+
+
+def water_and_flow(currents):
+    """The water and the flow of the first layer."""
+    return Water.of(currents), Flow.of(currents)

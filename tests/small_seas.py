@@ -3,15 +3,8 @@
 import numpy as np
 
 from jaxcell.drift.sea import Sea
-from jaxcell.drift.water import Water
+from jaxcell.examples import water
 from jaxcell.mapping import Chain
-
-
-def water(wet, depth=0.0):
-    """The water of one layer, in squares of 1 km."""
-    number = np.where(wet, np.cumsum(wet.ravel()).reshape(wet.shape) - 1, -1).astype(np.int32)
-    kilometre, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)
-    return Water(number, kilometre, kilometre, zero, zero, zero, depth)
 
 
 def random_layers(seed, shape=(4, 5), leak=0.0):

@@ -34,20 +34,9 @@ from typing import Any, ClassVar, Literal, TypeAlias
 
 
 Kind: TypeAlias = Literal[
-    "cell",
-    "coordinate",
-    "count",
-    "distribution",
-    "flag",
-    "index",
-    "number",
-    "place",
-    "position",
-    "residual",
-    "share",
-    "text",
-    "time",
-]
+    "cell", "coordinate", "count", "distribution", "flag", "index", "number", "place", "position",
+    "residual", "share", "text", "time",
+]  # fmt: skip
 """Kind of a quantity, which determines its format and its checks.
 
 - `share`: a number from 0 to 1. `distribution`: shares that sum to 1 over the dimensions in the

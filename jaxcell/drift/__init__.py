@@ -20,11 +20,9 @@ bounded *disturbance set* `A(z)`,
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 
 which makes the sea a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)`
-(Eq. 5.5). A `DriftStep` has the duration and the rules. `METHODS` has the rules of the
-dissertation, which spread drifters much more than water does and close the edges of the grid, and
-rules that agree with simulated drifters: many points of each cell move by the Runge-Kutta method,
-and leave the map over open edges. `exit_shares` has the probability of each way out. `drift_maps`
-maps each phase of a periodic current (`Flow.repeated`).
+(Eq. 5.5). A `DriftStep` has the duration and the rules; `METHODS` has those of the dissertation,
+and rules that agree with simulated drifters. `exit_shares` has the probability of each way out.
+`drift_maps` maps each phase of a periodic current (`Flow.repeated`).
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters at the times of interest (`asked_hours`), `distances_by_cell`

@@ -25,11 +25,8 @@ def coast(water: Water) -> Bool[np.ndarray, "cells"]:
 
     A sea of two cells with land at one end:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.int32([[-1, 0, 1]]), np.full((1, 3), 1000.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
-        >>> drift.coast(water).tolist()
+        >>> from jaxcell import drift, examples
+        >>> drift.coast(examples.water([[0, 1, 1]])).tolist()
         [True, False]
     """
     around = (water.at(water.row + up, water.column + right) for up, right in NEIGHBORS)
@@ -98,6 +95,9 @@ def _with_beaches(
     return Chain(image, probability)
 
 
+_DRY = "NaN: no water"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stranded(Result):
     """The fate of drifters that may strand, released uniformly in all cells of a layer.
@@ -106,9 +106,8 @@ class Stranded(Result):
     stranded drifters float again in an hour:
 
         >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.int32([[-1, 0]]), np.full((1, 2), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water = examples.water([[0, 1]])
         >>> still = drift.long_term_behaviour(mapping.Chain.from_scipy(np.eye(1)), 3600)
         >>> stranded = drift.Stranded.of(water, still, 2 * 3600, afloat=3600, stranded=3600)
         >>> stranded.beaches, stranded.share_by_step.tolist(), stranded.share
@@ -166,12 +165,7 @@ class Stranded(Result):
         share[self.cell] = self._shares[-1, self.water.cells :]
         return self.water.on_grid(share)
 
-    @derived(
-        "y x",
-        "probability to be on a beach then, by the cell of release",
-        "1",
-        padding="NaN: no water",
-    )
+    @derived("y x", "probability to be on a beach then, by the cell of release", "1", padding=_DRY)
     def chance(self) -> Float[np.ndarray, "rows columns"]:
         ashore = np.arange(self.chain.cells) >= self.water.cells
         later = as_sequence(self.chain).pull(ashore.astype(float), self.steps)

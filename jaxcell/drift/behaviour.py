@@ -5,23 +5,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .. import mapping, markov
 from ..base.certificate import Solution
-from ..mapping import (
-    SINK,
-    Chain,
-    ChainSequence,
-    PersistentGroups,
-    TransientGroups,
-    persistent_groups,
-    transient_groups,
-)
-from ..markov import (
-    Absorption,
-    LimitingDistribution,
-    absorption_probabilities,
-    absorption_times,
-    limiting_distribution,
-)
+from ..mapping import SINK, Chain, ChainSequence, PersistentGroups, TransientGroups
+from ..markov import Absorption, LimitingDistribution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,7 +60,7 @@ class LongTermBehaviour:
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
-        return absorption_probabilities(self.unrolled, self.groups, throw=self.throw)
+        return markov.absorption_probabilities(self.unrolled, self.groups, throw=self.throw)
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
@@ -94,7 +81,7 @@ class LongTermBehaviour:
 
         **Raises:** `RuntimeError` if a solve stalls and `throw` is set.
         """
-        return limiting_distribution(self.unrolled, self.groups, throw=self.throw)
+        return markov.limiting_distribution(self.unrolled, self.groups, throw=self.throw)
 
     @property
     def basin(self) -> Int[Array, "cells"]:
@@ -142,13 +129,13 @@ def long_term_behaviour(
     if not (np.isfinite(duration) and duration > 0):
         raise ValueError(f"duration: expected a positive number of seconds, got {duration}")
     unrolled = _unrolled(chain)
-    groups = persistent_groups(unrolled)
+    groups = mapping.persistent_groups(unrolled)
     return LongTermBehaviour(
         chain,
         float(duration),
         groups,
-        transient_groups(unrolled, groups),
-        absorption_times(unrolled, groups, throw=throw),
+        mapping.transient_groups(unrolled, groups),
+        markov.absorption_times(unrolled, groups, throw=throw),
         throw,
     )
 

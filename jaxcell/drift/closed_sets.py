@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
-from ..markov import NearlyClosedSets, almost_invariant_sets
+from ..markov import NearlyClosedSets
 from .flow import Flow, crossing_time, steps_in
 from .maps import drift_map, refined
 from .ranks import basin_ranks
@@ -29,9 +29,8 @@ def nearly_closed_sets(
     count: int,
     *,
     hours: float | int = _WINDOW,
-    moving: bool = False,
 ) -> NearlyClosedSets:
-    """Find sets of cells that drifters hardly leave, closed or not.
+    """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
     A single drifter that leaves a set decides that the set is no persistent group, so groups depend
     on the step. The share of drifters that leave in a day hardly does. Drifters are released with
@@ -46,15 +45,13 @@ def nearly_closed_sets(
     - `duration`: seconds per step.
     - `count`: the number of sets to find; fewer may be returned.
     - `hours`: the window, rounded to whole steps, or to whole periods of a periodic current.
-    - `moving`: whether to find coherent sets, which may move; by default almost-invariant sets.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
     The surface of the bundled sea at its first record has three eddies, two of them side by side:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(3600.0))
         >>> sets = drift.nearly_closed_sets(water, chain, 3600.0, 2)
         >>> sets.count, sets.steps
@@ -64,8 +61,7 @@ def nearly_closed_sets(
     steps = phases * steps_in(hours * 3600, duration * phases)
     area = water.sides.prod(axis=0)
     mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
-    find = markov.coherent_sets if moving else almost_invariant_sets
-    return find(chain, count, mass, steps=steps, blur=_blur(water))
+    return markov.almost_invariant_sets(chain, count, mass, steps=steps, blur=_blur(water))
 
 
 def coherent_sets(
@@ -137,9 +133,8 @@ class ClosedSets(Result):
     Two cells that drifters seldom exchange, in steps of an hour:
 
         >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(2, dtype=np.int32).reshape(1, 2), np.full((1, 2), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water = examples.water([[1, 1]])
         >>> chain = mapping.Chain.from_scipy(np.array([[0.999, 0.001], [0.001, 0.999]]))
         >>> sets = drift.ClosedSets.of([water], [chain], 3600.0, 2)
         >>> sets.number.tolist(), sets.leakage.round(3).tolist(), sets.hours.round().tolist()

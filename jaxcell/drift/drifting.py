@@ -7,27 +7,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..mapping.section import bucket
-from .advection import CHUNK, advect
+from .advection import advect, in_chunks
 from .flow import Flow
 from .water import Water, on_grid
 
 
 # The largest number of Runge-Kutta steps between two checks of whether a drifter has left.
 _SUBSTEPS = 4
-_FEW = 1024
 
 
 def drifted(
     water: Water,
     flow: Flow,
-    x: Float[np.ndarray, "points"],
-    y: Float[np.ndarray, "points"],
+    x: Float[np.ndarray, "*points"],
+    y: Float[np.ndarray, "*points"],
     start: float | int,
     end: float | int,
     longest: float | int,
     key: jax.Array | None = None,
-) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
+) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
     """Move points from one time to another; points that leave the map stay where they left it.
 
     **Arguments:**
@@ -39,34 +37,40 @@ def drifted(
         not diffuse.
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
-    length = (end - start) / moves
-    sides, wet, gone = np.stack([water.dx, water.dy]), ~water.closed, water.gone
-    ends_x, ends_y = np.empty(x.size), np.empty(x.size)
-    # Chunks that fit a processor's cache are several times faster.
-    for first in range(0, x.size, CHUNK):
-        part = slice(first, first + CHUNK)
-        size = max(_FEW, bucket(x[part].size))
+    times = float(start), (end - start) / moves, moves
+    grid = squares(water)
+
+    def move(first: int, x: np.ndarray, y: np.ndarray) -> tuple[Array, Array]:
         chunk = None if key is None else jax.random.fold_in(key, first)
-        places = (np.resize(place[part], size) for place in (x, y))
-        moved = _drifted(flow, sides, wet, gone, *places, chunk, float(start), length, moves)
-        ends_x[part], ends_y[part] = (np.asarray(end)[: x[part].size] for end in moved)
-    return ends_x, ends_y
+        return _drifted(flow, grid, x, y, chunk, *times)
+
+    return in_chunks(move, x, y)
+
+
+def squares(water: Water) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sides of all squares, and the masks of those that are open or off the map."""
+    return np.stack([water.dx, water.dy]), ~water.closed, water.gone
 
 
 @jax.jit
-def _drifted(flow, sides, wet, gone, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
+def _drifted(flow, grid, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
     def move(number, place):  # type: ignore[no-untyped-def]
-        on = on_grid(wet.shape, flow.wraps, *place)
-        on &= ~gone[nearest_square(gone.shape, flow.wraps, *place)]
-        after = advect(
-            flow, *place, length, start=start + number * length, method="rk4", steps=_SUBSTEPS
-        )
-        if key is not None and flow.diffusivity:
-            drawn = jax.random.fold_in(key, number)
-            after = diffuse(drawn, flow, sides, wet, *after, length)
-        return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
+        drawn = None if key is None else jax.random.fold_in(key, number)
+        return moved(flow, grid, place, start + number * length, length, _SUBSTEPS, drawn)
 
     return jax.lax.fori_loop(0, moves, move, (x, y))
+
+
+def moved(flow, grid, place, start, length, steps, key=None, turn=None):  # type: ignore[no-untyped-def]
+    """Move the drifters that have not left a grid of `squares`; `turn` may change their drifts."""
+    sides, wet, gone = grid
+    on = on_grid(wet.shape, flow.wraps, *place)
+    on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
+    after = advect(flow, *place, length, start=start, method="rk4", steps=steps)
+    after = after if turn is None else turn(after)
+    if key is not None and flow.diffusivity:
+        after = diffuse(key, flow, sides, wet, *after, length)
+    return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
 
 @jax.jit

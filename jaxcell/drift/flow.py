@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from ..base.precision import require_x64
+from .currents.sphere import turned
 from .water import Water
 
 
@@ -77,11 +78,10 @@ class Flow:
         east, north = (
             np.where(water.number >= 0, np.asarray(fields[name], np.float64), 0) for name in "uv"
         )
-        cos, sin = np.cos(water.angle), np.sin(water.angle)
-        along_x = (east * cos + north * sin) / water.dx
-        along_y = (north * cos - east * sin) / water.dy
+        along_x, along_y = turned(east, north, -water.angle)
         since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
-        rate = jax.device_put(_extended(water, np.stack([along_x, along_y], axis=1)))
+        rate = np.stack([along_x / water.dx, along_y / water.dy], axis=1)
+        rate = jax.device_put(_extended(water, rate))
         return cls(rate, jax.device_put(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
@@ -107,28 +107,19 @@ class Flow:
         rate, time = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
         return dataclasses.replace(self, rate=rate, time=time)
 
-    def repeated(self, period: float | int | None = None) -> "Flow":
+    def repeated(self) -> "Flow":
         """Repeat the flow periodically after its last record; a steady flow is returned unchanged.
 
-        **Arguments:**
-
-        - `period`: in seconds; by default the first record follows the last one after the time
-            between the last two records.
+        The first record follows the last one after the time between the last two records.
         """
-        time = np.asarray(self.time)
+        rate, time = np.asarray(self.rate), np.asarray(self.time)
         if time.size < 2:
             return self
-        length = float(2 * time[-1] - time[-2] - time[0] if period is None else period)
-        if not (np.isfinite(length) and length > time[-1] - time[0]):
-            raise ValueError(
-                f"period: expected more than the {time[-1] - time[0]:g} s from the first record to "
-                f"the last, got {length:g} s"
-            )
-        rate = np.asarray(self.rate)
-        rate, time, end = jax.device_put(
-            (np.append(rate, rate[:1], 0), np.append(time, time[0] + length), np.float64(length))
+        end = 2 * time[-1] - time[-2]
+        rate, time, period = jax.device_put(
+            (np.append(rate, rate[:1], 0), np.append(time, end), np.float64(end - time[0]))
         )
-        return dataclasses.replace(self, rate=rate, time=time, period=end)
+        return dataclasses.replace(self, rate=rate, time=time, period=period)
 
     def fitted(self, duration: float | int) -> float:
         """Return the nearest duration that divides the period, or is a multiple of it.
@@ -152,7 +143,7 @@ def _extended(
 ) -> Float[np.ndarray, "records axes rows columns"]:
     """Extend a flow from the water to sea without data, and along coasts where drifters slip."""
     wet = water.number >= 0
-    if (gaps := ~(wet | water.land)).any():
+    if (gaps := water.gaps).any():
         turns = 3 if water.wraps else 1
         away = np.tile(~wet, turns)
         row, column = distance_transform_edt(away, return_distances=False, return_indices=True)

@@ -1,6 +1,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator
+from typing import TypeAlias
 
 import jax
 import numpy as np
@@ -12,8 +13,8 @@ from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
-from ..mapping.sequence import as_sequence
 from .advection import carried
+from .currents.sphere import turned
 from .drifting import drifted
 from .flow import Flow, crossing_time
 from .step import DriftStep
@@ -30,6 +31,12 @@ EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
 """The ways out of the map."""
 # An unused slot; -1 is the sink.
 _NONE = -2
+
+# Cells of origin, their end points, and points or squares of each of them, one row per branch.
+_Origin: TypeAlias = Int[np.ndarray, "some"]
+_Ends: TypeAlias = Float[np.ndarray, "some"]
+_Points: TypeAlias = Float[np.ndarray, "_branches some"]
+_Squares: TypeAlias = Int[np.ndarray, "_branches some"]
 
 
 def flow_map(
@@ -115,10 +122,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         image, probability = slots_of(matrix / samples**2)
     else:
         [(x, y, _)] = _ends(water, flow, step, start, every)
-        if step.spread == "turned":
-            image = water.landing(x, y, exits=exits)
-        else:
-            image = _around(water, x, y, exits=exits)
+        images = _around if step.spread == "all" else Water.landing
+        image = images(water, x, y, exits=exits)
         probability = _set_probabilities(image, float(step.rho))
     if not exits:
         image, probability = _with_uniform_boundary(water, image, probability)
@@ -171,9 +176,8 @@ def exit_shares(
     One cell with an open edge, whose water moves by half a cell to the East in a step:
 
         >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.int32([[0]]), np.full((1, 1), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples
+        >>> water = examples.water([[1]])
         >>> flow = drift.Flow(np.array([0.5, 0.0]).reshape(1, 2, 1, 1), np.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
         >>> chain = drift.drift_maps(water, flow, step)
@@ -181,12 +185,9 @@ def exit_shares(
         [[0.0], [0.0], [0.6], [0.0], [0.0], [0.0]]
     """
     step, starts = _phases(water, flow, step)
-    sequence = as_sequence(chain)
-    phases = [
-        _exit_shares(water, flow, step, start, leaving_rows(sequence.at(k).to_scipy()))
-        for k, start in enumerate(starts)
-    ]
-    return np.concatenate(phases, axis=1)
+    lost = leaving_rows(chain.to_scipy()).reshape(len(starts), -1)
+    phases = zip(starts, lost, strict=True)
+    return np.concatenate([_exit_shares(water, flow, step, *one) for one in phases], axis=1)
 
 
 def _exit_shares(
@@ -214,12 +215,7 @@ def _exit_shares(
     return shares
 
 
-def _edge(
-    water: Water,
-    origin: Int[np.ndarray, "some"],
-    row: Int[np.ndarray, "points some"],
-    column: Int[np.ndarray, "points some"],
-) -> Int[np.ndarray, "points some"]:
+def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
     """Return the number, in `EDGES`, of the edge of the grid beyond which each square lies."""
     up, right = (
         at - at.clip(0, size - 1)
@@ -248,25 +244,20 @@ def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[
 
 
 def _ends(
-    water: Water,
-    flow: Flow,
-    step: DriftStep,
-    start: float | int,
-    origin: Int[np.ndarray, "some"],
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    water: Water, flow: Flow, step: DriftStep, start: float | int, origin: _Origin
+) -> Iterator[tuple[_Points, _Points, _Points]]:
     """Yield `x` and `y` of the places where drifters from some cells end, and their weights.
 
     The arrays have a row per sample point and a column per cell.
     """
     duration = step.seconds(water, flow)
 
-    def carry(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def carry(right: np.ndarray, up: np.ndarray) -> tuple[_Points, _Points]:
         """Move the points at some offsets, in cells, from the centre of each cell."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps
-            places = drifted(water, flow, x.ravel(), y.ravel(), start, start + duration, longest)
-            return places[0].reshape(x.shape), places[1].reshape(x.shape)
+            return drifted(water, flow, x, y, start, start + duration, longest)
         return carried(flow, x, y, duration, start, step.method, step.substeps)
 
     if step.spread != "sampled":
@@ -299,11 +290,7 @@ def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarra
     return math.sqrt(2 * flow.diffusivity * abs(duration)) / water.sides
 
 
-def _diffused(
-    x: Float[np.ndarray, "some"],
-    y: Float[np.ndarray, "some"],
-    deviation: Float[np.ndarray, "axes some"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _diffused(x: _Ends, y: _Ends, deviation: _Points) -> tuple[_Points, _Points, _Points]:
     """Spread one point per cell by a normal distribution, integrated over the squares around it.
 
     **Returns:** the columns and rows of the squares, and their shares.
@@ -322,33 +309,22 @@ def _diffused(
     return column + right + 0.0, row + up + 0.0, share.reshape(-1, x.size)
 
 
-def _transitions(
-    image: Int[np.ndarray, "branches cells"], share: Float[np.ndarray, "branches cells"]
-) -> scipy.sparse.csr_array:
+def _transitions(image: _Squares, share: _Points) -> scipy.sparse.csr_array:
     """Make a transition matrix from the images of each cell and their shares; -1 is the sink."""
     stays, cells = image >= 0, image.shape[1]
     origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
     return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
 
 
-def _turned(
-    water: Water,
-    x: Float[np.ndarray, "some"],
-    y: Float[np.ndarray, "some"],
-    origin: Int[np.ndarray, "some"],
-) -> tuple[Float[np.ndarray, "3 some"], Float[np.ndarray, "3 some"]]:
+def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points, _Points]:
     """Turn the drifts by 0, 45 and -45 degrees, and return their end points."""
     dx, dy = water.sides[:, origin]
     column, row = water.column[origin], water.row[origin]
-    right, up = (x - column) * dx, (y - row) * dy
-    angle = np.radians([[0], [45], [-45]])
-    cos, sin = np.cos(angle), np.sin(angle)
-    return column + (right * cos - up * sin) / dx, row + (right * sin + up * cos) / dy
+    right, up = turned((x - column) * dx, (y - row) * dy, np.radians([[0], [45], [-45]]))
+    return column + right / dx, row + up / dy
 
 
-def _around(
-    water: Water, x: Float[np.ndarray, "1 cells"], y: Float[np.ndarray, "1 cells"], *, exits: bool
-) -> Int[np.ndarray, "9 cells"]:
+def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
     """Find the image of each cell and the neighbours of the image; -1 for the sink."""
     image = water.landing(x, y, exits=exits)
     row, column = _squares_around(water, image, x, y)
@@ -360,11 +336,8 @@ def _around(
 
 
 def _squares_around(
-    water: Water,
-    image: Int[np.ndarray, "1 some"],
-    x: Float[np.ndarray, "1 some"],
-    y: Float[np.ndarray, "1 some"],
-) -> tuple[Int[np.ndarray, "9 some"], Int[np.ndarray, "9 some"]]:
+    water: Water, image: _Squares, x: _Points, y: _Points
+) -> tuple[_Squares, _Squares]:
     """Return the rows and columns of each image and its eight neighbours, also off the map."""
     row, column = square(x, y)
     row = np.where(image >= 0, water.row[image], row)
@@ -373,9 +346,7 @@ def _squares_around(
     return row + up, column + right
 
 
-def _set_probabilities(
-    targets: Int[np.ndarray, "branches cells"], rho: float
-) -> Float[np.ndarray, "branches cells"]:
+def _set_probabilities(targets: _Squares, rho: float) -> _Points:
     """Compute the probability of each element of a set, the image first; 0 if it is repeated."""
     counts = np.ones(targets.shape, bool)
     for branch in range(1, len(targets)):
@@ -388,23 +359,19 @@ def _set_probabilities(
 
 
 def _with_uniform_boundary(
-    water: Water,
-    image: Int[np.ndarray, "branches cells"],
-    probability: Float[np.ndarray, "branches cells"],
-) -> tuple[Int[np.ndarray, "slots cells"], Float[np.ndarray, "slots cells"]]:
+    water: Water, image: _Squares, probability: _Points
+) -> tuple[_Squares, _Points]:
     """Map each cell at a coast or an edge to its neighbours and itself, with equal probability."""
     cells = np.flatnonzero(water.boundary)
+    # Existing neighbours come first, in their order.
     near = water.neighbor[:, cells]
-    slots = max(len(image), 1 + int((near >= 0).sum(axis=0).max(initial=0)))
+    near = np.vstack([cells, np.sort(np.where(near < 0, water.cells, near), axis=0)])
+    exists = near < water.cells
+    slots = max(len(image), exists.sum(axis=0).max(initial=0))
     more = ((0, slots - len(image)), (0, 0))
     image = np.pad(image, more, constant_values=_NONE)
     probability = np.pad(probability, more)
-    # Existing neighbours come first, in their order.
-    near = np.sort(np.where(near < 0, np.iinfo(np.int32).max, near), axis=0)
-    near = np.concatenate([cells[None], near])[:slots]
-    exists = near < water.cells
-    image[:, cells] = _NONE
-    probability[:, cells] = 0
-    image[: len(near), cells] = np.where(exists, near, _NONE)
-    probability[: len(near), cells] = exists / exists.sum(axis=0)
+    image[:, cells], probability[:, cells] = _NONE, 0
+    image[: len(near), cells] = np.where(exists, near, _NONE)[:slots]
+    probability[: len(near), cells] = (exists / exists.sum(axis=0))[:slots]
     return image, probability

@@ -31,6 +31,7 @@ from .water import Water
 _TAIL = 0.025
 # Longitudes of polygons may differ from the longitudes of cells by 360 degrees.
 _TURNS = (0.0, -360.0, 360.0)
+_share = functools.partial(derived, "region to_region", kind="share", listed=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -119,21 +120,19 @@ class Exchange(Result):
         ]
         return np.array(times) * self.hours
 
-    @derived(
-        "region to_region", "share of its drifters in each region then", kind="share", listed=True
-    )
+    @_share("share of its drifters in each region then")
     def share(self) -> Float[np.ndarray, "regions regions"]:
         return self.after @ self.inside.T
 
-    @derived("region to_region", "the same of simulated drifters", kind="share", listed=True)
+    @_share("the same of simulated drifters")
     def share_of_drifters(self) -> Float[np.ndarray, "regions regions"] | None:
         return None if self.arrived is None else self.arrived / self.released
 
-    @derived("region to_region", "1 in 40 below", kind="share", listed=True)
+    @_share("1 in 40 below")
     def low(self) -> Float[np.ndarray, "regions regions"] | None:
         return self._quantile(_TAIL, 0)
 
-    @derived("region to_region", "1 in 40 above", kind="share", listed=True)
+    @_share("1 in 40 above")
     def high(self) -> Float[np.ndarray, "regions regions"] | None:
         return self._quantile(1 - _TAIL, 1)
 
@@ -178,11 +177,10 @@ def read_regions(
     A square in the middle of the bundled sea:
 
         >>> import json, pathlib, tempfile
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water = drift.Water.of(currents)
-        >>> place = float(water.lon.mean()), float(water.lat.mean())
         >>> import shapely
+        >>> from jaxcell import drift, examples
+        >>> water, _ = examples.gyres()
+        >>> place = float(water.lon.mean()), float(water.lat.mean())
         >>> square = shapely.Point(place).buffer(0.05, cap_style="square")
         >>> feature = {"type": "Feature", "properties": {"name": "middle"},
         ...            "geometry": shapely.geometry.mapping(square)}

@@ -23,10 +23,8 @@ class Sea:
     Two layers of three cells; the water of the surface flows East, and the water below it West:
 
         >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> from jaxcell import drift, examples, mapping
+        >>> layers = [examples.water([[1, 1, 1]], depth) for depth in (0.0, 5.0)]
         >>> east, west = ([1, 2, 2], [0, 0, 1])
         >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
         >>> sea = drift.Sea.of(layers, chains)

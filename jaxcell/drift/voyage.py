@@ -11,10 +11,10 @@ from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
-from ..markov.decision import DecisionModel, policy_chain, value_iteration
+from ..markov.decision import DecisionModel, Optimum, policy_chain, value_iteration
 from ..markov.hitting import cell_mask
 from ..markov.passage import check_steps, start_distribution
-from ..markov.shortest_path import stochastic_shortest_path
+from ..markov.shortest_path import ShortestPath, stochastic_shortest_path
 from .sea import Sea
 
 
@@ -141,7 +141,7 @@ def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.9
     """
     model = voyage_model(sea, goal, discount)
     best = value_iteration(model, discount, throw=False)
-    return _voyage(sea, goal, best.policy, best.value, best.certificate)
+    return _voyage(sea, _at_goal(sea, goal), model, best, best.value)
 
 
 def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
@@ -172,7 +172,7 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
     chains, allowed = _actions(sea)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
     best = stochastic_shortest_path(model, in_goal, throw=False)
-    return _voyage(sea, goal, best.policy, None, best.certificate)
+    return _voyage(sea, in_goal, model, best, None)
 
 
 def simulate_voyages(
@@ -255,15 +255,12 @@ def _at_goal(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
 
 def _voyage(
     sea: Sea,
-    goal: npt.ArrayLike | int,
-    policy: Int[Array, "states"],
+    in_goal: Bool[np.ndarray, "states"],
+    model: DecisionModel,
+    best: Optimum | ShortestPath,
     value: Float[Array, "states"] | None,
-    certificate: Certificate,
 ) -> Voyage:
-    in_goal = _at_goal(sea, goal)
-    chains, allowed = _actions(sea)
-    taken = np.where(in_goal, np.int32(0), policy)
-    model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
+    taken = np.where(in_goal, np.int32(0), best.policy)
     loop = policy_chain(model, jax.device_put(taken))
     stay = np.arange(loop.image.shape[0])[:, None] == 0
     chain = Chain(
@@ -285,6 +282,6 @@ def _voyage(
         jax.device_put(np.where(probability == 1, conditional, np.inf)),
         jax.device_put(conditional),
         None if value is None else jax.device_put(begins(value)),
-        certificate,
+        best.certificate,
         arrival.certificate,
     )

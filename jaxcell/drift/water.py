@@ -135,6 +135,11 @@ class Water:
         return self.land & (self.coast != "strand")
 
     @property
+    def gaps(self) -> Bool[np.ndarray, "rows columns"]:
+        """The squares of sea without data."""
+        return (self.number < 0) & ~self.land
+
+    @property
     def gone(self) -> Bool[np.ndarray, "rows columns"]:
         """The squares off the map: a drifter that enters one has left."""
         return (self.number < 0) & ~self.closed

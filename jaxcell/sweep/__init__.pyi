@@ -1,4 +1,3 @@
-from .failures import Failure as Failure
 from .results import (
     SweepStatus as SweepStatus,
     open_sweep as open_sweep,
@@ -11,3 +10,4 @@ from .spec import Spec as Spec
 from .verify import Verified as Verified, verify_sweep as verify_sweep
 from .workers.engines import engine_named as engine_named, scheduler_address as scheduler_address
 from .workers.progress import Progress as Progress
+from .workers.work import Failure as Failure

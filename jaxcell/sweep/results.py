@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .failures import Failure
 from .storage.damage import reading
 from .storage.lock import holder
 from .storage.store import DONE, SweepStore
 from .workers.progress import read_down
+from .workers.work import Failure
 
 
 if TYPE_CHECKING:

@@ -3,12 +3,12 @@
 import contextlib
 import errno
 import os
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from .failures import Failure
 from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .storage.digests import made_with
@@ -16,10 +16,10 @@ from .storage.export import update_result
 from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
-from .workers.engines import Engine, Outcomes, engine_named
-from .workers.halving import Halving, Parts
+from .workers.engines import Engine, engine_named
+from .workers.halving import Halving
 from .workers.progress import Count, Progress, written_down
-from .workers.work import Computed, Job, failure, jax_is_wide, prepared
+from .workers.work import Computed, Failed, Failure, Job, failure, jax_is_wide, prepared
 
 
 def run_sweep(
@@ -95,7 +95,9 @@ def run_sweep(
             numbers = np.intersect1d(numbers, [*chunks])
         wanted = spec.chunk_count if chunks is None else len(chunks)
         count = Count(wanted, wanted - numbers.size)
-        work = Halving(spec, (_job(store, checked, int(number), wide) for number in numbers))
+        work = Halving(_job(store, checked, int(number), wide) for number in numbers)
+        # The failures in chunks that have not ended.
+        failures: defaultdict[int, list[Failure]] = defaultdict(list)
         with (
             written_down(folder) as write_down,
             contextlib.closing(start(work.take)) as outcomes,
@@ -108,40 +110,40 @@ def run_sweep(
                     progress(now)
 
             report(())
-            for parts in _ended(store, work, outcomes, max_failures):
-                failures = store.write(parts)
-                if not parts.open:
-                    count.add(parts.members)
-                report(failures)
+            for job, outcome in outcomes:
+                outcome = _checked(store, outcome)
+                if isinstance(outcome, Failed) and job.places.size > 1:
+                    work.split(job)
+                    continue
+                failures[job.number] += store.write(job, outcome)
+                ended = work.end(job)
+                count.add(job.places.size, ended)
+                if ended:
+                    report(failures.pop(job.number))
+                failed = count.failed + sum(map(len, failures.values()))
+                if max_failures is not None and failed > max_failures:
+                    break
+            for some in failures.values():
+                report(some)
         if chunks is None:
             update_result(store)
     return sweep_status(folder)
 
 
-def _ended(
-    store: SweepStore, work: Halving, outcomes: Outcomes, max_failures: int | None
-) -> Iterator[Parts]:
-    """Yield the chunks of a run as they end; after too many failures also unfinished chunks."""
-    for job, outcome in outcomes:
-        if isinstance(outcome, Computed):
-            try:
-                store.check(outcome)
-            except ValueError as error:
-                outcome = failure(error)
-        parts = work.settle(job, outcome)
-        if parts is not None:
-            yield parts
-        if max_failures is not None and work.failed > max_failures:
-            yield from work.begun.values()
-            return
+def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
+    """Replace a result whose variables differ from those of the first result by a failure."""
+    if isinstance(outcome, Computed):
+        try:
+            store.check(outcome)
+        except ValueError as error:
+            return failure(error)
+    return outcome
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
     """Make the job of the members of a chunk that are not done."""
-    chunk = spec.chunk(number)
-    job, missing = Job.of(spec, chunk, wide), (store.read(number)[0] != DONE).ravel()
-    # The job of a whole chunk includes the padding, so that all such jobs have the same length.
-    return job if missing.all() else job.part(spec.places(chunk)[missing])
+    job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
+    return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager

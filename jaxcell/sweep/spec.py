@@ -196,33 +196,18 @@ class Spec:
         return Chunk(number, index, region)
 
     def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """Make the parameters of the members of a chunk, in C order.
-
-        The batches of all chunks have the same length, so that JAX compiles a task once. The batch
-        of a smaller chunk at an edge is padded by the last member along that dimension.
-        """
-        places = np.meshgrid(
-            *(
-                np.minimum(part.start + np.arange(self.lengths[name]), size - 1)
-                for part, (name, size) in zip(chunk.region, self.dimensions.items(), strict=True)
-            ),
-            indexing="ij",
-        )
+        """Make the parameters of the members of a chunk, in C order."""
+        ranges = (np.arange(part.start, part.stop) for part in chunk.region)
+        places = np.meshgrid(*ranges, indexing="ij")
         along = dict(zip(self.dimensions, places, strict=True))
         return {
             parameter.name: parameter.values[along[parameter.dimension].ravel()]
             for parameter in self.parameters
         }
 
-    def places(self, chunk: Chunk) -> np.ndarray:
-        """Find the indices of the members in the batch of a chunk; other entries are padding."""
-        lengths = tuple(self.lengths.values())
-        inside = tuple(slice(length) for length in chunk.shape)
-        return np.arange(math.prod(lengths)).reshape(lengths)[inside].ravel()
-
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """Convert an index in the batch of a chunk to the index along each dimension."""
-        inside = np.unravel_index(place, tuple(self.lengths.values()))
+        """Convert the index of a member in a chunk to the index along each dimension."""
+        inside = np.unravel_index(place, chunk.shape)
         return {
             name: part.start + int(offset)
             for name, part, offset in zip(self.dimensions, chunk.region, inside, strict=True)

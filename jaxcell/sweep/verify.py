@@ -9,18 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import write_failures
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
-from .storage.contents import Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
 from .storage.export import digests_of_files, export, update_result
 from .storage.journal import JOURNAL, Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy, write_journal
-from .storage.records import Begun
+from .storage.records import Begun, Contents
 from .storage.store import DONE, SweepStore
 from .workers.engines import engine_named
 from .workers.progress import Progress
@@ -116,7 +114,7 @@ def verify_sweep(
             export(store)
         elif store.zarr.exists():
             update_result(store)
-        write_failures(folder / "failures.json", [*store.failures()])
+        store.write_failures()
         done = {*np.flatnonzero(store.states == DONE).tolist()}
     unmended = {f"chunk {number}" for number in were_done - done}
     if not done.issuperset(numbers):

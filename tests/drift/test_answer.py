@@ -1,6 +1,5 @@
 """The first lines of an answer about drifters."""
 
-import jax
 import numpy as np
 import pytest
 from seas import sea
@@ -48,19 +47,6 @@ def test_until_is_the_time_of_the_answer():
     assert limited.compared_hours[-1] == 48
     assert any("(median)" in line for line in whole.answer)
     assert not any("(median)" in line for line in limited.answer)
-
-
-def test_the_distance_at_the_time_that_is_asked_is_that_of_random_drifters():
-    found = answer_of(stream(4, 6.0), until=4 * DAY)
-    layer = found.layers[0]
-    steps = round(found.asked_hours * 3600 / found.step)
-    drifted = drift.simulate_drifters(
-        jax.random.key(0), layer.water, layer.flow, np.arange(layer.cells), found.step, steps,
-        drifters=40_000, substeps=32,
-    )  # fmt: skip
-    compared = drift.compare(layer.water, layer.behaviour.chain, drifted, [found.asked_hours])
-    assert found.distance == pytest.approx(compared.total_variation[0], abs=0.02)
-    assert found.drifters_left == pytest.approx((drifted.cell[-1] < 0).mean(), abs=0.01)
 
 
 def test_the_answer_says_where_drifters_go_and_how_sure_that_is():

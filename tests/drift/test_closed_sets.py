@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from seas import double_gyre, sea
+from seas import double_gyre, sea, water_and_flow
 
 from jaxcell import drift, mapping
 
@@ -12,8 +12,7 @@ from jaxcell import drift, mapping
 @pytest.fixture(scope="module")
 def gyres():
     """Two gyres side by side, and their maps by steps of 1 to 4 cells."""
-    currents = double_gyre(12, 24)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(double_gyre(12, 24))
     steps = [factor * drift.crossing_time(water, flow) for factor in (1, 2, 4)]
     method = drift.METHODS["drifters"]
     return water, {step: drift.drift_map(water, flow, method.lasting(step)) for step in steps}
@@ -30,19 +29,6 @@ def test_each_gyre_is_nearly_closed_for_all_steps(gyres):
         groups.append(mapping.persistent_groups(chain).count)
     # The groups, meanwhile, are those of the step.
     assert len(set(groups)) > 1
-
-
-def test_moving_parts_are_coherent_sets(gyres):
-    water, maps = gyres
-    step, chain = next(iter(maps.items()))
-    found = drift.nearly_closed_sets(water, chain, step, 3, hours=2 * step / 3600, moving=True)
-    assert found.steps == 2
-    assert (found.begin != found.end).any()
-    P = chain.to_scipy()
-    for number in range(found.count):
-        inside = found.begin == number
-        stays = (inside.astype(float) @ P @ P)[found.end == number].sum() / inside.sum()
-        assert found.leakage[number] == pytest.approx(1 - stays)
 
 
 def test_whole_periods_make_a_window_and_small_pieces_are_left_out():

@@ -2,14 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from seas import double_gyre, sea
+from seas import double_gyre, sea, water_and_flow
 
-from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.flow import Flow, crossing_time
-from jaxcell.drift.maps import drift_map
-from jaxcell.drift.step import DriftStep
-from jaxcell.drift.validation.coherent import agreement, ftle, ridges
-from jaxcell.drift.water import Water
+from jaxcell import drift
 
 
 def linear(gradient, n=41, dx=1000.0, dy=1000.0):
@@ -21,8 +16,8 @@ def linear(gradient, n=41, dx=1000.0, dy=1000.0):
 
 
 def middle(currents, duration, **options):
-    water = Water.of(currents)
-    grid = water.on_grid(ftle(water, Flow.of(currents), duration, **options))
+    water = drift.Water.of(currents)
+    grid = water.on_grid(drift.ftle(water, drift.Flow.of(currents), duration, **options))
     n = len(grid) // 2
     return grid[n - 2 : n + 3, n - 2 : n + 3]
 
@@ -40,10 +35,9 @@ def test_shear_stretches_at_its_rate(dx, dy):
     rate, time = 3e-5, 6 * 3600.0
     shear = rate * time
     expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
-    currents = linear(((0, rate), (0, 0)), dx=dx, dy=dy)
-    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
-    currents = linear(((0, 0), (rate, 0)), dx=dx, dy=dy)
-    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
+    for gradient in (((0, rate), (0, 0)), ((0, 0), (rate, 0))):
+        currents = linear(gradient, dx=dx, dy=dy)
+        np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
 
 
 def test_a_solid_body_does_not_stretch():
@@ -56,18 +50,18 @@ def test_a_cell_at_a_coast_has_an_exponent():
     wet[:15] = False
     x = np.broadcast_to((np.arange(41) - 20) * 1000.0, (41, 41))
     currents = sea(1e-5 * x, 0 * x, wet)
-    found = ftle(Water.of(currents), Flow.of(currents), 3600.0)
+    found = drift.ftle(drift.Water.of(currents), drift.Flow.of(currents), 3600.0)
     assert found.shape == (26 * 41,)
     assert np.isfinite(found).all()
 
 
 def test_ridges_are_the_crests_of_the_values():
     nothing = np.zeros((15, 15))
-    water = Water.of(sea(nothing, nothing))
+    water = drift.Water.of(sea(nothing, nothing))
     x, y = water.column, water.row
 
     def crest(values):
-        return water.on_grid(ridges(water, values), False)
+        return water.on_grid(drift.ridges(water, values), False)
 
     column = crest(-np.abs(x - 7.0))
     assert column[1:-1, 7].all()
@@ -82,53 +76,44 @@ def test_ridges_are_the_crests_of_the_values():
     assert not crest(np.zeros(225)).any()
     # Only what is high counts: of two crests the lower one does not.
     both = -np.minimum(np.abs(x - 4.0), np.abs(x - 10.0)) - 5 * (x > 7)
-    assert set(np.argwhere(water.on_grid(ridges(water, both, share=0.1), False))[:, 1]) == {4}
+    assert set(np.argwhere(water.on_grid(drift.ridges(water, both, share=0.1), False))[:, 1]) == {4}
 
 
 def test_borders_lie_on_ridges_in_the_double_gyre():
-    currents = double_gyre(21, 42)
-    water, flow = Water.of(currents), Flow.of(currents)
-    crossing = crossing_time(water, flow)
-    chain = drift_map(
-        water, flow, DriftStep(crossing, spread="sampled", edge="exit", method="rk4", substeps=4)
-    )
-    found = long_term_behaviour(chain, crossing)
-    ridge = ridges(water, ftle(water, flow, 20 * crossing, steps=200))
+    water, flow = water_and_flow(double_gyre(21, 42))
+    crossing = drift.crossing_time(water, flow)
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(crossing))
+    found = drift.long_term_behaviour(chain, crossing)
+    ridge = drift.ridges(water, drift.ftle(water, flow, 20 * crossing, steps=200))
     # Each half is a group; in the very middle of each there is a cell by itself.
     assert sorted(found.groups.size.tolist()) == [1, 1, 440, 440]
-    agree = agreement(water, np.asarray(found.groups.group), ridge)
+    agree = drift.agreement(water, np.asarray(found.groups.group), ridge)
     assert agree.near > 0.8
     assert agree.ratio > 5
     # Apart from the outer walls, the only ridge is the wall between the gyres.
     grid = water.on_grid(ridge, False)
     assert grid[2:-2, 20:22].any(axis=1).all()
     left = np.where(water.column < 21, 0, 1)
-    whole = agreement(water, left, ridge)
+    whole = drift.agreement(water, left, ridge)
     assert (whole.near, whole.expected) == (1, pytest.approx(agree.expected))
 
 
 def test_agreement_counts_cells():
     nothing = np.zeros((3, 6))
-    water = Water.of(sea(nothing, nothing))
+    water = drift.Water.of(sea(nothing, nothing))
     label = np.where(water.column < 3, 0, 1)
     ridge = (water.column == 4) & (water.row == 0)
-    found = agreement(water, label, ridge)
+    found = drift.agreement(water, label, ridge)
     # Of the cells in columns 2 and 3 those right of the border and low enough; of all 6 of 18.
     assert (found.near, found.expected) == (2 / 6, 6 / 18)
     assert found.ratio == 1
-    assert agreement(water, label, ridge, within=2).near == 1
-    assert math.isnan(agreement(water, label, np.zeros(18, bool)).ratio)
+    assert drift.agreement(water, label, ridge, within=2).near == 1
+    assert math.isnan(drift.agreement(water, label, np.zeros(18, bool)).ratio)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda w, f: ridges(w, np.zeros(32), share=0), "share: expected more than 0 and at most"),
-        (lambda w, f: agreement(w, np.zeros(32, int), np.zeros(32, bool)), "got no border"),
-        (lambda w, f: ftle(w, f, 0), "duration: expected a number of seconds other than 0"),
-    ],
-)
-def test_shares_labels_and_durations_out_of_range_are_refused(call, message):
-    currents = double_gyre(4, 8)
-    with pytest.raises(ValueError, match=message):
-        call(Water.of(currents), Flow.of(currents))
+def test_shares_and_labels_out_of_range_are_refused():
+    water = drift.Water.of(double_gyre(4, 8))
+    with pytest.raises(ValueError, match="share: expected more than 0 and at most"):
+        drift.ridges(water, np.zeros(32), share=0)
+    with pytest.raises(ValueError, match="got no border"):
+        drift.agreement(water, np.zeros(32, int), np.zeros(32, bool))

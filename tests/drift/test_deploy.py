@@ -5,15 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
-from small_seas import water
 
-from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.deployment import (
-    coverage_curve,
-    deployment_cells,
-    minimum_deployment,
-    visible_deployment,
-)
+from jaxcell import drift
+from jaxcell.examples import water
 from jaxcell.mapping import Chain, persistent_groups
 from jaxcell.optimize import greedy_cover
 
@@ -36,8 +30,8 @@ def by_definition(matrix, behaviour):
 
 @given(matrices())
 def test_deployment_covers_every_cell(matrix):
-    behaviour = long_term_behaviour(Chain.from_scipy(matrix), 1)
-    found = deployment_cells(behaviour)
+    behaviour = drift.long_term_behaviour(Chain.from_scipy(matrix), 1)
+    found = drift.deployment_cells(behaviour)
     part, reach = np.asarray(behaviour.transient.group), closure(matrix)
     assert found.cells.tolist() == by_definition(matrix, behaviour)
     assert reach[found.cells].any(axis=0).all()
@@ -55,7 +49,7 @@ def test_deployment_covers_every_cell(matrix):
 def test_no_smaller_deployment_reaches_all_cells(matrix):
     reach = closure(matrix)
     cells = range(len(matrix))
-    found = minimum_deployment(Chain.from_scipy(matrix))
+    found = drift.minimum_deployment(Chain.from_scipy(matrix))
     assert reach[found].any(axis=0).all()
     smaller = itertools.combinations(cells, found.size - 1)
     assert not any(reach[list(chosen)].any(axis=0).all() for chosen in smaller)
@@ -65,8 +59,8 @@ def test_no_smaller_deployment_reaches_all_cells(matrix):
 def test_the_curve_is_greedy(matrix):
     reach = closure(matrix)
     chain = Chain.from_scipy(matrix)
-    fewest = minimum_deployment(chain)
-    found = coverage_curve(chain)
+    fewest = drift.minimum_deployment(chain)
+    found = drift.coverage_curve(chain)
     expected = greedy_cover(reach[fewest])
     assert found.cells.tolist() == fewest[expected.chosen].tolist()
     assert found.covered.tolist() == np.cumsum(expected.gained).tolist()
@@ -100,7 +94,7 @@ def test_cameras_see_cells_wholly_within_their_disc(seed, reach):
             for right, up in itertools.product((-0.5, 0.5), repeat=2)
         ]
         sees[i, j] = np.hypot(*np.transpose(corners)).max() <= reach * 1000
-    found = visible_deployment(here, reach * 1000, staying(cells, []))
+    found = drift.visible_deployment(here, reach * 1000, staying(cells, []))
     assert found.cover.tolist() == greedy_cover(sees).chosen.tolist()
     assert sees[found.cover].any(axis=0).all()
     # Every cell is a group of its own: none is left out.
@@ -110,8 +104,8 @@ def test_cameras_see_cells_wholly_within_their_disc(seed, reach):
 def test_the_fewest_views_are_found_in_time():
     here = water(np.ones((7, 7), bool))
     groups = staying(49, [])
-    greedy = visible_deployment(here, 1600.0, groups)
-    found = visible_deployment(here, 1600.0, groups, seconds=20)
+    greedy = drift.visible_deployment(here, 1600.0, groups)
+    found = drift.visible_deployment(here, 1600.0, groups, seconds=20)
     assert greedy.least is None
     # A disc of 1600 m holds a cell and the four beside it: the domination number of a 7 x 7 grid
     # (OEIS A104519).
@@ -120,15 +114,15 @@ def test_the_fewest_views_are_found_in_time():
 
 def test_a_group_keeps_its_first_cell():
     here = water(np.ones((6, 6), bool))
-    cover = visible_deployment(here, 1600.0, staying(36, [])).cover
+    cover = drift.visible_deployment(here, 1600.0, staying(36, [])).cover
     inside = np.sort(cover[2:5])
-    found = visible_deployment(here, 1600.0, staying(36, [inside]))
+    found = drift.visible_deployment(here, 1600.0, staying(36, [inside]))
     np.testing.assert_array_equal(found.cover, cover)
     np.testing.assert_array_equal(found.cells, np.delete(cover, [3, 4]))
     # Transient cells stay.
     image = np.full((1, 36), 35)
     leads = persistent_groups(Chain(image, np.ones((1, 36))))
-    np.testing.assert_array_equal(visible_deployment(here, 1600.0, leads).cells, cover)
+    np.testing.assert_array_equal(drift.visible_deployment(here, 1600.0, leads).cells, cover)
 
 
 @pytest.mark.parametrize(
@@ -142,4 +136,4 @@ def test_a_group_keeps_its_first_cell():
 )
 def test_views_out_of_range_are_refused(shape, reach, cells, message):
     with pytest.raises(ValueError, match=message):
-        visible_deployment(water(np.ones(shape, bool)), reach, staying(cells, []))
+        drift.visible_deployment(water(np.ones(shape, bool)), reach, staying(cells, []))

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from seas import sea
+from seas import sea, water_and_flow
 
 from jaxcell import bundled, drift
 from jaxcell.drift import Sampling
@@ -12,8 +12,7 @@ from jaxcell.drift.validation.distance import nearest_maps
 @pytest.fixture(scope="module")
 def eastward():
     """The water and the flow of a tenth of a cell a second to the East."""
-    currents = sea(np.full((4, 9), 100.0), np.zeros((4, 9)), np.ones((4, 9), bool))
-    return drift.Water.of(currents), drift.Flow.of(currents)
+    return water_and_flow(sea(np.full((4, 9), 100.0), np.zeros((4, 9)), np.ones((4, 9), bool)))
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +22,7 @@ def eddies():
     columns = columns.T
     east, north = np.sin(columns) * np.cos(rows), -np.cos(columns) * np.sin(rows)
     # In six hours they go by some seven cells.
-    currents = sea(0.6 * east, 0.6 * north)
-    return drift.Water.of(currents), drift.Flow.of(currents)
+    return water_and_flow(sea(0.6 * east, 0.6 * north))
 
 
 def test_an_exact_map_has_distance_0(eastward):
@@ -98,8 +96,7 @@ def test_the_distance_of_a_cell_is_that_of_its_drifters(eddies):
 def test_drifters_that_leave_in_a_long_step_do_not_come_back():
     # A part of an eddy, whose other half is off the map to the South.
     x, y = np.meshgrid(np.arange(21) - 10.0, np.arange(10) + 0.5)
-    currents = sea(-y * 0.02, x * 0.02)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(sea(-y * 0.02, x * 0.02))
     seconds = 1.8 * np.pi * 1000 / 0.02
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
     (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(seconds / 3600,))
@@ -108,8 +105,7 @@ def test_drifters_that_leave_in_a_long_step_do_not_come_back():
 
 
 def test_the_step_depends_on_the_time_that_is_asked():
-    currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0))
     options = drift.METHODS["drifters"]
     short, long = (drift.nearest_step([water], [flow], options, hours) for hours in (6, 48))
     assert short.duration <= 1.5 * 3600
@@ -145,7 +141,7 @@ def test_few_drifters_per_cell_give_the_same_distance(eddies):
     np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
 
 
-def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward):
+def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward, monkeypatch):
     water, flow = eastward
     options = drift.METHODS["drifters"]
     # It flows across a cell in five hours on average, and turns every six hours.
@@ -160,6 +156,7 @@ def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward):
     worst = [one.total_variation.max() for one in compared]
     found = drift.nearest_step([water], [tide], options, 120).duration
     assert found == pytest.approx(steps[int(np.argmin(worst))])
-    found, made = nearest_maps([water], [tide], [tide.mean()], options, most_cells=0)
+    monkeypatch.setattr("jaxcell.drift.validation.distance.MOST_CELLS", 0)
+    found, made = nearest_maps([water], [tide], [tide.mean()], options)
     assert found.duration == pytest.approx(10 * 3600)
     assert made is None

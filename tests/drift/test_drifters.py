@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
-from seas import double_gyre, sea
+from seas import double_gyre, sea, water_and_flow
 
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.maps import drift_map
@@ -13,8 +13,7 @@ from jaxcell.drift.water import Water
 
 def uniform(east, north, dx=900.0, dy=900.0):
     """The same current everywhere on 9 x 9 cells."""
-    currents = sea(np.full((9, 9), east), np.full((9, 9), north), dx=dx, dy=dy)
-    return Water.of(currents), Flow.of(currents)
+    return water_and_flow(sea(np.full((9, 9), east), np.full((9, 9), north), dx=dx, dy=dy))
 
 
 def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
@@ -69,8 +68,7 @@ def test_disturbed_drifters_are_turned(getkey):
 
 
 def test_the_chain_of_a_rigid_shift_is_exact(getkey):
-    currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
-    water, flow = Water.of(currents), Flow.of(currents)
+    water, flow = water_and_flow(sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0))
     chain = drift_map(water, flow, DriftStep(900.0, rho=1.0, edge="exit"))
     drifted = simulate_drifters(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=300)
     found = compare(water, chain, drifted)
@@ -82,8 +80,7 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
 
 
 def test_comparisons_are_those_of_the_definitions(getkey):
-    currents = double_gyre(12, 24)
-    water, flow = Water.of(currents), Flow.of(currents)
+    water, flow = water_and_flow(double_gyre(12, 24))
     duration = crossing_time(water, flow)
     chain = drift_map(water, flow, DriftStep(duration, edge="exit"))
     steps = round(12 * 3600 / duration)
@@ -108,37 +105,11 @@ def test_comparisons_are_those_of_the_definitions(getkey):
         assert found.hours[k] == pytest.approx(step * duration / 3600)
 
 
-def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
-    currents = double_gyre(12, 24)
-    water, flow = Water.of(currents), Flow.of(currents)
-    duration = 2 * crossing_time(water, flow)
-    steps = round(24 * 3600 / duration) + 1
-    drifted = simulate_drifters(
-        getkey(), water, flow, [62, 63, 64], duration, steps, drifters=20_000
-    )
-    apart = {}
-    for spread, rho in (("sampled", 1.0), ("turned", 1.0), ("turned", 0.6)):
-        chain = drift_map(
-            water,
-            flow,
-            DriftStep(duration, rho=rho, spread=spread, edge="exit", method="rk4", substeps=8),
-        )
-        apart[spread, rho] = compare(water, chain, drifted)
-    first = {way: found.total_variation[0] for way, found in apart.items()}
-    # After one step the sampled map is as good as the drifters can tell.
-    assert first["sampled", 1.0] < 0.1 < first["turned", 1.0] < first["turned", 0.6]
-    for found in apart.values():
-        assert ((found.sampling >= 0) & (found.sampling < 0.1)).all()
-        assert ((found.total_variation >= 0) & (found.total_variation <= 1)).all()
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"cells": 32}, "cell 32 does not exist; cells are 0 to 31"),
-        ({"rho": -0.1}, "rho: expected a probability"),
         ({"drifters": 0}, "1 drifter or more, got 2 and 0"),
-        ({"duration": 0.0}, "duration: expected a number of seconds other than 0"),
         ({}, r"hours: expected times from 0 to 0.5, got \[1, 12, 24\]"),
         ({"side": 3}, "chain: expected one of 32 cells, got one of 9"),
     ],

@@ -255,16 +255,12 @@ def test_layers_have_cells_of_their_own():
         (lambda c: Flow.of(c, 0, 3), "record 3 does not exist; there are 1"),
         (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, steps=0), "steps: expected 1 or more"),
         (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, method="leap"), "got 'leap'"),
-        (
-            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep()),
-            "the water stands still everywhere",
-        ),
-        (
-            lambda c: flow_map(still(2, 2), Flow.of(c), DriftStep(1.0)),
-            r"over the \[2, 2\] squares of this water, got one over \[3, 3\]",
-        ),
+        (lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep()),
+         "the water stands still everywhere"),
+        (lambda c: flow_map(still(2, 2), Flow.of(c), DriftStep(1.0)),
+         r"over the \[2, 2\] squares of this water, got one over \[3, 3\]"),
     ],
-)
+)  # fmt: skip
 def test_bad_input_is_refused(call, message):
     nothing = np.zeros((3, 3))
     with pytest.raises(ValueError, match=message):

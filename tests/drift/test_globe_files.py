@@ -18,9 +18,7 @@ def flat(lon, u=None):
     """A file on longitudes and latitudes; the current tells the longitude and the row."""
     lon = np.asarray(lon, float)
     u = 0.001 * (lon % 360) + np.arange(ROWS)[:, None] if u is None else u
-    time = products.hours(count=1)
-    plain = products.regular(values=(u, -0.25), lon=lon, lat=LAT, time=time)
-    return plain.rename(latitude="lat", longitude="lon")
+    return products.regular(values=(u, -0.25), lon=lon, lat=LAT, time=products.hours(count=1))
 
 
 def opened(tmp_path, dataset, **options):

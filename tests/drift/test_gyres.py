@@ -4,23 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seas import water_and_flow
 
+from jaxcell import drift
 from jaxcell.base.certificate import Outcome
-from jaxcell.drift import (
-    DriftStep,
-    Flow,
-    Sea,
-    Water,
-    crossing_time,
-    deployment_cells,
-    diagnose,
-    discounted_voyage,
-    drift_map,
-    long_term_behaviour,
-    open_currents,
-    reachable,
-    surest_voyage,
-)
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -28,20 +15,19 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 
 @pytest.fixture(scope="module")
 def surface():
-    currents = open_currents(GYRES, time=1)
-    return Water.of(currents), Flow.of(currents)
+    return water_and_flow(drift.open_currents(GYRES, time=1))
 
 
 def test_each_eddy_of_the_surface_gathers_drifters(surface):
     water, flow = surface
-    step = crossing_time(water, flow)
-    found = long_term_behaviour(drift_map(water, flow, DriftStep(step)), step)
+    step = drift.crossing_time(water, flow)
+    found = drift.long_term_behaviour(drift.drift_map(water, flow, drift.DriftStep(step)), step)
     # One in the western basin and two in the eastern one, and water that leads to any of them.
     assert found.groups.size.tolist() == [17, 26, 61]
     assert found.transient.domiciles == ((0,), (1,), (2,), (0, 1, 2))
-    assert diagnose(water, flow, found.groups, DriftStep(step)).warning is None
-    chosen = deployment_cells(found)
-    assert reachable(found.chain, chosen.cells).all()
+    assert drift.diagnose(water, flow, found.groups, drift.DriftStep(step)).warning is None
+    chosen = drift.deployment_cells(found)
+    assert drift.reachable(found.chain, chosen.cells).all()
     # As in the source, it takes longest where it is open in which group a drifter ends.
     hours = np.asarray(found.hours)
     mean = [hours[found.transient.group == part].mean() for part in range(4)]
@@ -49,27 +35,29 @@ def test_each_eddy_of_the_surface_gathers_drifters(surface):
 
 
 def test_an_eddy_that_holds_drifters_beyond_64_bits_is_reported():
-    currents = open_currents(GYRES, time=12)
-    water, flow = Water.of(currents), Flow.of(currents)
-    step = 0.9 * crossing_time(water, flow)
+    water, flow = water_and_flow(drift.open_currents(GYRES, time=12))
+    step = 0.9 * drift.crossing_time(water, flow)
     # The matrix of the times is singular to rounding.
-    found = long_term_behaviour(drift_map(water, flow, DriftStep(step)), step)
+    found = drift.long_term_behaviour(drift.drift_map(water, flow, drift.DriftStep(step)), step)
     assert found.absorption.certificate.outcome is not Outcome.CONVERGED
-    assert reachable(found.chain, deployment_cells(found).cells).all()
+    assert drift.reachable(found.chain, drift.deployment_cells(found).cells).all()
     with pytest.raises(RuntimeError, match="absorption_times"):
-        long_term_behaviour(found.chain, step, throw=True)
+        drift.long_term_behaviour(found.chain, step, throw=True)
 
 
 def test_voyages_pass_such_an_eddy():
-    currents = open_currents(GYRES, time=1)
+    currents = drift.open_currents(GYRES, time=1)
     layers = range(currents.sizes["layer"])
-    waters = [Water.of(currents, layer) for layer in layers]
-    flows = [Flow.of(currents, layer) for layer in layers]
-    step = np.mean([crossing_time(*one) for one in zip(waters, flows, strict=True)])
-    maps = [drift_map(*one, DriftStep(float(step))) for one in zip(waters, flows, strict=True)]
-    sea = Sea.of(waters, maps)
+    waters = [drift.Water.of(currents, layer) for layer in layers]
+    flows = [drift.Flow.of(currents, layer) for layer in layers]
+    step = np.mean([drift.crossing_time(*one) for one in zip(waters, flows, strict=True)])
+    maps = [
+        drift.drift_map(*one, drift.DriftStep(float(step)))
+        for one in zip(waters, flows, strict=True)
+    ]
+    sea = drift.Sea.of(waters, maps)
     for goal in (120, 400):
-        voyage = discounted_voyage(sea, goal)
+        voyage = drift.discounted_voyage(sea, goal)
         assert voyage.certificate.outcome is Outcome.CONVERGED
         assert (np.asarray(voyage.probability) == 1).all()
-        assert (np.asarray(surest_voyage(sea, goal).probability) == 1).all()
+        assert (np.asarray(drift.surest_voyage(sea, goal).probability) == 1).all()

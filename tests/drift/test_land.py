@@ -1,5 +1,6 @@
 """Land, sea without data, and the edge of the grid, and the rules for drifters there."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 import shapely
 from drift import products
 from hypothesis import given, settings, strategies as st
-from seas import land_of_the_channel, sea
+from seas import land_of_the_channel, sea, water_and_flow
 
 from jaxcell import drift
 from jaxcell.base.formatting import format_value
@@ -270,6 +271,15 @@ def test_simulated_drifters_leave_as_the_map_says(coast):
     assert gone[1] == pytest.approx(1 - float(share.sum()), abs=0.02)
 
 
+def test_drifters_that_left_do_not_diffuse_back():
+    water, flow, _ = strait()
+    flow = dataclasses.replace(flow, diffusivity=20.0)
+    found = drift.simulate_drifters(jax.random.key(0), water, flow, 0, 2000, 8, drifters=2000)
+    gone = found.cell < 0
+    assert 0 < gone[4].mean() < 1
+    assert (np.diff(gone.astype(int), axis=0) >= 0).all()
+
+
 def test_water_slips_along_a_coast_and_does_not_cross_it():
     wet = np.ones((4, 5), bool)
     wet[0] = False  # a coast in the South, along which the water goes to the East
@@ -323,13 +333,10 @@ def test_gaps_connect_water_and_land_parts_it(seed):
     np.testing.assert_array_equal(water.piece, piece[wet])
 
 
-def test_drifters_do_not_strand_where_the_edge_is_closed():
+def test_closed_edges_and_unknown_rules_at_the_coast_are_refused():
     water, flow, _ = strait(coast="strand")
     with pytest.raises(ValueError, match="coast: expected the edge 'exit' with 'strand'"):
         drift.drift_map(water, flow, drift.DriftStep(3000))
-
-
-def test_unknown_rules_at_the_coast_are_refused():
     with pytest.raises(ValueError, match="coast: expected 'hold', 'slip' or 'strand'"):
         strait(coast="bounce")
 
@@ -342,8 +349,7 @@ def test_drifters_leave_by_the_edge_that_the_current_leads_to(quarters, axis, si
     along = [going, still] if axis == 0 else [still, going]
     # The columns of the grid go to the East, North, West or South, and the current by the compass.
     angle = quarters * np.pi / 2
-    currents = sea(*along, angle=angle)
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(sea(*along, angle=angle))
     layer = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
     edge = EDGES[axis + (1 - sign)]
     assert layer.mean_leaving_by_way[EXITS.index(f"edge in the {edge}")] == pytest.approx(1)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 from drift.products import refused, write
 
 from jaxcell.drift import Water, open_currents
@@ -83,13 +84,8 @@ def test_a_grid_of_mitgcm_round_the_earth_has_the_side_at_the_seam():
 
 
 def test_ecco_on_longitudes_and_latitudes_is_read():
-    row, column = np.indices((3, 4))
-    dims = ("latitude", "longitude")
-    file = xr.Dataset(
-        {"EVEL": (dims, row / 10.0), "NVEL": (dims, column / 10.0)},
-        {"latitude": [1.0, 2.0, 3.0], "longitude": [1.0, 2.0, 3.0, 4.0]},
-    )
-    currents = open_currents(file)
+    row, column = np.indices((products.ROWS, products.COLUMNS))
+    currents = open_currents(products.regular("EVEL", "NVEL", (row / 10, column / 10)))
     np.testing.assert_allclose(currents.u.values[0, 0], row / 10)
     assert currents.attrs["east_from"].startswith("EVEL")
 
@@ -134,24 +130,13 @@ def test_positions_in_metres_are_refused(tmp_path):
 def test_longitudes_with_a_hole_begin_after_it(turned):
     lon = np.array([0.0, 1.0, 2.0, 357.0, 358.0, 359.0])
     lon = lon[::-1] if turned else lon
-    u = np.broadcast_to(lon / 1000, (3, 6)).copy()
-    dims = ("latitude", "longitude")
-    file = xr.Dataset(
-        {"uo": (dims, u), "vo": (dims, 0 * u)}, {"latitude": [1.0, 2.0, 3.0], "longitude": lon}
-    )
-    currents = open_currents(file)
+    currents = open_currents(products.regular(values=(lon / 1000, 0), lon=lon, lat=[1.0, 2, 3]))
     np.testing.assert_array_equal(currents.lon[0], [-3, -2, -1, 0, 1, 2])
     np.testing.assert_allclose(currents.u.values[0, 0, 0] * 1000, [357, 358, 359, 0, 1, 2])
     np.testing.assert_allclose(currents.dx[0], currents.dx[0, 0], rtol=1e-3)
 
 
-def test_declared_radians_are_radians(tmp_path):
-    row, column = np.indices((3, 4))
-    dims = ("latitude", "longitude")
-    lon, lat = np.radians([10.0, 11, 12, 13]), np.radians([40.0, 41, 42])
-    about = {"units": "radians"}
-    file = xr.Dataset(
-        {"uo": (dims, row / 10.0), "vo": (dims, column / 10.0)},
-        {"latitude": ("latitude", lat, about), "longitude": ("longitude", lon, about)},
-    )
+def test_declared_radians_are_radians():
+    file = products.regular(lon=np.radians([10.0, 11, 12, 13]), lat=np.radians([40.0, 41, 42]))
+    file.longitude.attrs["units"] = file.latitude.attrs["units"] = "radians"
     np.testing.assert_allclose(open_currents(file).lon[0], [10, 11, 12, 13])

@@ -78,8 +78,8 @@ def globe(lat, curved=False, wet=True):
     lon = np.arange(0.0, 360, 30)
     flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)
     time = products.hours(count=1)
-    plain = products.regular(values=(flow, flow), lon=lon, lat=lat, time=time)
-    plain = plain.rename(latitude="lat", longitude="lon")
+    dims = "time", "lat", "lon"
+    plain = products.regular(values=(flow, flow), lon=lon, lat=lat, time=time, dims=dims)
     if not curved:
         return plain
     rows = plain.drop_vars(["lat", "lon"]).rename(lat="y", lon="x")

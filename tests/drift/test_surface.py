@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
+from drift import products
 
 from jaxcell import drift
 
@@ -14,26 +14,17 @@ STOKES = "sea_surface_wave_stokes_drift_{}ward_velocity"
 def dataset():
     """Two records and two depths, with land in one square, wind and Stokes drift."""
     random = np.random.default_rng(1)
-    moving, surface = ("time", "depth", "lat", "lon"), ("time", "lat", "lon")
-    shape = (2, 2, 3, 4)
-    fields = {name: (moving, random.uniform(-1, 1, shape)) for name in ("uo", "vo")}
-    for name in ("uwnd", "vwnd"):
-        wind = random.uniform(-20, 20, (2, 3, 4))
-        wind[:, 0, 0] = np.nan
-        fields[name] = (surface, wind, {"units": "m s-1"})
+    surface = "time", "latitude", "longitude"
+    currents, winds = random.uniform(-1, 1, (2, 2, 2, 3, 4)), random.uniform(-20, 20, (2, 2, 3, 4))
+    currents[..., 0, 0] = winds[..., 0, 0] = np.nan
+    place = {"lon": 5 + 0.1 * np.arange(4), "lat": 40 + 0.1 * np.arange(3), "depth": [0.0, 10.0]}
+    found = products.regular(values=currents, time=products.hours(count=2), **place)
+    for name, wind in zip(("uwnd", "vwnd"), winds, strict=True):
+        found[name] = surface, wind, {"units": "m s-1"}
     for name, way in (("a", "east"), ("b", "north")):
         about = {"standard_name": STOKES.format(way), "units": "cm/s"}
-        fields[name] = (surface, random.uniform(-30, 30, (2, 3, 4)), about)
-    for name in ("uo", "vo"):
-        fields[name][1][:, :, 0, 0] = np.nan
-    hours = {"units": "hours since 2020-01-01", "standard_name": "time"}
-    coordinates = {
-        "time": ("time", [0.0, 6.0], hours),
-        "depth": ("depth", [0.0, 10.0], {"units": "m", "positive": "down"}),
-        "lat": ("lat", [40.0, 40.1, 40.2]),
-        "lon": ("lon", [5.0, 5.1, 5.2, 5.3]),
-    }
-    return xr.Dataset(fields, coordinates)
+        found[name] = surface, random.uniform(-30, 30, (2, 3, 4)), about
+    return found
 
 
 @pytest.mark.parametrize("mean", [False, True])

@@ -7,11 +7,12 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
-from seas import sea
+from seas import sea, water_and_flow
 
 from jaxcell import bundled, drift, study, verify
 from jaxcell.drift.flow import in_squares
 from jaxcell.drift.validation.replay import Sampling
+from jaxcell.examples import water
 from jaxcell.mapping import Chain, ChainSequence
 
 
@@ -133,8 +134,7 @@ def test_a_deployment_takes_cells_to_which_no_taken_cell_leads(shifting):
 def tidal_sea():
     """Two layers of nine cells, and their matrices at three phases; the sea of them."""
     random = np.random.default_rng(6)
-    number, side = np.arange(9, dtype=np.int32).reshape(1, 9), np.full((1, 9), 1000.0)
-    waters = [drift.Water(number, side, side, *[0 * side] * 3, depth) for depth in (0.0, 5.0)]
+    waters = [water(np.ones((1, 9), bool), depth) for depth in (0.0, 5.0)]
     matrices = np.zeros((2, 3, 9, 9))
     for layer, phase, cell in np.ndindex(2, 3, 9):
         to = np.clip(cell + random.integers(-2, 3, 2), 0, 8)
@@ -199,8 +199,7 @@ def test_reached_cells_are_reached_at_some_phase(tidal_sea):
 
 
 def test_layers_of_different_phases_are_refused():
-    number, side = np.zeros((1, 1), np.int32), np.full((1, 1), 1000.0)
-    waters = [drift.Water(number, side, side, *[0 * side] * 3, depth) for depth in (0.0, 5.0)]
+    waters = [water(np.ones((1, 1), bool), depth) for depth in (0.0, 5.0)]
     still = Chain(np.zeros((1, 1), np.int32), np.ones((1, 1)))
     with pytest.raises(ValueError, match=r"as many phases in each layer, got \[1, 2\]"):
         drift.Sea.of(waters, [still, ChainSequence.of([still, still])])
@@ -227,8 +226,7 @@ def test_a_step_is_changed_to_fit_the_period():
 
 
 def test_drifters_begin_in_separate_parts_of_a_large_sea():
-    currents = strait(rows=6, columns=12).isel(time=slice(1))
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    water, flow = water_and_flow(strait(rows=6, columns=12).isel(time=slice(1)))
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(STEP))
     sampling = Sampling(drifters=400, part=3)
     (found,) = drift.distances(water, flow, [(chain, STEP)], sampling)

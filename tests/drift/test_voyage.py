@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from small_seas import random_sea, water
+from small_seas import random_sea
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift.sea import Sea
@@ -15,6 +15,7 @@ from jaxcell.drift.voyage import (
     surest_voyage,
     voyage_model,
 )
+from jaxcell.examples import water
 from jaxcell.mapping import Chain
 from jaxcell.markov import first_passage, hitting_times
 

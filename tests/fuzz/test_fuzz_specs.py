@@ -1,5 +1,7 @@
 """Damaged specifications of sweeps, and specifications with any numbers."""
 
+import math
+
 import pytest
 from hypothesis import example, given, strategies as st
 from mutations import cases, damaged, limits, place, reads_or_refuses
@@ -46,8 +48,9 @@ def use(path):
     """Read a specification, and its last chunk."""
     spec = Spec.load(path)
     chunk = spec.chunk(spec.chunk_count - 1)
-    assert len(spec.batch(chunk)) == len(spec.parameters)
-    assert spec.places(chunk).size
+    batch = spec.batch(chunk)
+    assert len(batch) == len(spec.parameters)
+    assert all(values.size == math.prod(chunk.shape) > 0 for values in batch.values())
 
 
 def test_undamaged_specifications_are_read(tmp_path):

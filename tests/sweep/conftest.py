@@ -1,4 +1,5 @@
 import pytest
+import sweep_stub
 from sweep_kills import tree
 
 from jaxcell.sweep import Spec, run_sweep
@@ -31,6 +32,30 @@ def stub_spec(spec_file):
         return Spec.load(spec_file(fixed=fixed, head="chunk = 4", **others))
 
     return loaded
+
+
+@pytest.fixture
+def task(monkeypatch):
+    """The batches that the task was asked for, and the values of `x` with which it fails."""
+    calls, bad = [], set()
+    kept = sweep_stub.stub
+
+    def picky(batch, fixed, seed):
+        calls.append({name: values.tolist() for name, values in batch.items()})
+        if bad & set(calls[-1]["x"]):
+            raise RuntimeError("no")
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", picky)
+    return calls, bad
+
+
+@pytest.fixture
+def calls(tmp_path):
+    """A folder in which each call of the stub leaves a file."""
+    folder = tmp_path / "calls"
+    folder.mkdir()
+    return folder
 
 
 @pytest.fixture

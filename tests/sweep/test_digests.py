@@ -24,11 +24,16 @@ def task(batch, fixed, seed):
 
 
 @pytest.fixture
-def begun(tmp_path, monkeypatch):
-    """A sweep of three files, of which the last two chunks are still to do."""
+def importable(tmp_path, monkeypatch):
+    """Modules are imported from the current folder, and leave nothing there."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+
+@pytest.fixture
+def begun(importable, tmp_path, monkeypatch):
+    """A sweep of three files, of which the last two chunks are still to do."""
     (tmp_path / "user_task.py").write_text(TASK.replace("FACTOR", "1"))
     importlib.invalidate_caches()
     for name in "123":
@@ -68,11 +73,8 @@ def test_a_changed_module_of_the_task_is_refused(begun, tmp_path):
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
+def package(importable, tmp_path):
     """A task in a package of modules, of which one is imported within a function."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     files = {
         "lab_pkg/__init__.py": "",
         "lab_pkg/task.py": "from . import walls\nfrom .deep.angles import *\n" + TASK,

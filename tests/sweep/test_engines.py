@@ -21,6 +21,10 @@ from jaxcell.sweep.workers.work import Computed, Failed, Job
 
 
 TESTS = Path(sweep_kills.__file__).parent
+ONE_WORKER = {
+    **{"n_workers": 1, "threads_per_worker": 1, "processes": False},
+    **{"protocol": "tcp://", "dashboard_address": ":0"},
+}
 LOCAL_QUEUE = 'LocalCluster(cores=1, memory="1GB", interface="lo")'
 
 
@@ -80,9 +84,7 @@ def test_the_engine_processes_gives_the_same_bytes(stub_spec, tmp_path, whole):
 
 
 @pytest.mark.usefixtures("forked")
-def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
-    calls = tmp_path / "calls"
-    calls.mkdir()
+def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path, calls):
     # Chunks 1 and 4 have it; the first of them to come kills its worker, once.
     spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"\nfolder = "{calls}"')
     found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
@@ -127,13 +129,7 @@ def test_a_job_that_hangs_takes_no_other_with_it():
 def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
     # Jobs that are over in no time leave none for a look each second.
     monkeypatch.setattr("jaxcell.sweep.workers.engines.LOOK_SECONDS", 0.01)
-    with LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=False,
-        protocol="tcp://",
-        dashboard_address=":0",
-    ) as cluster:
+    with LocalCluster(**ONE_WORKER) as cluster:
         address = cluster.scheduler_address.replace("tcp://", "dask://")
         take, taken = jobs_of(60, task="sweep_stub:who", seconds=0.02)
         ahead, names = [], []
@@ -154,13 +150,7 @@ def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
 
 def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
     file, spec = tmp_path / "scheduler.json", str(spec_file(text="[grid]\nx = {count = 4}"))
-    with LocalCluster(
-        n_workers=1,
-        processes=False,
-        protocol="tcp://",
-        dashboard_address=":0",
-        scheduler_kwargs={"scheduler_file": str(file)},
-    ) as cluster:
+    with LocalCluster(**ONE_WORKER, scheduler_kwargs={"scheduler_file": str(file)}) as cluster:
         assert scheduler_address(file) == cluster.scheduler_address
         out = str(tmp_path / "out")
         options = ["--scheduler-file", str(file), "--json"]
@@ -206,19 +196,14 @@ def test_wrong_timeouts_are_refused():
 
 
 @pytest.mark.usefixtures("forked")
-def test_workers_end_with_the_run(stub_spec, tmp_path):
-    calls = tmp_path / "calls"
-    calls.mkdir()
+def test_workers_end_with_the_run(stub_spec, tmp_path, calls):
     spec = stub_spec(f'seconds = 0.05\nfolder = "{calls}"', text="[grid]\nx = {count = 400}")
-
-    class StopError(Exception):
-        pass
 
     def stop(progress):
         if progress.done == 1:
-            raise StopError
+            raise KeyboardInterrupt
 
-    with pytest.raises(StopError):
+    with pytest.raises(KeyboardInterrupt):
         run_sweep(spec, tmp_path / "out", engine="processes", workers=1, progress=stop)
     count = len(list(calls.iterdir()))
     assert 0 < count < 100
@@ -277,9 +262,7 @@ def test_killed_sweeps_of_workers_are_resumed(stub_spec, tmp_path, engine, kills
     assert counts["kills"] >= kills
 
 
-def test_workers_of_a_killed_run_end(stub_spec, tmp_path):
-    calls = tmp_path / "calls"
-    calls.mkdir()
+def test_workers_of_a_killed_run_end(stub_spec, tmp_path, calls):
     spec = stub_spec(f'seconds = 0.05\nfolder = "{calls}"', text="[grid]\nx = {count = 8000}")
     program = (
         "import sys; from jaxcell.sweep import *\n"
@@ -302,9 +285,7 @@ def test_workers_of_a_killed_run_end(stub_spec, tmp_path):
     assert sweep_status(tmp_path / "out").running is None
 
 
-def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
-    calls = tmp_path / "calls"
-    calls.mkdir()
+def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path, calls):
     spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
     found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
     assert [one.parameters for one in found.failures] == [{"x": 1}]

@@ -4,28 +4,15 @@ import functools
 import itertools
 
 import numpy as np
-import pytest
-import sweep_stub
 from sweep_kills import damage_chunk, tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.workers.progress import Count, read_down, written_down
 
 
-@pytest.fixture
-def task(monkeypatch):
-    """The batches that the task was asked for, and the values of `x` with which it fails."""
-    calls, bad = [], set()
-    kept = sweep_stub.stub
-
-    def picky(batch, fixed, seed):
-        calls.append(batch["x"].tolist())
-        if bad & set(calls[-1]):
-            raise RuntimeError("no")
-        return kept(batch, fixed, seed)
-
-    monkeypatch.setattr(sweep_stub, "stub", picky)
-    return calls, bad
+def values(calls):
+    """The values of `x` of each call of the task."""
+    return [batch["x"] for batch in calls]
 
 
 def test_a_resume_computes_the_members_that_failed(stub_spec, tmp_path, whole, task):
@@ -37,12 +24,12 @@ def test_a_resume_computes_the_members_that_failed(stub_spec, tmp_path, whole, t
     bad.discard(5)
     found = run_sweep(spec, out, resume=True)
     # Four chunks have failures: of x 0 to 3 and of x 4 to 7.
-    assert calls == [[1], [5, 6], [5], [6]] * 2
+    assert values(calls) == [[1], [5, 6], [5], [6]] * 2
     assert [one.parameters["x"] for one in found.failures] == [1, 6, 1, 6]
     bad.clear()
     calls.clear()
     assert run_sweep(spec, out, resume=True).complete
-    assert calls == [[1], [6]] * 2
+    assert values(calls) == [[1], [6]] * 2
     assert tree(out) == whole
 
 
@@ -53,14 +40,14 @@ def test_a_run_that_stopped_at_failures_is_resumed_with_the_missing_members(
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     bad |= {2}
     assert len(run_sweep(spec, out, max_failures=0).failures) == 1
-    assert calls == [[0, 1, 2, 3], [0, 1], [2, 3], [2]]
+    assert values(calls) == [[0, 1, 2, 3], [0, 1], [2, 3], [2]]
     with open_sweep(out) as dataset:
         assert dataset.status.values[0].tolist() == [1, 1, 2, 0] + [0] * 6
         assert dataset["count"].values[0, :4].tolist() == [0, 1, -1, -1]
     bad.clear()
     calls.clear()
     assert run_sweep(spec, out, resume=True).complete
-    assert calls[0] == [2, 3]
+    assert values(calls)[0] == [2, 3]
     assert len(calls) == 6
     assert tree(out) == whole
 
@@ -74,7 +61,7 @@ def test_members_that_fail_after_growth_do_not_change_older_members(stub_spec, t
     calls.clear()
     bad |= {4}
     found = run_sweep(large, tmp_path / "out", resume=True)
-    assert calls == [[2, 4], [2], [4]]
+    assert values(calls) == [[2, 4], [2], [4]]
     assert [one.parameters for one in found.failures] == [{"x": 4}]
     with open_sweep(tmp_path / "out") as dataset, open_sweep(tmp_path / "whole") as expected:
         assert dataset.status.values.tolist() == [1, 1, 1, 2]
@@ -83,7 +70,7 @@ def test_members_that_fail_after_growth_do_not_change_older_members(stub_spec, t
         assert np.isnan(dataset.value.sel(x=4))
     bad.clear()
     assert run_sweep(large, tmp_path / "out", resume=True).complete
-    assert calls[3:] == [[4]]
+    assert values(calls)[3:] == [[4]]
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
@@ -97,7 +84,7 @@ def test_growth_computes_members_that_failed_again(stub_spec, tmp_path, task):
     bad.clear()
     calls.clear()
     assert run_sweep(large, tmp_path / "out", resume=True).complete
-    assert sorted(x for call in calls for x in call) == [2, 3, 4]
+    assert sorted(x for some in values(calls) for x in some) == [2, 3, 4]
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 

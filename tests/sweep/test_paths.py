@@ -88,3 +88,29 @@ def test_all_files_of_a_list_are_found(study):
     asked = read_study(Drift, {"file": found})
     assert asked.file == tuple(map(Path, found))
     assert read_study(Drift, {"file": found[0]}).file == (Path(found[0]),)
+
+
+def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp_path, monkeypatch):
+    there, here = tmp_path / "specs", tmp_path / "here"
+    for path in (there / "a.json", there / "both.json", here / "both.json", here / "b.json"):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    monkeypatch.chdir(here)
+    maps = f'["a.json", "both.json", "../here/b.json", "b.json", "{tmp_path}/none.json"]'
+    (there / "spec.toml").write_text(
+        f'task = "groups"\n[fixed]\ncollision = "swept"\n[grid]\nbounce = [1]\nmap = {maps}\n'
+    )
+    spec = Spec.load("../specs/spec.toml")
+    found = with_files_found(spec)
+    assert found.batch(found.chunk(0))["map"].tolist() == [
+        *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
+        f"{here}/b.json",
+        f"{tmp_path}/none.json",
+    ]
+    assert found.fixed == {"collision": "swept"}
+    text = (there / "spec.toml").read_text().replace('"b.json"', '"c.json"')
+    (there / "spec.toml").write_text(text)
+    with pytest.raises(
+        ValueError, match=rf"spec.toml: map: there is no file 'c.json' in {there} nor in {here}"
+    ):
+        run_sweep(Spec.load("../specs/spec.toml"), tmp_path / "out")

@@ -113,20 +113,14 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         part = spec.chunk(number)
         assert part.number == number
         batch = spec.batch(part)
-        assert {len(array) for array in batch.values()} == {length}
-        # All of the batch lies in the chunk, and all of the chunk in the batch.
         rows = list(zip(*(batch[name].tolist() for name in names), strict=True))
-        own = list(itertools.product(*(range(one.start, one.stop) for one in part.region)))
-        assert set(rows) == set(own)
-        if len(own) == length:
-            assert rows == own
-        places = spec.places(part)
-        assert [rows[place] for place in places] == own
-        for place in places:
-            index = spec.index(part, int(place))
-            assert tuple(index.values()) == rows[place]
+        assert 0 < len(rows) <= length
+        assert rows == list(itertools.product(*(range(one.start, one.stop) for one in part.region)))
+        for place, row in enumerate(rows):
+            index = spec.index(part, place)
+            assert tuple(index.values()) == row
             assert spec.member(index) == index
-        seen += own
+        seen += rows
     assert sorted(seen) == list(itertools.product(*map(range, sizes)))
 
 
@@ -149,10 +143,8 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("[grid]\nx = [9223372036854775808]", "grid.x: expected integers of 64 bits"),
         ("[grid]\nx = {count = 0}", "grid.x: count: expected a number from 1"),
         ("[grid]\nx = {start = 0, stop = 3}", "the fields start, stop"),
-        (
-            "[grid]\nx = {start = 0, stop = 3, step = 0}",
-            "grid.x: there are no values from 0 up to 3",
-        ),
+        ("[grid]\nx = {start = 0, stop = 3, step = 0}",
+         "grid.x: there are no values from 0 up to 3"),
         ("[grid]\nx = {start = 0, stop = 3, step = -1}", "grid.x: there are no values"),
         ("[grid]\nx = {start = 0, stop = inf, num = 3}", "grid.x: stop: expected a finite number"),
         ("[grid]\nx = {start = 0, stop = 1e30, step = 1}", "grid.x: the number of values"),
@@ -161,10 +153,8 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ('[grid]\n"a/b" = [1]', "'a/b': expected a name of letters"),
         ("[list]\nx = [1]\ny = [1, 2]", r"\[list\]: expected lists of one length, got x 1, y 2"),
         ("[grid]\nx = [1]\n[list]\nx = [1]", "x is in two of the tables"),
-        (
-            "[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}",
-            "expected only one of them",
-        ),
+        ("[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}",
+         "expected only one of them"),
         ("[random]\nx = {uniform = [0, 1]}", "random.samples: expected a number from 1"),
         ("[random]\nsamples = 3", r"\[random\]: expected a distribution"),
         ("[random]\nsamples = 3\nx = {gauss = [0, 1]}", "random.x: expected one of {uniform}"),
@@ -180,7 +170,7 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("chunk = 1\n[grid]\nx = {count = 1000001}", "chunk: 1000001 chunks"),
         ("task = ", "Invalid value"),
     ],
-)
+)  # fmt: skip
 def test_the_error_of_a_specification_names_the_field(tmp_path, text, named):
     if not text.startswith("task"):
         text = 'task = "a:b"\n' + text

@@ -1,6 +1,7 @@
 """A component of the velocity, read record by record at the centres of the cells."""
 
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +13,8 @@ from .masks import Mask, part, read_mask
 from .models.roms import to_centres
 from .netcdf import OceanFile
 
+
+_Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 
 FASTEST_CURRENT = 10.0
 """The largest speed in m/s; faster currents are taken for an undeclared fill value or unit."""
@@ -46,13 +49,7 @@ class Component:
     flags: list[Flag]
     "The variables that mark bad values."
 
-    def at(
-        self, record: int
-    ) -> tuple[
-        Float[np.ndarray, "levels y x"],
-        Bool[np.ndarray, "levels y x"],
-        Float[np.ndarray, "levels y x"],
-    ]:
+    def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
 
         **Returns:** the velocity in m/s; the mask of the cells with an open side, of the two sides;
@@ -82,7 +79,7 @@ class Component:
         inner = self.inner
         return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
 
-    def _check_speed(self, values: Float[np.ndarray, "levels y x"], record: int) -> None:
+    def _check_speed(self, values: _Levels, record: int) -> None:
         fast = np.abs(values) > FASTEST_CURRENT
         if fast.any():
             level, row, column = np.argwhere(fast)[0]

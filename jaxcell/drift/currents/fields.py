@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -16,6 +17,11 @@ from .masks import Mask, read_mask
 from .models.roms import at_height
 from .netcdf import OceanFile
 from .velocity import Velocity
+
+
+_Levels: TypeAlias = Float[np.ndarray, "levels y x"]
+_Layers: TypeAlias = Float[np.ndarray, "layers y x"]
+_Mask: TypeAlias = Bool[np.ndarray, "layers y x"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,8 +64,10 @@ class FieldReader:
     @functools.cached_property
     def components(self) -> list[Component]:
         """The components of the velocity."""
+        return self._components(self.layers.places)
+
+    def _components(self, places: Int[np.ndarray, " levels"] | None) -> list[Component]:
         both = ((self.velocity.u, self.velocity.u_axes), (self.velocity.v, self.velocity.v_axes))
-        places = self.layers.places
         return [component(self.file, name, axes, self.grid, places) for name, axes in both]
 
     @functools.cached_property
@@ -160,12 +168,7 @@ class FieldReader:
         notes += why
         return Field(layers.depth[kept], u, v, water[kept], land[kept], tuple(notes))
 
-    def _land(
-        self,
-        seen: Bool[np.ndarray, "layers y x"],
-        deep: Bool[np.ndarray, "layers y x"],
-        water: Bool[np.ndarray, "layers y x"],
-    ) -> tuple[Bool[np.ndarray, "layers y x"], list[str]]:
+    def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
         """Mark land and the sea bed among the squares that are not water, with notes.
 
         A square with a velocity at any record is sea. A square below such a square is the sea bed.
@@ -200,12 +203,9 @@ class FieldReader:
 
     def _seen_at(self, level: int) -> Bool[np.ndarray, "y x"]:
         """Mark the cells with a velocity at a level, at the first record."""
-        both = ((self.velocity.u, self.velocity.u_axes), (self.velocity.v, self.velocity.v_axes))
-        values = (
-            component(self.file, name, axes, self.grid, np.array([level])).at(int(self.records[0]))
-            for name, axes in both
-        )
-        return np.all([np.isfinite(value[0]) for value, _, _ in values], axis=0)
+        both = self._components(np.array([level]))
+        values = [component.at(int(self.records[0]))[0] for component in both]
+        return np.all([np.isfinite(value[0]) for value in values], axis=0)
 
     def _notes(self) -> list[str]:
         """Describe the mask, the surface, the sides and the flags of the velocity."""
@@ -218,13 +218,7 @@ class FieldReader:
         flags = (flag.note for component in self.components for flag in component.flags)
         return notes + list(dict.fromkeys(flags))
 
-    def _on_layers(
-        self, x: Float[np.ndarray, "levels y x"], y: Float[np.ndarray, "levels y x"], record: int
-    ) -> tuple[
-        Float[np.ndarray, "layers y x"],
-        Float[np.ndarray, "layers y x"],
-        Bool[np.ndarray, "layers y x"],
-    ]:
+    def _on_layers(self, x: _Levels, y: _Levels, record: int) -> tuple[_Layers, _Layers, _Mask]:
         """Interpolate a velocity from levels to layers, and mark the squares below the sea bed."""
         surface = np.zeros(self.bed.shape)
         if self.surface is not None:
@@ -256,9 +250,7 @@ class FieldReader:
             f"are land and water exchanged? ({'; '.join(dict.fromkeys(why.values()))})",
         )
 
-    def _check_reach(
-        self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "layers y x"]
-    ) -> None:
+    def _check_reach(self, heights: _Levels, wanted: _Layers) -> None:
         """Raise if a height is more than a layer above or below the levels of the file."""
         levels, grid = self.layers.s_levels, self.grid
         assert levels is not None
@@ -279,7 +271,7 @@ class FieldReader:
             )
 
     def _with_water(
-        self, water: Bool[np.ndarray, "layers y x"], moving: Bool[np.ndarray, "records layers"]
+        self, water: _Mask, moving: Bool[np.ndarray, "records layers"]
     ) -> Bool[np.ndarray, " layers"]:
         """Mark the layers with water, and raise for other layers if they were chosen.
 
@@ -313,9 +305,7 @@ class FieldReader:
         )
 
 
-def _moves(
-    x: Float[np.ndarray, "levels y x"], y: Float[np.ndarray, "levels y x"]
-) -> Bool[np.ndarray, "y x"]:
+def _moves(x: _Levels, y: _Levels) -> Bool[np.ndarray, "y x"]:
     """Mark the cells with a current other than 0 at some level."""
     speed = np.hypot(x, y)
     return ((speed > 0) & (speed <= FASTEST_CURRENT)).any(axis=0)

@@ -6,20 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from . import sphere
 from .axes.dimensions import Axes, is_rectangular
 from .netcdf import OceanFile
-from .sphere import (
-    curvilinear_sides,
-    eastward_order,
-    folded_rows,
-    goes_round,
-    inside,
-    northward_order,
-    overlapping_columns,
-    rectangular_sides,
-    repeated_columns,
-    wrapped,
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,19 +54,19 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         _in_degrees(file, name, file.read(file.dataset[name])) for name in (axes.lon, axes.lat)
     )
     notes = []
-    if again := repeated_columns(lon_in_file):
+    if again := sphere.repeated_columns(lon_in_file):
         lon_in_file = lon_in_file[:-again]
         notes.append(f"{axes.lon}: {_columns(again)} at the end repeated the first; left out")
     try:
-        columns = eastward_order(lon_in_file)
+        columns = sphere.eastward_order(lon_in_file)
     except ValueError as error:
         raise file.error(axes.lon, str(error)) from error
     try:
-        rows = northward_order(lat_in_file)
+        rows = sphere.northward_order(lat_in_file)
     except ValueError as error:
         raise file.error(axes.lat, str(error)) from error
-    lon, lat = wrapped(lon_in_file[columns]), lat_in_file[rows]
-    whole = goes_round(lon[None], np.zeros((1, lon.size)))
+    lon, lat = sphere.wrapped(lon_in_file[columns]), lat_in_file[rows]
+    whole = sphere.goes_round(lon[None], np.zeros((1, lon.size)))
     if (lon_in_file >= 180).any():
         notes.append(f"{axes.lon}: {lon_in_file.min():g} to {lon_in_file.max():g} wrapped")
     if columns[0] > columns[1] or (np.diff(columns) < 0).any():
@@ -86,8 +75,8 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         notes.append(f"{axes.lat}: rows turned to begin in the South")
     y, x = np.arange(len(rows)), np.arange(len(columns))
     if box is not None:
-        x = np.flatnonzero(inside(lon, np.full_like(lon, box[1]), box))
-        y = np.flatnonzero(inside(np.full_like(lat, box[0]), lat, box))
+        x = np.flatnonzero(sphere.inside(lon, np.full_like(lon, box[1]), box))
+        y = np.flatnonzero(sphere.inside(np.full_like(lat, box[0]), lat, box))
         if x.size == 0 or y.size == 0:
             raise _outside(file, box, lon, lat)
         if whole and x.size < lon.size:  # bounds across the seam: begin at the western bound
@@ -96,7 +85,7 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     if wraps:
         notes.append(_round(axes.lon))
     file.check_size(axes.lon, {axes.y: len(y), axes.x: len(x)}, arrays=5)
-    dx, dy = rectangular_sides(lon, lat, y, x, wraps=whole)
+    dx, dy = sphere.rectangular_sides(lon, lat, y, x, wraps=whole)
     lon_grid, lat_grid = np.meshgrid(lon[x], lat[y])
     return OceanGrid(
         rows[y], columns[x], lon_grid, lat_grid, dx, dy,
@@ -116,19 +105,19 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         return np.broadcast_to(values, tuple(sizes.values()))[:, kept]
 
     lon, lat = (_in_degrees(file, name, read(name)) for name in (axes.lon, axes.lat))
-    lon = wrapped(lon)
+    lon = sphere.wrapped(lon)
     rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
     # Of two repeated columns one at each end is left out, so that kept columns have both sides.
-    again = overlapping_columns(lon, lat)
+    again = sphere.overlapping_columns(lon, lat)
     inner = slice(again // 2, columns.size - (again - again // 2))
-    wraps = goes_round(lon[:, inner], lat[:, inner])
+    wraps = sphere.goes_round(lon[:, inner], lat[:, inner])
     if wraps and again:
         kept = inner
         lon, lat, columns = lon[:, kept], lat[:, kept], columns[kept]
         notes.append(f"{axes.lon}: {_columns(again)} at the ends repeated others; left out")
-    dx, dy, angle, turn = curvilinear_sides(lon, lat, wraps=wraps)
-    closed = rows >= rows.size - folded_rows(lon, lat)
+    dx, dy, angle, turn = sphere.curvilinear_sides(lon, lat, wraps=wraps)
+    closed = rows >= rows.size - sphere.folded_rows(lon, lat)
     turn[closed] = np.nan
     if (turn < 0).any() and (turn > 0).any():
         j, i = np.argwhere((turn < 0) != (np.nanmedian(turn) < 0))[0]
@@ -152,7 +141,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         dx, dy = read("e1t"), read("e2t")
     part = np.arange(columns.size)
     if box is not None:
-        within = inside(lon, lat, box)
+        within = sphere.inside(lon, lat, box)
         if not within.any():
             raise _outside(file, box, lon, lat)
         y, x = (np.flatnonzero(within.any(axis=axis)) for axis in (1, 0))
@@ -189,7 +178,7 @@ def _angle(
         return angle, "the variable angle"
     units = {"radians": angle, "degrees": np.radians(angle)}
     off = {
-        unit: float(np.degrees(np.median(np.abs(_turn(values - computed)[known]))))
+        unit: float(np.median(np.abs(sphere.wrapped(np.degrees(values - computed))[known])))
         for unit, values in units.items()
     }
     unit = min(off, key=lambda unit: off[unit])
@@ -216,11 +205,6 @@ def _in_degrees(
 ) -> Float[np.ndarray, "*shape"]:
     """Convert positions that the file declares to be in radians."""
     return np.degrees(values) if _declares_radians(file, name) else values
-
-
-def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
-    """Wrap angles in radians to the interval from -pi to pi."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _columns(count: int) -> str:
@@ -252,9 +236,9 @@ def _bounds(file: OceanFile, bounds: Sequence[float | int]) -> _Box:
 def _outside(file: OceanFile, box: _Box, lon: np.ndarray, lat: np.ndarray) -> ValueError:
     west, east = lon[0], lon[-1]
     if lon.ndim > 1:
-        eastward = wrapped(lon - lon[0, 0])
-        west = wrapped(lon[0, 0] + np.nanmin(eastward))
-        east = wrapped(lon[0, 0] + np.nanmax(eastward))
+        eastward = sphere.wrapped(lon - lon[0, 0])
+        west = sphere.wrapped(lon[0, 0] + np.nanmin(eastward))
+        east = sphere.wrapped(lon[0, 0] + np.nanmax(eastward))
     return file.error(
         "bounds",
         f"{box}: no cell is within them; the file goes from {west:g} to {east:g} "

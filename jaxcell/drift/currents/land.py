@@ -100,8 +100,13 @@ def _read_land(path: str, version: tuple[int, int]) -> Land:
     """Read a file; results are cached until its time or size, the `version`, changes."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
+    shapes: Any
     try:
-        shapes = _geojson(path) if reader is None else _shapes(reader, path)
+        if reader is None:
+            shapes = shapely.from_geojson(Path(path).read_text())
+        else:
+            with reader(path) as file:
+                shapes = [shapely.geometry.shape(one) for one in file.iterShapes()]
     except Exception as error:  # the exceptions for damaged files are not documented
         raise ValueError(
             f"{path}: cannot be read as GeoJSON or a shapefile: {error_line(error)}"
@@ -135,15 +140,6 @@ def _bundled_polygons() -> np.ndarray:
         offsets = arrays["rings"], arrays["polygons"]
     corners = np.cumsum(steps, axis=0) * _DIGITS
     return shapely.from_ragged_array(shapely.GeometryType.POLYGON, corners, offsets)
-
-
-def _geojson(path: str) -> shapely.Geometry:
-    return shapely.from_geojson(Path(path).read_text())
-
-
-def _shapes(reader: Any, path: str) -> list[shapely.Geometry]:
-    with reader(path) as file:
-        return [shapely.geometry.shape(shape.__geo_interface__) for shape in file.iterShapes()]
 
 
 def _steps(

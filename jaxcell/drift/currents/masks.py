@@ -1,7 +1,6 @@
 """The mask of a file: the variable that separates water from land."""
 
 import dataclasses
-import functools
 import re
 from typing import Any
 
@@ -65,8 +64,9 @@ def read_mask(
         water = [value for value, words in meanings.items() if _about(words, _WATER, _LAND)]
         if land and water:
             rest = [value for value in meanings if value not in land]
-            values = read(name)
-            wet = _off(values, rest) < _off(values, land)
+            # In packed files values are rounded, so the nearest flag counts.
+            away = (np.abs(np.subtract.outer(flags, read(name))) for flags in (rest, land))
+            wet = np.less(*(distance.min(axis=0) for distance in away))
             listed = ", ".join(f"{value:g}" for value in land)
             return Mask(name, wet, f"{listed} is land, by its flags")
     for name, variable in candidates.items():
@@ -114,10 +114,3 @@ def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
 def _about(words: str, expected: set[str], others: set[str]) -> bool:
     present = set(re.findall("[a-z]+", words.lower()))
     return bool(present & expected) and not present & others
-
-
-def _off(
-    values: Float[np.ndarray, "levels y x"], wanted: list[float]
-) -> Float[np.ndarray, "levels y x"]:
-    """Compute the distance between each value and the nearest wanted value."""
-    return functools.reduce(np.minimum, (np.abs(values - value) for value in wanted))

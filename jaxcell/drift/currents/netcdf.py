@@ -102,19 +102,18 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     engine = netcdf_engine(path)
     with unwarned():
         try:
-            sizes = _sizes_read(path) if engine == "netcdf4" else {}
+            too_long = _too_long(path) if engine == "netcdf4" else {}
+            dataset = xr.Dataset() if too_long else open_undecoded(path, engine)
         except Exception as error:  # as above
-            raise _unreadable(name, error) from error
-        for field, size in sizes.items():
-            if size > _MAX_READ:
-                raise ValueError(
-                    f"{name}: {field}: expected at most {_MAX_READ:,} values of a coordinate or of "
-                    f"text, got {size:,}"
-                )
-        try:
-            dataset = open_undecoded(path, engine)
-        except Exception as error:  # as above
-            raise _unreadable(name, error) from error
+            raise ValueError(
+                f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
+                f"{error_line(error)}"
+            ) from error
+        for field, size in too_long.items():
+            raise ValueError(
+                f"{name}: {field}: expected at most {_MAX_READ:,} values of a coordinate or of "
+                f"text, got {size:,}"
+            )
         with dataset:
             yield OceanFile(name, dataset)
 
@@ -151,21 +150,15 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     return "scipy" if magic in (b"CDF\1", b"CDF\2") else "netcdf4"
 
 
-def _sizes_read(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the sizes of variables that xarray reads when it opens a file: coordinates, text."""
+def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
+    """Return the sizes of coordinates and texts, which xarray reads at once, that are too long."""
     with netCDF4.Dataset(path) as file:
         return {
-            name: math.prod(variable.shape)
+            name: size
             for name, variable in file.variables.items()
-            if variable.dimensions == (name,) or variable.dtype is str
+            if (variable.dimensions == (name,) or variable.dtype is str)
+            and (size := math.prod(variable.shape)) > _MAX_READ
         }
-
-
-def _unreadable(name: str, error: Exception) -> ValueError:
-    return ValueError(
-        f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
-        f"{error_line(error)}"
-    )
 
 
 def error_line(error: Exception) -> str:

@@ -13,9 +13,9 @@ from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .land import read_land
-from .models.roms import turned
 from .netcdf import OceanFile
 from .sources import Source, open_source, source_name
+from .sphere import turned
 from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
 
@@ -57,9 +57,8 @@ def open_currents(
     depth of the sea bed, or else a coastline: a square that contains land is land.
 
     If the columns go round the Earth, repeated columns are left out, and all computations go on
-    across the seam, which `notes` mentions. If the file lacks the sides of cells at the seam, cells
-    beside the seam have the velocity of their other side. Rows that repeat others because the grid
-    is folded in the North are closed, as land.
+    across the seam. Rows that repeat others because the grid is folded in the North are closed, as
+    land.
 
     **Arguments:**
 

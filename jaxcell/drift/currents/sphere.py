@@ -1,9 +1,13 @@
 """Cells on the Earth: the order of coordinates, sides in metres, and the angle of the x axis."""
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
+
+_Cells: TypeAlias = Float[np.ndarray, "y x"]
 
 EARTH_RADIUS = 6371000.0
 
@@ -37,7 +41,7 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
     return again
 
 
-def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
+def overlapping_columns(lon: _Cells, lat: _Cells) -> int:
     """Count the last columns of a grid that repeat its first columns, often one or two."""
     most = min(_MAX_REPEATED, lon.shape[1] // 2)
     first = on_sphere(lon[:, : most + 1], lat[:, : most + 1])
@@ -51,7 +55,7 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
     return 0
 
 
-def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
+def folded_rows(lon: _Cells, lat: _Cells) -> int:
     """Count the last rows that repeat other rows, because the grid is folded there.
 
     If the fold is between two rows, the last row repeats the previous row, reversed. If the fold is
@@ -74,7 +78,7 @@ def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) ->
     return 0
 
 
-def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> bool:
+def goes_round(lon: _Cells, lat: _Cells) -> bool:
     """Return whether the last column of a grid is beside the first, so that its rows are circles.
 
     The rows must go once round the Earth, with a seam as wide as the spacing of columns beside it.
@@ -147,7 +151,7 @@ def rectangular_sides(
     columns: Int[np.ndarray, " x"],
     *,
     wraps: bool = False,
-) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
+) -> tuple[_Cells, _Cells]:
     """Compute the sides in metres of cells between meridians and parallels.
 
     A cell extends half way to its neighbours; at the edge of the grid, as far outward as inward.
@@ -164,13 +168,8 @@ def rectangular_sides(
 
 
 def curvilinear_sides(
-    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"], *, wraps: bool = False
-) -> tuple[
-    Float[np.ndarray, "y x"],
-    Float[np.ndarray, "y x"],
-    Float[np.ndarray, "y x"],
-    Float[np.ndarray, "y x"],
-]:
+    lon: _Cells, lat: _Cells, *, wraps: bool = False
+) -> tuple[_Cells, _Cells, _Cells, _Cells]:
     """Compute the sides and directions of the cells of any grid of at least 2 x 2 centres.
 
     Along each axis a side is half the straight line between the two neighbours of a cell; at the
@@ -181,12 +180,11 @@ def curvilinear_sides(
     y axis, which is negative where the grid is a mirror image.
     """
     longitude, latitude = np.radians(lon), np.radians(lat)
-    cos_lon, sin_lon = np.cos(longitude), np.sin(longitude)
-    cos_lat, sin_lat = np.cos(latitude), np.sin(latitude)
+    cos_lon, sin_lon, sin_lat = np.cos(longitude), np.sin(longitude), np.sin(latitude)
     east = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)])
-    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])
-    centre = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat])
-    around = np.pad(centre, ((0, 0), (0, 0), (1, 1)), mode="wrap") if wraps else centre
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, np.cos(latitude)])
+    around = on_sphere(lon, lat)
+    around = np.pad(around, ((0, 0), (0, 0), (1, 1)), mode="wrap") if wraps else around
     along_y, along_x = np.gradient(around, axis=(1, 2))
     if wraps:
         along_y, along_x = along_y[:, :, 1:-1], along_x[:, :, 1:-1]
@@ -205,6 +203,14 @@ def on_sphere(
     """Return the unit vectors from the centre of the Earth to places in degrees."""
     east, north = np.radians(lon), np.radians(lat)
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
+
+
+def turned(
+    x: Float[np.ndarray, "*any"], y: Float[np.ndarray, "*any"], angle: Float[np.ndarray, "..."]
+) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
+    """Turn vectors counter-clockwise by an angle in radians, as from the axes of a grid to East."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return x * cos - y * sin, x * sin + y * cos
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:

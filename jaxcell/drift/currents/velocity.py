@@ -106,14 +106,11 @@ def _by_name(file: OceanFile) -> _Pair:
         if named := file.named(row.names):
             u, v = named
             return _Pair(u, v, row.along)
-    topology = (
-        str(name)
-        for name, variable in file.dataset.variables.items()
-        if variable.attrs.get("cf_role") == "mesh_topology"
-    )
-    schism = (str(name) for name, v in file.dataset.variables.items() if on_nodes(v.dims))
-    if (mesh := next(topology, None) or next(schism, None)) is not None:
-        raise unstructured(file, mesh)
+    variables = file.dataset.variables.items()
+    meshes = [str(name) for name, v in variables if v.attrs.get("cf_role") == "mesh_topology"]
+    meshes += [str(name) for name, v in variables if on_nodes(v.dims)]
+    if meshes:
+        raise unstructured(file, meshes[0])
     raise file.error("variables", f"no velocity found; the file has {_all(file)}; {_NAME_THEM}")
 
 

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -19,8 +20,8 @@ from .moves import CountedMoves, Spread, bootstrap
 from .trajectories import Trajectories
 
 
-_SQUARES = "layer y x"
-_LAND = "NaN: too few drifters were there"
+_PADDING = "NaN: too few drifters were there"
+_share = functools.partial(derived, "layer y x", units="1", kind="share", padding=_PADDING)
 # The answers from each resampled chain about the whole map, and the number of answers per cell.
 _OF_ALL = "persistent groups", "cells of persistent groups", "median hours to the end", "share left"
 _OF_CELLS = 3
@@ -54,16 +55,8 @@ class ObservedDrift(SeaLayers):
     title: ClassVar[str] = "Long-term behaviour of drifters that were observed"
     tables: ClassVar[Mapping[str, str]] = {"estimate": "estimates"}
     brief: ClassVar[tuple[str, ...]] = (
-        *(
-            "persistent_groups",
-            "mean_leaving",
-            "median_hours",
-            "drifters",
-            "observations",
-            "drogued_share",
-        ),
-        *("moves",),
-        *("cells", "step", "estimate"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifters", "observations"),
+        *("drogued_share", "moves", "cells", "step", "estimate"),
     )
 
     seen: Trajectories
@@ -150,35 +143,23 @@ class ObservedDrift(SeaLayers):
     estimates_low = _of_all("low", "1 in 20 below")
     estimates_high = _of_all("high", "1 in 20 above")
 
-    @derived(_SQUARES, "moves that are known from the cell", kind="count")
+    @derived("layer y x", "moves that are known from the cell", kind="count")
     def count(self) -> Int[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self.counted.count.astype(np.int64), 0)
 
-    @derived(_SQUARES, "error of the absorption time", "h", kind="time", padding=_LAND)
+    @derived("layer y x", "error of the absorption time", "h", kind="time", padding=_PADDING)
     def absorption_time_error(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self._of_cells(self.spread.error, 1))
 
-    @derived(
-        _SQUARES,
-        "share of the draws in which the cell is in a persistent group",
-        "1",
-        kind="share",
-        padding=_LAND,
-    )
+    @_share("share of the draws in which the cell is in a persistent group")
     def persistent_share(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self._of_cells(self.spread.mean, 0))
 
-    @derived(
-        _SQUARES,
-        "share of drifters in the cell at that time, released uniformly",
-        "1",
-        kind="share",
-        padding=_LAND,
-    )
+    @_share("share of drifters in the cell at that time, released uniformly")
     def distribution(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self._of_cells(self.spread.value, 2))
 
-    @derived(_SQUARES, "error of the distribution", "1", kind="share", padding=_LAND)
+    @_share("error of the distribution")
     def distribution_error(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self._of_cells(self.spread.error, 2))
 

@@ -3,10 +3,11 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
@@ -28,7 +29,9 @@ LARGEST_TABLE = 2**28
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
 """The number of cells at all phases above which a solve takes seconds. In such maps the probability
 of each end is computed only if cells times ends do not exceed the second number."""
-_UNKNOWN = "NaN: not known"
+
+_probability = functools.partial(derived, kind="share", padding="NaN: not known")
+_time = functools.partial(derived, units="h", kind="time")
 
 
 class Ends(Result):
@@ -39,7 +42,7 @@ class Ends(Result):
         raise NotImplementedError
 
     @functools.cached_property
-    def _hours(self) -> Float[np.ndarray, "transient"]:
+    def transient_hours(self) -> Float[np.ndarray, "transient"]:
         """The absorption times of the transient cells."""
         return np.concatenate(
             [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
@@ -55,7 +58,7 @@ class Ends(Result):
 
     @derived("", "cells of persistent groups", kind="count")
     def persistent_cells(self) -> int:
-        return self.cells - self._hours.size
+        return self.cells - self.transient_hours.size
 
     @derived("", "transient groups", kind="count")
     def transient_groups(self) -> int:
@@ -68,19 +71,19 @@ class Ends(Result):
 
     @derived("", "transient cells with several ends", kind="count")
     def multiple_domicile_cells(self) -> int:
-        return self._hours.size - self.single_domicile_cells
+        return self.transient_hours.size - self.single_domicile_cells
 
-    @derived("", "time to a group or off the map, transient cells, mean", "h", kind="time")
+    @_time("", "time to a group or off the map, transient cells, mean")
     def mean_hours(self) -> float:
-        return float(self._hours.mean()) if self._hours.size else 0.0
+        return float(self.transient_hours.mean()) if self.transient_hours.size else 0.0
 
-    @derived("", "time to a group or off the map, transient cells, median", "h", kind="time")
+    @_time("", "time to a group or off the map, transient cells, median")
     def median_hours(self) -> float:
-        return float(np.median(self._hours)) if self._hours.size else 0.0
+        return float(np.median(self.transient_hours)) if self.transient_hours.size else 0.0
 
-    @derived("", "time to a group or off the map, transient cells, longest", "h", kind="time")
+    @_time("", "time to a group or off the map, transient cells, longest")
     def longest_hours(self) -> float:
-        return float(self._hours.max(initial=0.0))
+        return float(self.transient_hours.max(initial=0.0))
 
     @derived("", "whether these times are certified", kind="flag")
     def times_certified(self) -> bool:
@@ -91,49 +94,37 @@ class Ends(Result):
     def almost_for_ever_cells(self) -> int:
         return sum(int(layer.almost_forever.sum()) for layer in self._layers)
 
-    @derived("", "probability of leaving the map, mean", kind="share", padding=_UNKNOWN)
+    @_probability("", "probability of leaving the map, mean")
     def mean_leaving(self) -> float:
-        cells = [layer.water.cells for layer in self._layers]
-        return float(np.average([one.mean_by_way.sum() for one in self._layers], weights=cells))
+        return float(self._mean([layer.mean_by_way.sum() for layer in self._layers]))
 
-    @derived(
-        "", "probability of leaving into sea without data, mean", kind="share", padding=_UNKNOWN
-    )
+    @_probability("", "probability of leaving into sea without data, mean")
     def mean_leaving_into_gaps(self) -> float | None:
         return self._left_by(0) if self.gap_squares else None
 
-    @derived(
-        "", "probability of leaving off the edge of the grid, mean", kind="share", padding=_UNKNOWN
-    )
+    @_probability("", "probability of leaving off the edge of the grid, mean")
     def mean_leaving_off_edge(self) -> float | None:
         return self._left_by(slice(2, None))
 
-    @derived("", "probability of stranding on land, mean", kind="share", padding=_UNKNOWN)
+    @_probability("", "probability of stranding on land, mean")
     def mean_stranding(self) -> float | None:
         strand = any(layer.water.coast == "strand" for layer in self._layers)
         return self._left_by(1) if strand else None
 
-    @derived(
-        "exit", "probability of leaving by it, mean", kind="share", padding=_UNKNOWN, listed=True
-    )
+    @_probability("exit", "probability of leaving by it, mean", listed=True)
     def mean_leaving_by_way(self) -> Float[np.ndarray, "exits"] | None:
-        if not self._tells_ways:
-            return None
-        cells = [layer.water.cells for layer in self._layers]
-        return np.average([layer.mean_by_way for layer in self._layers], 0, cells)
+        by_way = [layer.mean_by_way for layer in self._layers]
+        return self._mean(by_way) if self._tells_ways else None
 
     @derived("", "squares of land or sea bed", kind="count")
     def land_squares(self) -> int | None:
-        if not self._tells_ways:
-            return None
-        return sum(int(layer.water.land.sum()) for layer in self._layers)
+        count = sum(int(layer.water.land.sum()) for layer in self._layers)
+        return count if self._tells_ways else None
 
     @derived("", "squares of sea without data", kind="count")
     def gap_squares(self) -> int | None:
-        if not self._tells_ways:
-            return None
-        waters = [layer.water for layer in self._layers]
-        return sum(int(((water.number < 0) & ~water.land).sum()) for water in waters)
+        count = sum(int(layer.water.gaps.sum()) for layer in self._layers)
+        return count if self._tells_ways else None
 
     @property
     def _tells_ways(self) -> bool:
@@ -143,6 +134,10 @@ class Ends(Result):
     def _left_by(self, ways: slice | int) -> float | None:
         by_way = self.mean_leaving_by_way
         return None if by_way is None else float(by_way[ways].sum())
+
+    def _mean(self, of_layers: npt.ArrayLike) -> Any:
+        """Average numbers of the layers, weighted by the cells of each layer."""
+        return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -296,11 +291,11 @@ class LayerEnds(Ends):
     def transients_cells(self) -> Int[np.ndarray, "transients"]:
         return np.asarray(self.begins.transient.size)
 
-    @derived("transient", "time to the end, mean", "h", kind="time")
+    @_time("transient", "time to the end, mean")
     def transients_mean_hours(self) -> Float[np.ndarray, "transients"]:
         return np.array([hours.mean() for hours in self._hours_of_parts])
 
-    @derived("transient", "time to the end, longest", "h", kind="time")
+    @_time("transient", "time to the end, longest")
     def transients_longest_hours(self) -> Float[np.ndarray, "transients"]:
         return np.array([hours.max() for hours in self._hours_of_parts])
 
@@ -309,7 +304,7 @@ class LayerEnds(Ends):
         """The absorption times of the cells of each transient group."""
         part = np.asarray(self.begins.transient.group)[self.transient]
         order, counts = np.argsort(part, kind="stable"), self.transients_cells
-        return np.split(self._hours[order], np.cumsum(counts)[:-1]) if counts.size else []
+        return np.split(self.transient_hours[order], np.cumsum(counts)[:-1]) if counts.size else []
 
     @property
     def remarks(self) -> tuple[str, ...]:

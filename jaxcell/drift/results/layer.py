@@ -30,18 +30,15 @@ from ..water import Water
 from .ends import Ends, LayerEnds
 
 
+_compared = functools.partial(derived, "compared", listed=True)
+
+
 class Compared(Ends):
     """The distance between maps and simulated drifters, for one or more layers."""
 
     @property
     def _distances(self) -> list[Distance]:
-        """The distance of each layer."""
-        raise NotImplementedError
-
-    @property
-    def transient_hours(self) -> Float[np.ndarray, "transient"]:
-        """The expected hours until drifters are in a group or off the map, by transient cell."""
-        return self._hours
+        return [layer.compared for layer in self._layers]  # type: ignore[attr-defined]
 
     @derived("", "time that the answer is about", "h", kind="time")
     def asked_hours(self) -> float:
@@ -57,28 +54,17 @@ class Compared(Ends):
 
     @derived("", "drifters that left the map then", kind="share")
     def drifters_left(self) -> float:
-        return self._mean([float(distance.drifters_left[-1]) for distance in self._distances])
+        return float(self._mean([distance.drifters_left[-1] for distance in self._distances]))
 
     @derived("", "drifters that left it then, by the map of cells", kind="share")
     def map_left(self) -> float:
-        return self._mean([float(distance.map_left[-1]) for distance in self._distances])
+        return float(self._mean([distance.map_left[-1] for distance in self._distances]))
 
-    @derived(
-        "compared",
-        "times after which the map is compared with drifters",
-        "h",
-        kind="time",
-        listed=True,
-    )
+    @_compared("times after which the map is compared with drifters", "h", kind="time")
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
-    @derived(
-        "compared",
-        "drifters that the map has in a wrong cell after these times",
-        kind="share",
-        listed=True,
-    )
+    @_compared("drifters that the map has in a wrong cell after these times", kind="share")
     def distance_by_time(self) -> Float[np.ndarray, "times"]:
         return np.max([distance.total_variation for distance in self._distances], axis=0)
 
@@ -97,10 +83,6 @@ class Compared(Ends):
         side = np.concatenate([layer.water.sides.ravel() for layer in self._layers])
         return float((side**2).mean()) / (12 * self._layers[0].behaviour.duration)
 
-    def _mean(self, of_layers: list[float]) -> float:
-        """Average numbers of the layers, weighted by the cells of each layer."""
-        return float(np.average(of_layers, weights=[layer.water.cells for layer in self._layers]))
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
@@ -108,17 +90,14 @@ class Layer(LayerEnds, Compared):
 
     The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> surface = drift.Layer.of(water, flow, drift.DriftStep(1800))
         >>> surface.cells, surface.persistent_groups, round(surface.mean_shift_cells, 1)
         (538, 3, 1.0)
     """
 
-    brief: ClassVar[tuple[str, ...]] = (
-        *("depth", "cells", "persistent_groups", "distance", "median_hours"),
-    )
+    brief: ClassVar = ("depth", "cells", "persistent_groups", "distance", "median_hours")
 
     _ashore: ClassVar[Mapping[str, str]] = {
         "hold": "are held at the coast",
@@ -180,14 +159,10 @@ class Layer(LayerEnds, Compared):
         asked = whole_days(self.transient_hours) if self.asked is None else self.asked
         return distances(self.water, self.flow, maps, hours=compared_hours(asked))
 
-    @property
-    def _distances(self) -> list[Distance]:
-        return [self.compared]
-
     @functools.cached_property
     def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
         """The distance for the drifters of each cell, and its noise; `None` for large maps."""
-        if self.behaviour.unrolled.cells > MOST_CELLS:
+        if self._large:
             return None
         chain, duration = self.behaviour.chain, self.behaviour.duration
         return np.stack(distances_by_cell(self.water, chain, duration, self.compared))

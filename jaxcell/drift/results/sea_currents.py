@@ -6,11 +6,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ...base.quantities import derived
+from ...base.quantities import derived, from_part
 from ..behaviour import long_term_behaviour
 from ..maps import EXITS, drift_maps
 from ..validation.diagnosis import group_counts
-from ..validation.distance import MOST_CELLS, Distance
+from ..validation.distance import MOST_CELLS
 from .ends import LayerEnds
 from .layer import Compared, Layer
 from .sea_layers import SeaLayers
@@ -18,6 +18,8 @@ from .sea_layers import SeaLayers
 
 # The factors by which the durations of other steps differ.
 _FACTORS = (0.5, 1.0, 2.0)
+_PADDING = "NaN: no water, or not known"
+_share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def _by_time(name: str, meaning: str) -> Any:
@@ -42,10 +44,6 @@ class SeaCurrents(SeaLayers, Compared):
         if len(self.layers) != layers:
             raise ValueError(f"layers: expected {layers}, got {len(self.layers)}")
 
-    @property
-    def _distances(self) -> list[Distance]:
-        return [layer.compared for layer in self.layers]
-
     @derived("", "rule at the coast")
     def coast(self) -> str:
         return self.waters[0].coast
@@ -54,13 +52,7 @@ class SeaCurrents(SeaLayers, Compared):
     def exit(self) -> np.ndarray:
         return np.array(EXITS)
 
-    @derived(
-        "layer exit y x",
-        "probability of ending off the map, by the way out",
-        "1",
-        kind="share",
-        padding="NaN: no water, or not known",
-    )
+    @_share("layer exit y x", "probability of ending off the map, by the way out")
     def leaving_by_way(self) -> Float[np.ndarray, "layers exits rows columns"]:
         by_way = [layer.leaving_by_way for layer in self.layers]
         ways = (np.concatenate([shares[way] for shares in by_way]) for way in range(len(EXITS)))
@@ -72,15 +64,10 @@ class SeaCurrents(SeaLayers, Compared):
 
     @derived("layer y x", "sea without data", kind="flag")
     def sea_without_data(self) -> Bool[np.ndarray, "layers rows columns"]:
-        return np.stack([(water.number < 0) & ~water.land for water in self.waters])
+        return np.stack([water.gaps for water in self.waters])
 
-    @derived("", "current towards the East")
-    def east_from(self) -> str:
-        return self.currents.attrs["east_from"]
-
-    @derived("", "current towards the North")
-    def north_from(self) -> str:
-        return self.currents.attrs["north_from"]
+    east_from = from_part("currents.east_from", "", "current towards the East")
+    north_from = from_part("currents.north_from", "", "current towards the North")
 
     @derived("note", "notes on the currents", listed=True)
     def notes(self) -> np.ndarray:
@@ -163,23 +150,14 @@ class SeaCurrents(SeaLayers, Compared):
             return float(flow.period) / 3600
         return float(np.ptp(np.asarray(flow.time))) / 3600
 
-    @derived(
+    @_share(
         "layer y x",
         "drifters from the cell that the map has in a wrong part of 36 at the time asked",
-        "1",
-        kind="share",
-        padding="NaN: no water, or not known",
     )
     def distance_by_cell(self) -> Float[np.ndarray, "layers rows columns"] | None:
         return self._by_cell(0)
 
-    @derived(
-        "layer y x",
-        "the same by chance, because drifters are finite",
-        "1",
-        kind="share",
-        padding="NaN: no water, or not known",
-    )
+    @_share("layer y x", "the same by chance, because drifters are finite")
     def distance_by_cell_noise(self) -> Float[np.ndarray, "layers rows columns"] | None:
         return self._by_cell(1)
 

@@ -15,8 +15,9 @@ from .ends import Ends, LayerEnds
 
 
 _SQUARES = "layer y x"
-_LAND = "-2: no water"
-_UNKNOWN = "NaN: no such group, no water, or not known"
+_number = functools.partial(derived, _SQUARES, kind="index", padding="-2: no water")
+_PADDING = "NaN: no such group, no water, or not known"
+_share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
@@ -128,24 +129,19 @@ class SeaLayers(Ends):
     def step(self) -> float:
         return self.layers[0].behaviour.duration
 
-    @derived(_SQUARES, "number of the cell", kind="index", padding=_LAND)
+    @_number("number of the cell")
     def cell(self) -> Int[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(np.arange(self.cells, dtype=np.int32), -2)
 
-    @derived(_SQUARES, "persistent group, -1 if transient", kind="index", padding=_LAND)
+    @_number("persistent group, -1 if transient")
     def group(self) -> Int[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda layer: layer.group, -2)
 
-    @derived(_SQUARES, "transient group, -1 if persistent", kind="index", padding=_LAND)
+    @_number("transient group, -1 if persistent")
     def transient_group(self) -> Int[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda layer: layer.begins.transient.group, -2)
 
-    @derived(
-        _SQUARES,
-        "group in which a drifter ends for sure, -1 if there is none",
-        kind="index",
-        padding=_LAND,
-    )
+    @_number("group in which a drifter ends for sure, -1 if there is none")
     def basin(self) -> Int[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda layer: layer.begins.basin, -2)
 
@@ -155,17 +151,11 @@ class SeaLayers(Ends):
     def absorption_time(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda layer: layer.begins.hours)
 
-    @derived(_SQUARES, "probability of ending off the map", "1", kind="share", padding=_UNKNOWN)
+    @_share(_SQUARES, "probability of ending off the map")
     def leaving(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda layer: layer.leaving)
 
-    @derived(
-        "layer group_index y x",
-        "probability of ending in the group",
-        "1",
-        kind="share",
-        padding=_UNKNOWN,
-    )
+    @_share("layer group_index y x", "probability of ending in the group")
     def probability(self) -> Float[np.ndarray, "layers groups rows columns"] | None:
         known = {k: one.ends for k, one in enumerate(self.layers) if one.ends is not None}
         if not known:

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from typing import Annotated
 
 import numpy as np
@@ -11,9 +12,7 @@ from ..sea import Sea
 from ..voyage import Voyage
 
 
-_LAND = "-2: no water"
-_DRY = "NaN: no water"
-_SQUARES = "layer y x"
+_squares = functools.partial(derived, "layer y x")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,27 +79,26 @@ class SeaVoyage(Result):
     def times_certified(self) -> bool:
         return self.policy.arrival.outcome is Outcome.CONVERGED
 
-    @derived(
-        _SQUARES,
+    @_squares(
         "action of the drifter",
-        padding=_LAND,
+        padding="-2: no water",
         meaning_of_values="-1: up, 0: drift, 1: down",
     )
     def action(self) -> Int[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(self.policy.action, -2)
 
-    @derived(_SQUARES, "value function", "1", padding=_DRY)
+    @_squares("value function", "1", padding="NaN: no water")
     def value(self) -> Float[np.ndarray, "layers rows columns"] | None:
         return None if self.policy.value is None else self.sea.on_squares(self.policy.value)
 
-    @derived(_SQUARES, "probability of arriving", "1", kind="share", padding=_DRY)
+    @_squares("probability of arriving", "1", kind="share", padding="NaN: no water")
     def arrival_probability(self) -> Float[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(self.policy.probability)
 
-    @derived(_SQUARES, "expected time to arrive; inf where it may fail", "h", kind="time")
+    @_squares("expected time to arrive; inf where it may fail", "h", kind="time")
     def arrival_time(self) -> Float[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(np.asarray(self.policy.time) * self.hours)
 
-    @derived(_SQUARES, "expected time to arrive, if it arrives", "h", kind="time")
+    @_squares("expected time to arrive, if it arrives", "h", kind="time")
     def conditional_arrival_time(self) -> Float[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(np.asarray(self.policy.conditional_time) * self.hours)

@@ -45,9 +45,8 @@ def ftle(
     a tenth in ten seconds, in one step of Euler's method:
 
         >>> import jax.numpy as jnp, numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> from jaxcell import drift, examples
+        >>> water = examples.water(np.ones((3, 5)))
         >>> along = jnp.tile(jnp.arange(-2.0, 3.0) / 100, (3, 1))
         >>> flow = drift.Flow(jnp.stack([along, jnp.zeros((3, 5))])[None], jnp.zeros(1))
         >>> exponent = drift.ftle(water, flow, 10.0, method="euler", steps=1)
@@ -100,9 +99,8 @@ def ridges(
     The middle column has the highest values; in the first and last row there is no ridge:
 
         >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> from jaxcell import drift, examples
+        >>> water = examples.water(np.ones((3, 5)))
         >>> drift.ridges(water, np.tile([0.0, 1.0, 2.0, 1.0, 0.0], 3)).nonzero()[0].tolist()
         [7]
     """
@@ -160,9 +158,8 @@ def agreement(
     Groups with a border between columns 2 and 3, and a ridge in column 2:
 
         >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> from jaxcell import drift, examples
+        >>> water = examples.water(np.ones((3, 5)))
         >>> label, ridge = np.tile(np.int32([0, 0, 0, 1, 1]), 3), np.tile(np.arange(5) == 2, 3)
         >>> drift.agreement(water, label, ridge, within=0).near
         0.5

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ...mapping import Chain, ChainSequence, persistent_groups
 from ...mapping.sequence import as_sequence
@@ -145,16 +145,16 @@ def distances_by_cell(
 
         >>> import numpy as np
         >>> import jax.numpy as jnp
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(4, dtype=np.int32).reshape(1, 4), np.full((1, 4), 1000.0)
-        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water = examples.water([[1, 1, 1, 1]])
         >>> flow = drift.Flow(jnp.full((1, 2, 1, 4), 1e-9), jnp.zeros(1))
         >>> away = mapping.Chain(np.int32([[1, 1, 2, 3]]), np.ones((1, 4)))
         >>> (one,) = drift.distances(water, flow, [(away, 3600.0)])
         >>> drift.distances_by_cell(water, away, 3600.0, one)[0].tolist()
         [1.0, 0.0, 0.0, 0.0]
     """
-    row, column = (_PARTS * place // size for place, size in _places(water))
+    sizes = zip((water.row, water.column), water.number.shape, strict=True)
+    row, column = (_PARTS * place // size for place, size in sizes)
     _, part = np.unique(row * _PARTS + column, return_inverse=True)
     parts = int(part.max()) + 1
     replay, hours = distance.replay, float(distance.hours[-1])
@@ -170,10 +170,6 @@ def distances_by_cell(
     every = np.column_stack([by_map, (1 - by_map.sum(axis=1)).clip(0)])
     spread = np.sqrt(2 / math.pi * every * (1 - every).clip(0) / began[:, None]).sum(axis=1)
     return apart / 2, spread / 2
-
-
-def _places(water: Water) -> list[tuple[Int[np.ndarray, "cells"], int]]:
-    return [*zip((water.row, water.column), water.number.shape, strict=True)]
 
 
 def _pulled(
@@ -274,15 +270,11 @@ def nearest_maps(
     by: Sequence[Flow],
     step: DriftStep,
     hours: float | int | None = None,
-    most_cells: int = MOST_CELLS,
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
     """Choose the step as [`nearest_step`][], and return the map of each layer and its distance.
 
-    **Arguments:**
-
-    - `by`: the flow of the map of each layer; drifters move by the flow in `flows`.
-    - `most_cells`: number of cells at all phases above which no duration is tried, and `None` is
-        returned in place of the maps.
+    Maps are made from the flows in `by`, and drifters move by those in `flows`. For more than
+    `MOST_CELLS` cells at all phases no duration is tried, and `None` is returned for the maps.
     """
     crossing = max(map(crossing_time, waters, by))
     usual = by[0].fitted(2 * crossing)
@@ -292,7 +284,7 @@ def nearest_maps(
     def chains(seconds: float) -> list[Chain | ChainSequence]:
         return [*map(drift_maps, waters, by, [step.lasting(seconds)] * len(waters))]
 
-    if cells * by[0].phases(usual) > most_cells:
+    if cells * by[0].phases(usual) > MOST_CELLS:
         return step.lasting(usual), None
     asked = asked_hours(chains(usual), usual) if hours is None else float(hours)
     spread = min(map(longest_duration, waters, by))
@@ -304,7 +296,7 @@ def nearest_maps(
         durations = sorted(3600 * asked / count for count in counts)
     else:
         durations = sorted({by[0].fitted(factor * crossing) for factor in factors})
-    tried = [one for one in durations if cells * by[0].phases(one) <= most_cells] or [usual]
+    tried = [one for one in durations if cells * by[0].phases(one) <= MOST_CELLS] or [usual]
     layers = []
     for number, (water, flow) in enumerate(zip(waters, flows, strict=True)):
         maps = [(chains(seconds)[number], seconds) for seconds in tried]

@@ -11,11 +11,10 @@ from jaxtyping import Array, Float, Int
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
-from ..advection import advect
-from ..drifting import diffuse, nearest_square
+from ..drifting import moved, nearest_square, squares
 from ..flow import Flow
 from ..step import DriftStep
-from ..water import Water, on_grid
+from ..water import Water
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,14 +83,12 @@ def simulate_drifters(
         )
     released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
-    sides, wet = np.stack([water.dx, water.dy]), ~water.closed
     begin = start + np.arange(steps) * duration
     choice, off = map(np.asarray, _release(key, released.size, drifters))
     x, y = centre[:, choice] + off
     # If no drift is turned, no random numbers are drawn for turns.
     turning = float(rho) if rho < 1 else None
-    gone = water.gone
-    xs, ys = _paths(key, flow, sides, wet, gone, x, y, begin, duration, turning, substeps)
+    xs, ys = _paths(key, flow, squares(water), x, y, begin, duration, turning, substeps)
     cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
     return Drifters(xs, ys, cell, duration)
 
@@ -105,25 +102,20 @@ def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
 
 
 @functools.partial(jax.jit, static_argnames="substeps")
-def _paths(key, flow, sides, wet, gone, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
+def _paths(key, flow, grid, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
     """Return the places of drifters at the beginning and after every step."""
-    rows, columns = sides.shape[1:]
+    sides, _, _ = grid
     keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
 
     def step(place, now):  # type: ignore[no-untyped-def]
-        x, y = place
-        key, began = now
-        on = on_grid((rows, columns), flow.wraps, x, y)
-        on &= ~gone[nearest_square((rows, columns), flow.wraps, x, y)]
-        end = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
+        key, start = now
+        row, column = nearest_square(sides.shape[1:], flow.wraps, *place)
+        turn = None
         if rho is not None:
-            row, column = nearest_square((rows, columns), flow.wraps, x, y)
-            end = _turned(key, rho, sides[:, row, column], place, end)
-        moved_x, moved_y = jnp.where(on, end[0], x), jnp.where(on, end[1], y)
-        if flow.diffusivity:
-            key = jax.random.fold_in(key, 1)
-            moved_x, moved_y = diffuse(key, flow, sides, wet, moved_x, moved_y, duration)
-        return (moved_x, moved_y), (moved_x, moved_y)
+            turn = functools.partial(_turned, key, rho, sides[:, row, column], place)
+        drawn = jax.random.fold_in(key, 1)
+        place = moved(flow, grid, place, start, duration, substeps, drawn, turn)
+        return place, place
 
     _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
     return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
@@ -173,10 +165,9 @@ def compare(
     Two cells of 1 km. The chain moves all drifters to the second cell; one of two drifters moved:
 
         >>> import jax.numpy as jnp, numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.int32([[0, 1]]), np.full((1, 2), 1000.0)
-        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> from jaxcell import drift, examples, mapping
         >>> chain = mapping.Chain(np.int32([[1, 1]]), np.ones((1, 2)))
+        >>> water = examples.water([[1, 1]])
         >>> x = jnp.array([[0.0, 0.0], [0.0, 1.0]])
         >>> drifted = drift.Drifters(x, 0 * x, np.int32([[0, 0], [0, 1]]), 3600.0)
         >>> drift.compare(water, chain, drifted, [0, 1]).total_variation.tolist()

@@ -42,7 +42,8 @@ def digests(spec: Spec) -> dict[str, str]:
     `MODULE:NAME`), with the user's modules that this module imports.
     """
     digest_of = {}
-    texts = sorted(set(_texts(spec)))
+    columns = (one.values for one in spec.parameters if one.values.dtype.kind == "U")
+    texts = sorted({*_strings([spec.fixed, *(values.tolist() for values in columns)])})
     for text in texts:
         if (path := spec.find_file(text)) is None or not path.is_file():
             continue
@@ -72,13 +73,6 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
         for name, digest in old.items()
         if new.get(name) != digest
     ]
-
-
-def _texts(spec: Spec) -> Iterator[str]:
-    yield from _strings(spec.fixed)
-    for parameter in spec.parameters:
-        if parameter.values.dtype.kind == "U":
-            yield from parameter.values.tolist()
 
 
 def _strings(value: Any) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The journal of a sweep: one file, to which a record is appended for each chunk that ends.
+"""The journal of a sweep: one file, to which a run appends the results of the chunks.
 
 A record has a header and content. Both have a checksum, so any changed bit is found. Records never
 change; a later record of a chunk replaces an earlier one. If a process is killed, its records are

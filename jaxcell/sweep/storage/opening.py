@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ...base.paths import replacing
-from ..failures import write_failures
 from ..spec import Spec
 from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, encode
@@ -51,7 +50,7 @@ def opened(
         finally:
             # The disk may be full.
             with contextlib.suppress(OSError):
-                write_failures(folder / "failures.json", [*store.failures()])
+                store.write_failures()
         store.sync()
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-import math
+import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ..failures import Failure
+from ...base.paths import replacing
 from ..spec import Chunk, Spec
-from ..workers.halving import Parts
-from ..workers.work import Computed
-from .contents import Contents
+from ..workers.work import Computed, Failed, Failure, Job
 from .damage import reading
 from .digests import differences
 from .journal import JOURNAL, Journal, Kind, Record
-from .records import Begun, Exported, Members, check_fits, decode, encode, fill_value
+from .records import Begun, Contents, Exported, Members, check_fits, decode, encode, fill_value
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
@@ -27,7 +25,7 @@ TO_DO, DONE, FAILED = 0, 1, 2
 class SweepStore:
     """The folder of a sweep.
 
-    - `sweep.journal` has the specification, and a record for each chunk that ended.
+    - `sweep.journal` has the specification, and records with the results of the chunks.
     - `sweep.zarr` is the result. It is made from the journal when a run ends.
     - `spec.toml` is a copy of the specification.
     - `failures.json` lists the failed members. It is written when a run ends.
@@ -141,6 +139,16 @@ class SweepStore:
         }
         return np.full(shape, TO_DO, np.int8), arrays
 
+    def write_failures(self) -> None:
+        """Write the failed members with their tracebacks to a file; if none failed, remove it."""
+        path, failures = self.folder / "failures.json", [*self.failures()]
+        if not failures:
+            path.unlink(missing_ok=True)
+            return
+        text = json.dumps([dataclasses.asdict(failure) for failure in failures], indent=2)
+        with replacing(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+
     def failures(self) -> Iterator[Failure]:
         """Yield the failed members, in the order of their chunks."""
         for number, record in sorted(self.contents.chunks.items()):
@@ -178,26 +186,22 @@ class SweepStore:
         assert self.frame is not None
         check_fits(self.frame, computed)
 
-    def write(self, parts: Parts) -> list[Failure]:
-        """Write the outcomes of the missing members of a chunk; return the failures."""
-        chunk, own = parts.chunk, self.spec.places(parts.chunk)
+    def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
+        """Write the result of a job, or the failure of a job of one member; return the failure."""
+        chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
-        missing = states != DONE
-        new_states, new_arrays = self.empty((math.prod(self.spec.lengths.values()),))
-        new_states[list(parts.failed)] = FAILED
-        for places, computed in parts.computed:
-            new_states[places] = DONE
-            for name, array in new_arrays.items():
-                array[places] = computed.variables[name].values
-        states[missing] = new_states[own][missing.ravel()]
-        for name, array in arrays.items():
-            array[missing] = new_arrays[name][own][missing.ravel()]
-        failed = {
-            int(np.searchsorted(own, place)): (one.message, one.trace)
-            for place, one in sorted(parts.failed.items())
-        }
-        self.put(chunk, states, arrays, failed)
-        return [*self._failures(chunk.number, failed)]
+        states.reshape(-1)[places] = DONE
+        if isinstance(outcome, Failed):
+            states.reshape(-1)[places] = FAILED
+            new = dict.fromkeys(places, (outcome.message, outcome.trace))
+        else:
+            for name, array in arrays.items():
+                members = array.reshape(states.size, *array.shape[states.ndim :])
+                members[places] = outcome.variables[name].values
+        known = self._members(chunk.number).failed if chunk.number in self.contents.chunks else {}
+        others = {place: why for place, why in known.items() if place not in places}
+        self.put(chunk, states, arrays, dict(sorted({**others, **new}.items())))
+        return [*self._failures(chunk.number, new)]
 
     def put(
         self,
@@ -242,10 +246,5 @@ class SweepStore:
     def _failures(self, number: int, failed: Mapping[int, tuple[str, str]]) -> Iterator[Failure]:
         chunk = self.spec.chunk(number)
         for place, (message, trace) in failed.items():
-            inside = np.unravel_index(place, chunk.shape)
-            starts = (part.start for part in chunk.region)
-            index = {
-                name: start + int(offset)
-                for name, start, offset in zip(self.spec.dimensions, starts, inside, strict=True)
-            }
+            index = self.spec.index(chunk, place)
             yield Failure(number, index, self.spec.member(index), message, trace)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ...base.paths import replacing
-from ..failures import Failure
+from .work import Failure
 
 
 _FILE = "progress.json"
@@ -39,29 +39,20 @@ class Count:
     """A counter of the work of a run, with a clock in seconds."""
 
     def __init__(self, chunks: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
-        self.chunks, self.done, self.failed = chunks, done, 0
-        self._left, self._ended, self._members = chunks - done, 0, 0
-        self._clock = clock
-        self._began = clock()
+        self.chunks, self.done, self.failed, self._members = chunks, done, 0, 0
+        self._first, self._clock, self._began = done, clock, clock()
 
-    def add(self, members: int) -> None:
-        """Add a chunk that has ended, with its number of computed members."""
-        self.done += 1
-        self._ended += 1
+    def add(self, members: int, ended: bool = True) -> None:
+        """Add computed members of a chunk; `ended` is true for the last of them."""
+        self.done += ended
         self._members += members
 
     def progress(self, failures: tuple[Failure, ...]) -> Progress:
         self.failed += len(failures)
         seconds = max(self._clock() - self._began, 1e-9)
-        each = seconds / self._ended if self._ended else float("nan")
-        return Progress(
-            self.chunks,
-            self.done,
-            self.failed,
-            self._members / seconds,
-            (self._left - self._ended) * each,
-            failures,
-        )
+        each = seconds / ended if (ended := self.done - self._first) else math.nan
+        rate, left = self._members / seconds, (self.chunks - self.done) * each
+        return Progress(self.chunks, self.done, self.failed, rate, left, failures)
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import json
+import math
 import os
 import socket
 import sys
@@ -39,25 +40,28 @@ class Job:
     number: int
     "The number of the chunk."
     places: np.ndarray
-    "The indices of the members in the batch of the chunk."
+    "The indices of the members in the chunk."
     task: str
     batch: Mapping[str, np.ndarray]
     fixed: Mapping[str, Any]
     seed: int
     wide: bool
     "If true, JAX computes with 64 bits."
+    length: int = 0
+    """The least number of members for the task, which computes the last member again if there are
+    fewer. All whole chunks have one length, so that JAX compiles a task once."""
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
-        batch = spec.batch(chunk)
-        places = np.arange(len(next(iter(batch.values()))))
-        return cls(chunk.number, places, spec.task, batch, spec.fixed, spec.seed, wide)
+        places, length = np.arange(math.prod(chunk.shape)), math.prod(spec.lengths.values())
+        about = spec.task, spec.batch(chunk), spec.fixed, spec.seed, wide
+        return cls(chunk.number, places, *about, length)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Make a job of some of the members, by their indices in the batch of the chunk."""
+        """Make a job of some of the members, by their indices in the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
-        return dataclasses.replace(self, places=places, batch=batch)
+        return dataclasses.replace(self, places=places, batch=batch, length=0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +91,20 @@ class Failed:
     message: str
     "One line with the reason."
     trace: str = ""
+    "The end of the traceback; empty if there is none."
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """The failure of a member."""
+
+    chunk: int
+    "The number of the chunk of the member."
+    index: Mapping[str, int]
+    "The place of the member along each dimension."
+    parameters: Mapping[str, Any]
+    message: str
+    trace: str
     "The end of the traceback; empty if there is none."
 
 
@@ -121,17 +139,12 @@ def study_of(task: str) -> type[Study] | None:
     return None
 
 
-def check_parameters(spec: Spec) -> None:
-    """Check the task, and the parameters of the first chunk if the task is a study."""
-    if (study := study_of(spec.task)) is not None:
-        studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-
-
 def prepared(spec: Spec) -> Spec:
-    """Check a specification, and find its files."""
+    """Find the files of a specification; check the parameters of the first chunk of a study."""
     try:
         spec = with_task_found(spec)
-        check_parameters(spec)
+        if (study := study_of(spec.task)) is not None:
+            studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
         return with_files_found(spec)
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
@@ -193,7 +206,10 @@ def compute(job: Job) -> Computed | Failed:
         task = find_task(job.task)
         if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
             jax.config.update("jax_enable_x64", job.wide)
-        return _arrays(task(job.batch, job.fixed, job.seed), job.batch)
+        members = job.places.size
+        rows = np.arange(max(members, job.length)).clip(max=members - 1)
+        batch = {name: values[rows] for name, values in job.batch.items()}
+        return _arrays(task(batch, job.fixed, job.seed), batch, members)
     except FileNotFoundError as error:
         failed = failure(error)
         return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
@@ -208,18 +224,17 @@ def failure(error: BaseException) -> Failed:
     return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]))
 
 
-def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
-    """Check the result of a task, and convert it to arrays."""
+def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Computed:
+    """Check the result of a task, and convert that of the first members to arrays."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
         raise TypeError(f"the task gave {type(dataset).__name__}; expected an xarray.Dataset")
-    members = len(next(iter(batch.values())))
     taken = {*batch, "status", "sample"}
     dataset = dataset.drop_vars(LIST_DIMENSION, errors="ignore").reset_coords()
-    length = dataset.sizes.get(LIST_DIMENSION)
-    if length != members:
-        raise ValueError(f"the task gave {length} members; expected {members}")
+    expected, length = len(next(iter(batch.values()))), dataset.sizes.get(LIST_DIMENSION)
+    if length != expected:
+        raise ValueError(f"the task gave {length} members; expected {expected}")
     variables: dict[str, Variable] = {}
     coordinates: dict[str, Variable] = {}
     for key, array in dataset.variables.items():
@@ -239,7 +254,8 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
         if name in dataset.coords:
             coordinates[name] = Variable((name,), values, attributes)
         elif array.dims[:1] == (LIST_DIMENSION,):
-            variables[name] = Variable(tuple(map(str, array.dims[1:])), values, attributes)
+            dimensions = tuple(map(str, array.dims[1:]))
+            variables[name] = Variable(dimensions, values[:members], attributes)
         else:
             raise ValueError(
                 f"the task gave {name!r} of dimensions {array.dims}; expected {LIST_DIMENSION} "

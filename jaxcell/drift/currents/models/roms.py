@@ -6,12 +6,16 @@ by a coordinate `s` from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..netcdf import OceanFile
 
+
+_Cells: TypeAlias = Float[np.ndarray, "y x"]
+_Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 
 ALONE = 0.1
 """The distance in s within which a single level counts as the surface or the sea bed."""
@@ -31,16 +35,6 @@ def to_centres(
     return (before + after) / 2
 
 
-def turned(
-    x: Float[np.ndarray, "*levels y x"],
-    y: Float[np.ndarray, "*levels y x"],
-    angle: Float[np.ndarray, "y x"],
-) -> tuple[Float[np.ndarray, "*levels y x"], Float[np.ndarray, "*levels y x"]]:
-    """Turn vectors along the axes of a grid to East and North, by the angle of the x axis."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return x * cos - y * sin, x * sin + y * cos
-
-
 @dataclasses.dataclass(frozen=True)
 class SLevels:
     """Levels that follow the sea bed and the surface, from the lowest to the highest."""
@@ -56,9 +50,7 @@ class SLevels:
     places: Int[np.ndarray, " levels"]
     "The number of each level in the file."
 
-    def heights(
-        self, depth: Float[np.ndarray, "y x"], surface: Float[np.ndarray, "y x"]
-    ) -> Float[np.ndarray, "levels y x"]:
+    def heights(self, depth: _Cells, surface: _Cells) -> _Levels:
         """Compute the height of each level over the mean sea surface in metres.
 
         The height is NaN if the formula divides by 0, as on land that is as high as
@@ -76,9 +68,7 @@ class SLevels:
                 heights = surface + (surface + depth) * share
         return np.where(np.isfinite(heights), heights, np.nan)
 
-    def beyond(
-        self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]
-    ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
+    def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
         """Compute the distance of heights above the highest level or below the lowest level.
 
         Levels are the middles of layers, so the levels of a complete file cover all heights from
@@ -115,11 +105,7 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
     return levels, why
 
 
-def at_height(
-    values: Float[np.ndarray, "levels y x"],
-    heights: Float[np.ndarray, "levels y x"],
-    wanted: Float[np.ndarray, "y x"],
-) -> Float[np.ndarray, "y x"]:
+def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
     """Interpolate values at a height linearly between the levels of each cell.
 
     Above the highest and below the lowest level, the value of this level is taken.
