@@ -15,7 +15,7 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells at a coast: cells with land beside them, not cells at an open edge only.
+    """Mark the cells at a coast: those with land beside them. An open edge is no coast.
 
     **Arguments:**
 

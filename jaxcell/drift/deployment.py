@@ -57,13 +57,14 @@ class VisibleDeployment:
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
-    In a persistent group any cell leads to all others; the smallest cell is taken, while the
-    dissertation draws one at random. The cells of a transient group are examined from the longest
-    absorption time to the shortest, ties by cell number, and a cell is taken unless a taken cell
-    leads to it within the group. Among ties the dissertation takes the cell that leads to most
-    others; in a map without disturbances, tied cells lead to equally many.
+    In a persistent group any cell leads to all others. The cell with the smallest number is chosen,
+    while the dissertation draws a cell at random. The cells of a transient group are examined from
+    the longest absorption time to the shortest, and in the order of their numbers if times are
+    equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
+    the dissertation chooses the cell that leads to the most other cells; in a map without
+    disturbances such cells lead to equally many.
 
-    The cells need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
+    Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
     **Arguments:**
 

@@ -36,7 +36,7 @@ _share = functools.partial(derived, "region to_region", kind="share", listed=Tru
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """The exchange of drifters between regions of the surface, released uniformly in each region.
+    """The exchange of drifters between regions of the surface; they begin uniformly in each region.
 
     A strait of six cells, in which water moves by one cell per step to the East:
 

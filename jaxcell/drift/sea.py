@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells that a mask over the cells at each phase marks at any phase."""
+        """Mark the cells that are marked at any phase, by a mask over the cells at each phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

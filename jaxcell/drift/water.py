@@ -21,7 +21,7 @@ _DECIMALS = 9
 # This number of nearest cells, by mean sides, is compared by the sides of the cell at the origin.
 _CANDIDATES = 8
 COASTS = ("hold", "slip", "strand")
-"""The rules at a coast."""
+"""The names of the rules for drifters that come to a coast."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Water:
     """
 
     number: Int[np.ndarray, "rows columns"]
-    "The cell in each square of the grid; -1 without water."
+    "The number of the cell in each square of the grid; -1 where there is no water."
     dx: Float[np.ndarray, "rows columns"]
     "Length of each square along the x axis of the grid, in metres."
     dy: Float[np.ndarray, "rows columns"]

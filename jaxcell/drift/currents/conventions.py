@@ -23,7 +23,7 @@ class Convention:
     """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`)
     have two names, the first for the component towards the East or along x."""
     names: tuple[str, ...] = ()
-    """Names of the variable or dimension in small letters, the preferred first. In the name of a
+    """Names of the variable or dimension in lower case, the preferred name first. In the name of a
     flag, `{}` stands for the name of the flagged variable."""
     standard_names: tuple[str, ...] = ()
     "Standard names of CF."

@@ -17,7 +17,7 @@ _LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
 
 @dataclasses.dataclass(frozen=True)
 class Mask:
-    """The mask of the water by a variable of a file."""
+    """A mask of the water, read from a variable of a file."""
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]

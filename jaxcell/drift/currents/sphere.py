@@ -100,8 +100,9 @@ def goes_round(lon: _Cells, lat: _Cells) -> bool:
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
     """Return the order in which longitudes ascend to the East, from the western end of the grid.
 
-    The longitudes must go to the East or to the West within one turn, with any jumps by 360
-    degrees; or ascend or descend within a turn, with a gap of any width. A grid that goes round the
+    The longitudes must run to the East, or to the West, over less than 360 degrees, and may jump by
+    360 degrees anywhere. If they ascend or descend without such a jump, they may have a gap of any
+    width. A grid that goes round the
     Earth begins at -180 degrees; other grids begin after their widest gap, so that a grid across
     the antimeridian stays whole.
     """
