@@ -4,13 +4,17 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from .. import verify as verification
 from ..base.bundled import bundled
 from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
 from .parameters import Unit, check, inside, parameters, within, without_effect
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 Say: TypeAlias = Callable[..., None]
@@ -148,6 +152,12 @@ def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]
         if len(read) == count and all(map(math.isfinite, read)):
             return read
     raise ValueError(f"{parameter} {text!r}: expected {expected}")
+
+
+def radians(degrees: Sequence[float]) -> "np.ndarray":
+    import numpy as np
+
+    return np.radians(degrees)
 
 
 def _plain(value: Any) -> Any:
