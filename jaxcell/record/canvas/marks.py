@@ -1,10 +1,10 @@
-"""Marks on maps and charts: labels, frames, dots, arrows, lines and trails.
+"""Marks on maps and charts: labels, dots, arrows, lines and trails.
 
 Marks are drawn over pictures. A mark with a higher `order` is drawn over other marks.
 """
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,7 @@ from .stream import send_changing
 
 MAX_CORNERS = 100
 """Largest number of corners of a trail; without a limit, n steps would need n^2 points."""
-# Default number of corners of a trail; more corners would hide the map.
-_CORNERS = 6
 _LAST_STEPS = 4
-_Numbers: TypeAlias = Float[np.ndarray, "states"]
-Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
-"""x, y and heading of each state of a robot, in metres and radians."""
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
 """The style of invisible points with labels on a black ground."""
 
@@ -80,27 +75,6 @@ def log_dots(
     stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
 
 
-def log_frame(
-    stream: rr.RecordingStream,
-    path: str,
-    xy: npt.ArrayLike,
-    half: float,
-    color: Color,
-    width: float = 3.0,
-    order: float = 40.0,
-) -> None:
-    """Log frames around squares; `half` is half the side."""
-    centers = np.atleast_2d(np.asarray(xy, float))
-    frame = rr.Boxes2D(
-        centers=centers,
-        half_sizes=np.full(centers.shape, half),
-        colors=color,
-        radii=points(width),
-        draw_order=order,
-    )
-    stream.log(path, frame, static=True)
-
-
 def log_lines(
     stream: rr.RecordingStream,
     path: str,
@@ -142,47 +116,6 @@ def log_arrows(
 ) -> None:
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
     stream.log(path, arrows, static=True)
-
-
-def log_robot(
-    stream: rr.RecordingStream,
-    path: str,
-    poses: Poses,
-    length: float,
-    color: Color,
-    trail: str,
-    times: Int[np.ndarray, "times"] | None = None,
-    trail_color: Color | None = None,
-    corners: int = _CORNERS,
-    width: float = 1.5,
-    middle: float = 0.5,
-    order: float = 30.0,
-) -> None:
-    """Log a robot as an arrow over the timeline `step`, and the trail behind it.
-
-    **Arguments:**
-
-    - `times`: the states to show; by default all.
-    - `trail_color`: by default the colour of the robot.
-    - `middle`: the share of the arrow behind the centre of the robot; with 0.5, the centre of the
-        arrow is at the centre of the robot.
-    - `order`: the drawing order of the robot; the trail lies below it.
-    """
-    x, y, theta = poses
-    times = np.arange(x.size) if times is None else times
-    place = np.stack([x, y], axis=1)
-    heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    style = {"colors": color, "radii": length / 8, "draw_order": order}
-    arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
-    send_changing(stream, path, rr.Arrows2D, times, style=style, **arrows)
-    corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
-    passed = np.searchsorted(corner, times, side="right").tolist()
-    strips = [
-        place[np.append(corner[max(0, past - corners) : past], time)]
-        for time, past in zip(times.tolist(), passed, strict=True)
-    ]
-    style = {"colors": trail_color or color, "radii": points(width), "draw_order": order - 10}
-    send_changing(stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
 
 
 def log_walker(

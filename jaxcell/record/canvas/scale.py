@@ -106,6 +106,7 @@ class Scale:
 
         **Arguments:**
 
+        - `values`: the numbers; NaN belongs to the last level, unless a mask has it.
         - `special`: masks of the special classes, by their meanings; later masks have precedence.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")

@@ -1,5 +1,3 @@
-"""The tab of the distribution of drifters by the map of cells, as the current changes."""
-
 import functools
 import itertools
 from collections.abc import Sequence
@@ -23,7 +21,7 @@ _MAX_SQUARES = 20_000_000
 def log_distribution(
     maps: Sequence[SeaMap], more: Sequence[rrb.View] = (), about: str = ""
 ) -> rrb.Container:
-    """Log the distribution of drifters over the cells after each step.
+    """Log the tab of the distribution of drifters over the cells, after each step.
 
     **Arguments:**
 

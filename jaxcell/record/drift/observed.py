@@ -1,5 +1,3 @@
-"""The recording of observed drifters: where they end, with sampling errors, and their tracks."""
-
 import dataclasses
 
 import numpy as np

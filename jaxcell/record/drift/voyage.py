@@ -1,5 +1,3 @@
-"""The tab of a voyage in three dimensions: the value function, the policy, and drifters."""
-
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -74,7 +72,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the value function, the policy, and drifters that follow the policy."""
+    """Log the tab of a voyage in three dimensions: the value function, the policy, and drifters."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy

@@ -1,5 +1,3 @@
-"""Describe a result in HTML for a notebook: tables, arrays, and a picture."""
-
 import base64
 import io
 from collections.abc import Iterable, Sequence
@@ -19,7 +17,7 @@ _ROWS = 12
 
 
 def html(result: Result) -> str:
-    """Describe a result in HTML, which needs neither files nor a kernel.
+    """Describe a result in HTML for a notebook, which needs neither files nor a kernel.
 
     **Returns:** remarks, tables as a command prints them, the dimensions of arrays, and a picture
     if the result has an array and matplotlib is installed.

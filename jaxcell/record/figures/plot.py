@@ -1,5 +1,3 @@
-"""Plot a quantity of any result. The kind of plot depends on the dimensions of the quantity."""
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np

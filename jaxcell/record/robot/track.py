@@ -1,5 +1,3 @@
-"""The state of a robot in a recording: its poses, and the last logged values."""
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -40,7 +38,7 @@ class RecordedRobot:
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """The state of a robot in a recording."""
+    """The state of a robot in a recording: its poses, and the last logged values."""
 
     about: RecordedRobot
     color: Color
