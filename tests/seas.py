@@ -5,6 +5,7 @@ import shapely
 import xarray as xr
 from hypothesis import strategies as st
 
+from jaxcell.drift import SeaDrift
 from jaxcell.drift.currents.land import read_land
 
 
@@ -77,3 +78,11 @@ def land_of_the_channel():
     return shapely.union_all(
         [polygon for polygon in read_land().polygons if polygon.intersects(near)]
     )
+
+
+def drift_of(currents, step, *, goal=None, mean=True, **options):
+    """The drift in currents, by default in their mean."""
+    names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
+    currents = currents.assign_attrs({**names, **currents.attrs})
+    found = SeaDrift.of(currents, step, mean=mean, **options)
+    return found if goal is None else found.towards(goal)
