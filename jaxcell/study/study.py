@@ -71,10 +71,7 @@ class Study:
         raise NotImplementedError
 
     def check_files(self) -> None:
-        """Check that all files among the parameters exist, before slow imports.
-
-        **Raises:** `FileNotFoundError` that names a missing file.
-        """
+        """Raise `FileNotFoundError` if a file among the parameters is missing."""
         for name in parameters(type(self)):
             value = getattr(self, name)
             for path in value if isinstance(value, tuple) else (value,):
@@ -82,11 +79,7 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory of the answer in bytes; 0 if it is unknown.
-
-        **Arguments:**
-
-        - `written`: if true, include the memory to write the result to files.
+        """Estimate the peak memory of the answer in bytes, or also of its files; 0 if unknown.
 
         **Raises:** `MemoryError` with advice, if less memory is free.
         """

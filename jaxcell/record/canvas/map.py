@@ -109,12 +109,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log the class of each cell as one picture per direction.
-
-        **Arguments:**
-
-        - `shown`: for each timeline, its times and the direction at each time.
-        """
+        """Log the class of each cell, as a picture of one direction at each time of a timeline."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -133,11 +128,9 @@ class CellMap:
         width: float = 2.5,
         order: float = 30.0,
     ) -> None:
-        """Log frames around squares, by [`send_changing`][] over the timeline `step` if any.
+        """Log frames around squares, or with times by [`send_changing`][] over the timeline `step`.
 
-        **Arguments:**
-
-        - `half`: half the side of a frame, by default [`CellMap.frame`][].
+        `half` is half the side of a frame, by default [`CellMap.frame`][].
         """
         path, centers = f"map/{name}", self.xy(cells)
         sizes = np.full(centers.shape, self.frame if half is None else half)

@@ -36,9 +36,7 @@ def log_labels(
 ) -> None:
     """Log texts at places; the viewer centres each text below its place.
 
-    **Arguments:**
-
-    - `grounds`: the colour behind each text, or one colour for all texts.
+    `grounds` is the colour behind each text, or one colour for all texts.
     """
     if labels:
         texts, x, y = zip(*labels, strict=True)
@@ -97,9 +95,7 @@ def log_shares(
 ) -> None:
     """Log lines for numbers from 0 (thin and grey) to 1 (wide and yellow).
 
-    **Arguments:**
-
-    - `width`: half the width of the widest line, in units of the plane.
+    `width` is half the width of the widest line, in units of the plane.
     """
     colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
     stream.log(path, rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=15), static=True)
@@ -129,10 +125,8 @@ def log_walker(
 ) -> None:
     """Log a dot that moves from place to place over the timeline `step`, and its last steps.
 
-    **Arguments:**
-
-    - `width`: the width of the line along the last steps, in points of the screen.
-    - `rim`: the width of a light rim of this line, or `None` for no rim.
+    `width` is the width of the line along the last steps, and `rim` that of a light rim of the
+    line, or `None` for no rim, in points of the screen.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

@@ -23,11 +23,7 @@ def log_distribution(
 ) -> rrb.Container:
     """Log the tab of the distribution of drifters over the cells, after each step.
 
-    **Arguments:**
-
-    - `maps`: the maps of the layers.
-    - `more`: further views in the colours of [`density`][].
-    - `about`: a text on these views.
+    The tab also has the views `more`, in the colours of [`density`][], with a text `about` them.
     """
     drift, clock = maps[0].drift, maps[0].clock
     steps = int(clock.last * clock.seconds / drift.step)

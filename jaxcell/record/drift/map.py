@@ -139,9 +139,7 @@ class SeaMap:
     ) -> str:
         """Log a picture of the class of each cell, or a picture per time; class 0 is land.
 
-        Sea without data gets an additional class after the others.
-
-        **Returns:** the name of the entity, for [`SeaMap.view`][].
+        Sea without data gets an additional class. Returns the entity for [`SeaMap.view`][].
         """
         water = self.water
         squares = np.zeros((*kind.shape[:-1], *water.number.shape), np.uint8)

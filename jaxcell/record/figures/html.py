@@ -19,7 +19,7 @@ _ROWS = 12
 def html(result: Result) -> str:
     """Describe a result in HTML for a notebook, which needs neither files nor a kernel.
 
-    **Returns:** remarks, tables as a command prints them, the dimensions of arrays, and a picture
+    The page has remarks, tables as a command prints them, the dimensions of arrays, and a picture
     if the result has an array and matplotlib is installed.
     """
     title = result.title or type(result).__name__
@@ -37,10 +37,7 @@ def html(result: Result) -> str:
 
 
 def _table(
-    title: str,
-    heads: Sequence[str] = (),
-    lines: Sequence[Sequence[str]] = (),
-    rows: int = _ROWS,
+    title: str, heads: Sequence[str] = (), lines: Sequence[Sequence[str]] = (), rows: int = _ROWS
 ) -> str:
     """Write a table in HTML, with at most the first `rows` rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)

@@ -49,9 +49,7 @@ class Axis:
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
     """List the axes of a sweep: the parameters, and the numbers of members of lists or samples.
 
-    **Arguments:**
-
-    - `most`: the largest number of steps of an axis; with more values, neighbours share a step.
+    An axis has at most `most` steps; with more values, neighbours share a step.
     """
     all_axes = [
         _axis(str(name), str(dimension), values.values, most)
