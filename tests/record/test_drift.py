@@ -46,8 +46,6 @@ def found(gyres, tmp_path_factory, read):
 def test_the_recording_shows_groups(gyres, found):
     assert len(found.blueprints) == 1
     assert found.timelines == {"minute", "date"}
-    scale = np.reshape(found.static("/map", "Transform3D:scale"), -1)
-    np.testing.assert_array_equal(scale, [1, -1, 1])
     for layer, water in enumerate(gyres.waters):
         behaviour = gyres.layers[layer].behaviour
         labels, rank = found.classes(f"/map/grid/groups_{layer}"), gyres.group_ranks[layer]
