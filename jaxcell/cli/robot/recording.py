@@ -25,8 +25,8 @@ def recording_of(
     cells = cells_of(task) if emulation is None else emulation.cells
     robot = record.RecordedRobot(start=start)
     if emulation is not None:
-        driven = {"radius": emulation.radius, "touches": emulation.touches}
-        robot = dataclasses.replace(robot, trace=emulation.robot.trace, **driven)
+        trace, touches = emulation.robot.trace, emulation.touches
+        robot = dataclasses.replace(robot, trace=trace, radius=emulation.radius, touches=touches)
     filter = task.filter if isinstance(task, FilterTask) else None
     return record.RobotRecording(
         path,

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
 from ...bounce import CoveragePolicy
 from ..canvas import palette
@@ -106,7 +106,9 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log the persistent groups and the limiting distribution of one angle, by direction."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
-    kind = _group_kinds(policy.group[i], np.asarray(policy.limiting[i].weights))
+    color = palette.ranked(palette.ranks(np.asarray(policy.limiting[i].weights)))
+    group = policy.group[i]
+    kind = np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
     heat = policy.share[i] * policy.cells.size
     scale = heat_scale(float(heat.max()))
     pictures = [
@@ -130,14 +132,6 @@ def _group_classes(count: int) -> list[PictureClass]:
     named += ["on a less likely group"] * colors
     groups = list(map(PictureClass, named, palette.RANKED))
     return [NOT_FREE, PictureClass("transient", FREE), *groups[:count]]
-
-
-def _group_kinds(
-    group: Int[np.ndarray, "directions positions"], weights: Float[np.ndarray, "groups"]
-) -> UInt8[np.ndarray, "directions positions"]:
-    """Return the class of each cell; groups are ranked by their weights."""
-    color = palette.ranked(palette.ranks(weights))
-    return np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
 
 
 def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:

@@ -8,7 +8,7 @@ first row of a picture is the lowest.
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -134,8 +134,8 @@ class CellMap:
         """
         path, centers = f"map/{name}", self.xy(cells)
         sizes = np.full(centers.shape, self.frame if half is None else half)
-        boxes = {"centers": centers, "half_sizes": sizes}
-        style = {"colors": color, "radii": points(width), "draw_order": order}
+        boxes: dict[str, Any] = {"centers": centers, "half_sizes": sizes}
+        style: dict[str, Any] = {"colors": color, "radii": points(width), "draw_order": order}
         if times is None:
             self.stream.log(path, rr.Boxes2D(**boxes, **style), static=True)
         else:

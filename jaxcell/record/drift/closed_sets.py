@@ -24,7 +24,8 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
         label = sets.labels[map.number]
         classes = [PictureClass("land", CLEAR), _NONE]
         for number, place in enumerate(rank.tolist(), first):
-            classes.append(PictureClass(f"set {place}: {_leaves(sets, number)}", home_color(place)))
+            leave = f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
+            classes.append(PictureClass(f"set {place}: {leave}", home_color(place)))
         kind = np.where(label < 0, 1, label - first + 2)
         picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
         _log_numbers(map, sets, range(first, first + rank.size))
@@ -33,10 +34,6 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
     most = max(int(rank.max(initial=-1)) + 1 for rank in ranks)
     legend = [*((f"set {rank}", home_color(rank)) for rank in range(min(most, len(HOMES)))), _NONE]
     return maps[0].tab("nearly_closed", "Nearly closed sets", views, _text(sets), legend)
-
-
-def _leaves(sets: ClosedSets, number: int) -> str:
-    return f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
 
 
 def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
