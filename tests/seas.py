@@ -5,7 +5,7 @@ import shapely
 import xarray as xr
 from hypothesis import strategies as st
 
-from jaxcell.drift import Flow, Water
+from jaxcell.drift import Flow, SeaDrift, Water
 from jaxcell.drift.currents.land import read_land
 
 
@@ -83,3 +83,11 @@ def land_of_the_channel():
 def water_and_flow(currents):
     """The water and the flow of the first layer."""
     return Water.of(currents), Flow.of(currents)
+
+
+def drift_of(currents, step, *, goal=None, mean=True, **options):
+    """The drift in currents, by default in their mean."""
+    names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
+    currents = currents.assign_attrs({**names, **currents.attrs})
+    found = SeaDrift.of(currents, step, mean=mean, **options)
+    return found if goal is None else found.towards(goal)

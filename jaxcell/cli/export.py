@@ -7,6 +7,7 @@ import tyro
 
 from .. import automata
 from ..study.parameters import Limit, Only, Seconds, check
+from .output import check_out, write_text
 from .terminal import note, progress
 
 
@@ -36,7 +37,6 @@ class Export:
 
     def run(self) -> int:
         from ..automata.formats.storage import read_kind
-        from .output import check_out, write_text
 
         check(self)
         formats: dict[str, Callable[[automata.Filter], str]] = {
@@ -48,29 +48,24 @@ class Export:
         if self.file.suffix not in formats:
             raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
         check_out(self.file, folder=False, option="")
-        if read_kind(self.filter) == "policy":
-            policy = automata.Policy.load(self.filter)
-            if self.smallest:
-                return self._smallest(policy)
+        policy = read_kind(self.filter) == "policy"
+        source = (automata.Policy if policy else automata.Filter).load(self.filter)
+        if self.smallest:
+            return self._smallest(source)
+        if isinstance(source, automata.Policy):
             if self.file.suffix != ".h" or self.minimal:
                 raise ValueError(
                     f"{self.file}: a policy is written only as .h, and without --minimal"
                 )
-            write_text(self.file, automata.policy_to_c_header(policy))
-            note(f"{self.file}: {policy.turn.size} states")
-            return 0
-        filter = automata.Filter.load(self.filter)
-        if self.smallest:
-            return self._smallest(filter)
-        if self.minimal:
-            filter = automata.minimize(filter)
-        write_text(self.file, formats[self.file.suffix](filter))
-        note(f"{self.file}: {len(filter.transition)} states")
+            text, states = automata.policy_to_c_header(source), source.turn.size
+        else:
+            filter = automata.minimize(source) if self.minimal else source
+            text, states = formats[self.file.suffix](filter), len(filter.transition)
+        write_text(self.file, text)
+        note(f"{self.file}: {states} states")
         return 0
 
     def _smallest(self, source: "automata.Filter | automata.Policy") -> int:
-        from .output import write_text
-
         if self.file.suffix == ".jff":
             raise ValueError(f"{self.file}: expected .dot, .json or .h with --smallest")
         with progress("the smallest machine") as say:
@@ -80,10 +75,8 @@ class Export:
             else:
                 machine = automata.MooreMachine.of(source, self.output)
                 found = automata.smallest(machine, seconds=self.seconds, say=say)
-                if self.file.suffix == ".dot":
-                    text = automata.to_dot(found.machine)
-                else:
-                    text = automata.to_json(found.machine)
+                write = automata.to_dot if self.file.suffix == ".dot" else automata.to_json
+                text = write(found.machine)
         write_text(self.file, text)
         reads = "runs" if found.machine.runs else "observations"
         note(

@@ -10,7 +10,7 @@ import tyro
 
 from .. import automata, patrol, space, sweep
 from .output import Printing
-from .terminal import say, table
+from .terminal import table
 
 
 _STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
@@ -42,11 +42,8 @@ class Info(Printing):
 
     def run(self) -> int:
         described = describe(self.file)
-        if self.json:
-            say(json.dumps(described))
-        else:
-            rows = [(name.replace("_", " "), _shown(value)) for name, value in described.items()]
-            table(str(self.file), ("", ""), rows)
+        rows = [(name.replace("_", " "), _shown(value)) for name, value in described.items()]
+        self.report(described, lambda: table(str(self.file), ("", ""), rows))
         return 0
 
 

@@ -3,13 +3,15 @@
 import dataclasses
 import os
 import tempfile
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from json import dumps
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from ..base.paths import replacing
+from .terminal import say
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -18,6 +20,13 @@ class Printing:
 
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
+
+    def report(self, summary: dict[str, Any], show: Callable[[], None]) -> None:
+        """Print a summary as JSON with `--json`, and otherwise call the function that shows it."""
+        if self.json:
+            say(dumps(summary))
+        else:
+            show()
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:

@@ -37,9 +37,21 @@ def status(
         with console.status(text + " ...") as shown:
             yield lambda text: shown.update(text + " ...")
         return
-    now = [text]
-    with _in_lines(lambda: now[0], clock):
+    ended, began, now = threading.Event(), clock(), [text]
+
+    def report() -> None:
+        wait = FIRST_LINE
+        while not ended.wait(wait):
+            wait = LINES
+            note(f"{now[0]} ... ({duration(clock() - began)})")
+
+    reporter = threading.Thread(target=report, daemon=True)
+    reporter.start()
+    try:
         yield lambda text: now.__setitem__(0, text)
+    finally:
+        ended.set()
+        reporter.join()
 
 
 @contextlib.contextmanager
@@ -67,26 +79,6 @@ def progress(
             change(", ".join(filter(None, parts)))
 
         yield say
-
-
-@contextlib.contextmanager
-def _in_lines(line: Callable[[], str], clock: Callable[[], float]) -> Iterator[None]:
-    """Print the current work after a moment, and then every minute."""
-    ended, began = threading.Event(), clock()
-
-    def report() -> None:
-        wait = FIRST_LINE
-        while not ended.wait(wait):
-            wait = LINES
-            note(f"{line()} ... ({duration(clock() - began)})")
-
-    reporter = threading.Thread(target=report, daemon=True)
-    reporter.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        reporter.join()
 
 
 def duration(seconds: float) -> str:

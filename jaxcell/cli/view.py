@@ -83,7 +83,7 @@ def _viewer() -> list[str]:
 def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
     """Serve recordings to a browser, and open the browser if there is a display.
 
-    **Yields:** the process of the server, and the address for further recordings.
+    Yields the process of the server, and the address for further recordings.
     """
     page, data = _free_port(PAGE_PORT), _free_port(DATA_PORT)
     ports = ["--web-viewer-port", str(page), "--port", str(data)]

@@ -1,6 +1,3 @@
-"""Make the default recording of a result, from the descriptions of its quantities."""
-
-import math
 from typing import Any
 
 import numpy as np
@@ -21,29 +18,27 @@ _ON_A_MAP = ("position",), ("direction", "position")
 
 
 def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
-    """Log maps and curves of the quantities of a result."""
+    """Log the default recording of a result: maps and curves of its quantities."""
     cells, quantities = cells_of(result), values(result)
     maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}
     curves = {name: one for name, one in quantities.items() if one[0].dims == ("step",)}
     timeline = "step" if curves else "direction"
-    views: list[rrb.View | rrb.Container] = []
+    views: list[Any] = []
     if cells is not None:
         map = CellMap(stream, cells)
         views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
     for name, (about, value) in curves.items():
         views.append(curve(stream, f"curves/{name}", _titled(about), np.asarray(value)))
-    grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
     text = "\n\n".join([f"# {result.title}", numbers(result), made_with(spec, cells)])
-    tab = log_tab(stream, "", result.title, grid, text, [])
+    tab = log_tab(stream, "", result.title, views, text, [])
     send_blueprint(stream, [tab], timeline, 4.0)
 
 
 def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str) -> rrb.Container:
     numbers = np.asarray(value, float)
     scale = Scale.over(numbers, f"{{}} {about.label}".rstrip().format)
-    levels = scale.levels(np.where(np.isfinite(numbers), numbers, scale.bounds[-1]))
     over_time = (timeline, np.arange(len(numbers))) if numbers.ndim == 2 else ()
-    picture = map.picture(name, scale.classes, levels, *over_time)
+    picture = map.picture(name, scale.classes, scale.levels(numbers), *over_time)
     key = log_legend(map.stream, f"{name}/legend", scale.legend())
     return rrb.Vertical(map.view(_titled(about), [picture]), key, row_shares=[4, 1])
 

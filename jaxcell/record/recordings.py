@@ -1,5 +1,3 @@
-"""Write the recording of any result."""
-
 import importlib
 import os
 from collections.abc import Callable, Mapping
@@ -47,19 +45,14 @@ def save_recording(
     **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if the file cannot be
     written; `ModuleNotFoundError` without Rerun, which `jaxcell[view]` installs.
 
-    A walk that begins at 0 and ends at 2:
+    The groups of a robot that bounces in a lab:
 
-        >>> import dataclasses, pathlib, tempfile
-        >>> from typing import Annotated
-        >>> import numpy as np
-        >>> from jaxcell import record
-        >>> from jaxcell.base.quantities import Result, quantity
-        >>> @dataclasses.dataclass(frozen=True)
-        ... class Walk(Result):
-        ...     place: Annotated[np.ndarray, quantity("step", "place", "m")]
+        >>> import pathlib, tempfile
+        >>> from jaxcell import record, study
+        >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "walk.rrd")
-        ...     record.save_recording(Walk(np.array([0.0, 1.0, 2.0])), path)
+        ...     path = pathlib.Path(folder, "groups.rrd")
+        ...     record.save_recording(groups, path)
         ...     path.exists()
         True
     """

@@ -17,11 +17,8 @@ PORT = 9876
 def viewer_sink(viewer: str) -> rr.GrpcSink:
     """Connect to a viewer that shows a recording while it grows.
 
-    **Arguments:**
-
-    - `viewer`: `"here"` for a viewer on this computer, which is started if none runs; or the
-        address of a viewer, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it
-        starts.
+    The viewer is `"here"`, a viewer on this computer that is started if none runs; or an address,
+    such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it starts.
     """
     if viewer == "here":
         url = f"rerun+http://127.0.0.1:{PORT}/proxy"

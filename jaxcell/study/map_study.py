@@ -58,10 +58,7 @@ class CellStudy(Study):
             raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "space.CellSpace":
-        """Read the map and cut it into cells.
-
-        **Raises:** `MemoryError` if the answer needs more memory than is free.
-        """
+        """Cut the map into cells; raise if the answer needs more memory than is free."""
         self.memory()
         return _cells(self._cut)
 

@@ -62,11 +62,8 @@ class Limit:
     def check(self, parameter: str, value: int | float | None, after: str = "") -> None:
         """Raise `ValueError` for a number that is beyond the bounds, or not finite.
 
-        **Arguments:**
-
-        - `parameter`: the name of the parameter; the error begins with this name.
-        - `value`: the number, or `None`, which is accepted.
-        - `after`: text after the bounds in the error, such as a unit.
+        The error begins with the name of the parameter, and has the text `after`, such as a unit,
+        after the bounds. The value may be `None`, which is accepted.
         """
         if value is None:
             return

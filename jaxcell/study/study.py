@@ -4,13 +4,17 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from .. import verify as verification
 from ..base.bundled import bundled
 from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
 from .parameters import Unit, check, inside, parameters, within, without_effect
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 Say: TypeAlias = Callable[..., None]
@@ -67,10 +71,7 @@ class Study:
         raise NotImplementedError
 
     def check_files(self) -> None:
-        """Check that all files among the parameters exist, before slow imports.
-
-        **Raises:** `FileNotFoundError` that names a missing file.
-        """
+        """Raise `FileNotFoundError` if a file among the parameters is missing."""
         for name in parameters(type(self)):
             value = getattr(self, name)
             for path in value if isinstance(value, tuple) else (value,):
@@ -78,11 +79,7 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory of the answer in bytes; 0 if it is unknown.
-
-        **Arguments:**
-
-        - `written`: if true, include the memory to write the result to files.
+        """Estimate the peak memory of the answer in bytes, or also of its files; 0 if unknown.
 
         **Raises:** `MemoryError` with advice, if less memory is free.
         """
@@ -148,6 +145,12 @@ def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]
         if len(read) == count and all(map(math.isfinite, read)):
             return read
     raise ValueError(f"{parameter} {text!r}: expected {expected}")
+
+
+def radians(degrees: Sequence[float]) -> "np.ndarray":
+    import numpy as np
+
+    return np.radians(degrees)
 
 
 def _plain(value: Any) -> Any:

@@ -18,27 +18,30 @@ STEP = ("--duration", 3400, "--method", "source")
 pytestmark = pytest.mark.usefixtures("few_drifters")
 
 
+def eastward(dims, east, lon, lat, **coords):
+    """Currents in which water flows to the East."""
+    velocities = {"u": ("eastward", east), "v": ("northward", np.zeros_like(east))}
+    return xr.Dataset(
+        {
+            name: (dims, values, {"standard_name": f"{toward}_sea_water_velocity"})
+            for name, (toward, values) in velocities.items()
+        },
+        {
+            "lon": ("lon", lon, {"units": "degrees_east"}),
+            "lat": ("lat", lat, {"units": "degrees_north"}),
+            **coords,
+        },
+    )
+
+
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory):
     """A file in which the water goes to the East, a kilometre an hour."""
     east = np.full((1, 1, 4, 9), 1 / 3.6, np.float32)
-    names = "sea_water_velocity"
-    currents = xr.Dataset(
-        {
-            "u": (("time", "depth", "lat", "lon"), east, {"standard_name": f"eastward_{names}"}),
-            "v": (
-                ("time", "depth", "lat", "lon"),
-                np.zeros_like(east),
-                {"standard_name": f"northward_{names}"},
-            ),
-        },
-        coords={
-            "time": ("time", [np.datetime64("2020-05-01", "ns")]),
-            "depth": ("depth", [0.0], {"units": "m", "positive": "down"}),
-            "lat": ("lat", 0.009 * np.arange(4), {"units": "degrees_north"}),
-            "lon": ("lon", 0.009 * np.arange(9), {"units": "degrees_east"}),
-        },
-    )
+    time = ("time", [np.datetime64("2020-05-01", "ns")])
+    depth = ("depth", [0.0], {"units": "m", "positive": "down"})
+    places = 0.009 * np.arange(9), 0.009 * np.arange(4)
+    currents = eastward(("time", "depth", "lat", "lon"), east, *places, time=time, depth=depth)
     file = tmp_path_factory.mktemp("stream") / "stream.nc"
     currents.to_netcdf(file)
     return file
@@ -106,18 +109,7 @@ def test_advice_omits_options_that_are_already_on(capsys):
 def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
     """A jet has no end, in the result, in its verification and in the recording."""
     lon, lat = np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10)
-    east = np.ones((lat.size, lon.size))
-    names = "sea_water_velocity"
-    jet = xr.Dataset(
-        {
-            "u": (("lat", "lon"), east, {"standard_name": f"eastward_{names}"}),
-            "v": (("lat", "lon"), 0 * east, {"standard_name": f"northward_{names}"}),
-        },
-        {
-            "lat": ("lat", lat, {"units": "degrees_north"}),
-            "lon": ("lon", lon, {"units": "degrees_east"}),
-        },
-    )
+    jet = eastward(("lat", "lon"), np.ones((lat.size, lon.size)), lon, lat)
     jet.to_netcdf(file := tmp_path / "jet.nc")
     args = "--method source --edge exit --rho 1 --duration 1.1e6 --verify --out"
     status, found, error = run(capsys, "drift", file, args, tmp_path / "out")
@@ -131,7 +123,7 @@ def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
     jet.to_netcdf(file)
     for spread in ("turned", "all", "sampled"):
         args = f"--edge exit --spread {spread} --verify"
-        status, found, error = run(capsys, "drift", file, args)
+        status, _, error = run(capsys, "drift", file, args)
         assert status == 0, error
 
 

@@ -43,9 +43,7 @@ def test_an_option_of_four_numbers_shows_four_placeholders(capsys):
 def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "250")
     said = page(capsys, "localize", "--help")
-    assert (
-        "A robot that slips takes the angle after which the expected entropy of its belief" in said
-    )
+    assert "A robot that slips takes the angle after which the expected entropy of its be" in said
 
 
 def test_each_command_is_in_the_list(capsys):
@@ -100,13 +98,8 @@ _jaxcell jaxcell '{words[-1]}' '{words[-2]}'
 echo "${{#COMPREPLY[@]}} ${{COMPREPLY[*]}}"
 complete -p jaxcell
 """
-        told = subprocess.run(
-            ["bash", "--norc", "-c", program],
-            cwd=folder,
-            check=True,
-            capture_output=True,
-            text=True,
-        )
+        command = ["bash", "--norc", "-c", program]
+        told = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
         assert told.stderr == ""
         found, registered = told.stdout.splitlines()
         assert registered == "complete -o default -F _jaxcell jaxcell"
@@ -150,11 +143,9 @@ def test_other_shells_have_a_script_too(capsys, shell):
 
 def test_help_into_a_closed_pipe_is_quiet():
     command = [sys.executable, "-m", "jaxcell", "--help"]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    run.stdout.close()
-    assert run.stderr.read() == b""
-    run.stderr.close()
-    run.wait()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        run.stdout.close()
+        assert run.stderr.read() == b""
 
 
 def test_no_page_of_help_imports_a_slow_package():

@@ -119,10 +119,8 @@ def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_p
     described = json.loads(capsys.readouterr().out)
     assert described["what"] == "a result of jaxcell: Periodic groups of a bouncing robot"
     assert described["dimensions"]["position"] == 19
-    assert (
-        described["variables"]["image"]
-        == "(bounce, direction, position): cell that it is mapped to"
-    )
+    image = "(bounce, direction, position): cell that it is mapped to"
+    assert described["variables"]["image"] == image
     assert main(["info", str(tmp_path / "many"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["files"] == ["groups.zarr", "summary.json"]
 

@@ -198,27 +198,17 @@ for i in range(3):
     table(f"shown {i}", ("a column",), [(1,)])
 """
     together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    printed = subprocess.run(
-        [sys.executable, "-c", code], check=True, **together
-    ).stdout.splitlines()
-    printed = [line for line in printed if line.startswith(("said", "noted", "shown"))]
+    ended = subprocess.run([sys.executable, "-c", code], check=True, **together)
+    lines = ended.stdout.splitlines()
+    printed = [line for line in lines if line.startswith(("said", "noted", "shown"))]
     expected = [(f"said {i}", f"noted {i} :x: [b]", f"shown {i}") for i in range(3)]
     assert [line.strip() for line in printed] == [line for lines in expected for line in lines]
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "tyro",
-        "rich.console",
-        "shapely",
-        "numpy",
-        "jax",
-        "jax._src.api",
-        "scipy.linalg",
-        "jaxcell.record",
-    ],
-)
+MODULES = "tyro rich.console shapely numpy jax jax._src.api scipy.linalg jaxcell.record"
+
+
+@pytest.mark.parametrize("module", MODULES.split())
 def test_an_interrupt_during_an_import_ends_without_traceback(module):
     """As if Ctrl-C were pressed when the module is looked for."""
     program = f"""

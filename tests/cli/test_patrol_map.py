@@ -1,17 +1,16 @@
 import re
-from pathlib import Path
 
 import pytest
 from helpers import run
 
+from jaxcell import bundled
 from jaxcell.cli import main
 from jaxcell.patrol import Attack, capture_probabilities, cell_graph, distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
 from jaxcell.space.sight import AT_CENTRE
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
-LAB = MAPS / "lab_b.json"
+LAB = bundled("lab_b")
 NEAR = ("--range", 2.5, "--attack-times", 4, 9, "--runs", 200)
 
 
@@ -38,18 +37,16 @@ def test_the_fewest_robots_for_a_capture(capsys):
     reached = [one["size_capture"] for one in found["team_sizes"]]
     for robots, least in enumerate(reached, 1):
         policies = distributed_policies(graph, visible, robots, 0.0)
-        assert least == pytest.approx(
-            capture_probabilities(graph, visible, policies, Attack(4)).min()
-        )
+        exact = capture_probabilities(graph, visible, policies, Attack(4))
+        assert least == pytest.approx(exact.min())
     assert found["robots"] == len(found["policies"]) == len(reached) > 1
     assert reached[-2] < 0.6 <= reached[-1]
 
 
 def test_a_capture_beyond_the_largest_team_has_no_answer(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.study.patrol.patrol_map.MAX_ROBOTS", 2)
-    status, found, error = run(
-        capsys, "patrol map", LAB, *NEAR, "--robots", "auto", "--capture", 0.999, "--share", 0
-    )
+    wanted = ("--robots", "auto", "--capture", 0.999, "--share", 0)
+    status, found, error = run(capsys, "patrol map", LAB, *NEAR, *wanted)
     assert status == 1
     assert len(found["team_sizes"]) == 2
     assert re.search(r"2 robots capture with a probability of 0\.\d+ at least; 0.999 is not", error)

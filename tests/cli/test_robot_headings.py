@@ -1,10 +1,10 @@
 """The heading of a robot at the start, and the travel of an emulated bumper."""
 
-import json
-
 import pytest
 from robot_files import LAB, SPEC, run, save_policy, simulated
 from wheels import bounce_filter, map_cells
+
+from jaxcell.robot import read_log
 
 
 def test_an_emulated_robot_knows_only_the_heading_of_the_option(filter_file, capsys):
@@ -28,17 +28,12 @@ def test_a_robot_of_equal_steps_needs_no_heading(tmp_path, capsys, step):
     _, found = run(simulated(path, start="5", out=tmp_path / "out"), capsys)
     assert found["result"] == "localized"
     assert found["emulated"]["truth_is_a_candidate"]
-    header = json.loads((tmp_path / "out" / "run.jsonl").read_text().splitlines()[0])
-    assert header["direction"] is None
+    assert read_log(tmp_path / "out" / "run.jsonl").header["direction"] is None
 
 
 def test_a_random_start_has_the_heading_of_the_option(filter_file, capsys):
-    starts = [
-        run(simulated(filter_file, heading=90.0, seed=seed, limit=1), capsys)[1]["emulated"][
-            "start"
-        ]
-        for seed in range(4)
-    ]
+    runs = [simulated(filter_file, heading=90.0, seed=seed, limit=1) for seed in range(4)]
+    starts = [run(command, capsys)[1]["emulated"]["start"] for command in runs]
     assert {start // LAB.positions for start in starts} == {2}
     assert len(set(starts)) > 1
 

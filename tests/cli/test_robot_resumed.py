@@ -1,6 +1,5 @@
-"""Runs that end in any manner go on from their logs, through the command and the whole driver."""
+"""Runs whose process was ended are resumed from their logs, by the command and the whole driver."""
 
-import functools
 import json
 import signal
 import subprocess
@@ -9,7 +8,7 @@ import sys
 import pytest
 from robot_files import LAB, run, save_belief, save_filter, simulated
 from waiting import wait_until
-from wheels import MAPS, bounce_tables
+from wheels import bounce_tables
 
 from jaxcell.cli.robot.replay import RobotReplay
 
@@ -23,30 +22,6 @@ MAIN = (
 )
 
 
-@pytest.fixture(scope="module", params=[save_filter, save_belief], ids=["filter", "belief"])
-def file(request, tmp_path_factory):
-    """The task of a run."""
-    return request.param(tmp_path_factory.mktemp("task"))
-
-
-@pytest.fixture(scope="module")
-def whole(file, tmp_path_factory):
-    """The summary of a run that nothing stops."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    simulated(file, start=str(START), heading=HEADING, out=out).run()
-    return json.loads((out / "summary.json").read_text())
-
-
-def await_observations(log, count):
-    wait_until(lambda: log.exists() and log.read_text().count('"observation":') >= count)
-
-
-def stand(count):
-    """The cell where the model has the robot after a number of observations."""
-    image, _ = bounce_tables(LAB, 45)
-    return functools.reduce(lambda cell, _: int(image[cell]), range(count), START)
-
-
 def replay(log, capsys):
     capsys.readouterr()
     code, found = run(RobotReplay(log=log, json=True), capsys)
@@ -54,38 +29,17 @@ def replay(log, capsys):
     return found
 
 
-def goes_on(log, file, whole, capsys, tmp_path):
-    """Resume a run and look at both logs and the end."""
-    before = replay(log, capsys)
-    count = len(before["observations"])
-    assert 2 <= count < len(whole["observations"])
-    assert whole["observations"].startswith(before["observations"])
-    assert set(whole["cells"]) != set(before["cells"])
-    on = tmp_path / "on"
-    code, found = run(simulated(file, start=str(stand(count)), out=on, resume=log), capsys)
-    again = replay(on / "run.jsonl", capsys)
-    assert code == 0
-    for name in ENDS:
-        assert found[name] == whole[name], name
-        assert again[name] == whole[name], name
-    assert found["emulated"]["truth_is_a_candidate"] is True
-
-
+@pytest.mark.parametrize("save", [save_filter, save_belief], ids=["filter", "belief"])
 @pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
-def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, capsys, kill):
-    out = tmp_path / "out"
-    log = out / "run.jsonl"
-    with subprocess.Popen(
-        [
-            *(sys.executable, "-c", MAIN, "robot", "run", file, "--json"),
-            *("--simulate", MAPS / "lab_a.json", "--start", str(START), "--heading", str(HEADING)),
-            *("--speedup", "10", "--out", out),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        await_observations(log, 2)
+def test_a_run_whose_program_was_ended_can_be_resumed(save, tmp_path, capsys, kill):
+    file, out, resumed = save(tmp_path), tmp_path / "out", tmp_path / "resumed"
+    _, whole = run(simulated(file, start=str(START), heading=HEADING), capsys)
+    log, place = out / "run.jsonl", ["--start", str(START), "--heading", str(HEADING)]
+    words = ["robot", "run", str(file), "--simulate", "@lab_a", *place, "--speedup", "10", "--json"]
+    command = [sys.executable, "-c", MAIN, *words, "--out", str(out)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        wait_until(lambda: log.exists() and log.read_text().count('"observation":') >= 2)
         process.send_signal(kill)
         said, errors = process.communicate()
     if kill == signal.SIGINT:
@@ -99,4 +53,17 @@ def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, cap
         # It may end within a line.
         with log.open("a") as lines:
             lines.write('{"event": "observation", "obs')
-    goes_on(log, file, whole, capsys, tmp_path)
+    before = replay(log, capsys)
+    count = len(before["observations"])
+    assert 2 <= count < len(whole["observations"])
+    assert whole["observations"].startswith(before["observations"])
+    assert set(whole["cells"]) != set(before["cells"])
+    (image, _), here = bounce_tables(LAB, 45), START
+    for _ in range(count):
+        here = int(image[here])
+    code, found = run(simulated(file, start=str(here), out=resumed, resume=log), capsys)
+    again = replay(resumed / "run.jsonl", capsys)
+    assert code == 0
+    for name in ENDS:
+        assert found[name] == again[name] == whole[name], name
+    assert found["emulated"]["truth_is_a_candidate"] is True

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 from rerun.chunk import RrdReader
 
@@ -7,12 +5,6 @@ import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.cli.sweep.view import detailed_study, member_detail, parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
-
-
-DATA = Path(__file__).parents[2] / "data"
-LAB = DATA / "maps" / "lab_a.json"
-EIGHT = DATA / "graphs" / "eight.json"
-GYRES = DATA / "ocean" / "gyres.nc"
 
 
 @pytest.fixture(autouse=True)
@@ -87,7 +79,7 @@ def test_a_viewer_opens_if_there_is_a_display(ran, monkeypatch):
 
 @pytest.mark.parametrize("directions", ["directions = 8", ""])
 def test_a_member_in_detail_equals_its_numbers_in_the_sweep(ran, directions):
-    fixed = f'map = "{LAB}"\nbounces = [45, 135]\nerror = 45\n{directions}'
+    fixed = f'map = "@lab_a"\nbounces = [45, 135]\nerror = 45\n{directions}'
     folder = ran(
         f'task = "cover"\n[fixed]\n{fixed}\n[random]\nsamples = 2\nreliability.uniform = [0.5, 0.9]'
     )
@@ -135,10 +127,7 @@ def test_members_without_a_result_or_a_study_are_refused(ran, tmp_path, capsys, 
     assert main([*view, "--select", "x=0"]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert (
-        "the task 'sweep_stub:stub' has no detail to show; expected a study of yours, or one of"
-        in told
-    )
+    assert "the task 'sweep_stub:stub' has no detail to show; expected a study of yours" in told
     monkeypatch.setattr("jaxcell.cli.sweep.view.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
     assert "The member x=2 has no result: RuntimeError: x is 2" in capsys.readouterr().err

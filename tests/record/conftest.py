@@ -4,7 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from seas import drift_of
 
+from jaxcell import bundled, drift
 from jaxcell.bounce import BounceGroups, Localized, bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace, Motion, Workspace
 
@@ -68,3 +70,11 @@ def hall():
     obstacles = [[[1, 1], [2, 1], [2, 2.2]], [[4, 0], [5, 0], [5, 1.5], [4, 1.5]]]
     workspace = Workspace(boundary, obstacles, robot_radius=0.15, name="hall")
     return Case(CellSpace.of(workspace, 0.25, 24), math.radians(90))
+
+
+@pytest.fixture(scope="module")
+def gyres(few_drifters):
+    """The drift in the bundled sea, with a goal at 5 m in the western basin."""
+    step, goal = drift.DriftStep(3400), 538 + 167
+    currents = drift.open_currents(bundled("gyres"))
+    return drift_of(currents, step, start=317, goal=goal, reach=6000.0)

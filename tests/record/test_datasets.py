@@ -10,11 +10,7 @@ import xarray as xr
 
 import jaxcell
 from jaxcell.automata import Filter
-from jaxcell.bounce import (
-    BounceGroups,
-    LocalizationFilter,
-    Localized,
-)
+from jaxcell.bounce import BounceGroups, LocalizationFilter, Localized
 from jaxcell.record import dataset as dataset_of, save_dataset
 from jaxcell.space import CELL_BY_CELL, CellSpace
 

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 import shapely
 from recordings import read_back
-from seas import land_of_the_channel, sea
+from seas import drift_of, land_of_the_channel, sea
 
 from jaxcell import drift
 from jaxcell.drift.currents.sphere import EARTH_RADIUS
-from jaxcell.record.drift.frame import _coasts, _ticks, latitude, longitude, on_the_grid
+from jaxcell.record.drift.frame import (
+    _coasts,
+    _ticks,
+    latitude,
+    longitude,
+    on_the_grid,
+    place_name,
+    round_below,
+)
+from jaxcell.record.drift.map import Clock
 
 
 DEGREE = np.radians(1) * EARTH_RADIUS
@@ -83,6 +92,7 @@ def test_places_have_their_hemispheres():
     assert longitude(0.0, 0) == "0°"
     assert latitude(-33.5, 1) == "33.5° S"
     assert latitude(67.0, 0) == "67° N"
+    assert place_name(5.0, -0.5) == "0.50° S, 5.00° E"
 
 
 def test_the_recording_tells_land_from_sea_without_data(few_drifters):
@@ -92,8 +102,7 @@ def test_the_recording_tells_land_from_sea_without_data(few_drifters):
     land = np.zeros_like(wet)
     land[1, 3] = True
     currents["land"] = ("layer", "y", "x"), land[None]
-    names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
-    found = drift.SeaDrift.of(currents.assign_attrs(names), drift.METHODS["drifters"].lasting(3000))
+    found = drift_of(currents, drift.METHODS["drifters"].lasting(3000), mean=False)
     np.testing.assert_array_equal(found.land[0], land)
     np.testing.assert_array_equal(found.sea_without_data[0], ~wet & ~land)
     assert found.land_squares == 1
@@ -103,10 +112,7 @@ def test_the_recording_tells_land_from_sea_without_data(few_drifters):
     )
     shown = read_back(found, {})
     for name in ("water_0", "groups_0"):
-        buffer = shown.static(f"/map/grid/{name}", "SegmentationImage:buffer")[0]
-        kind = np.reshape(buffer, wet.shape).astype(int)
-        context = shown.static(f"/map/grid/{name}", "AnnotationContext:context")[0]
-        labels = {one["class_id"]: one["class_description"]["info"]["label"] for one in context}
+        kind, labels = shown.picture(f"/map/grid/{name}"), shown.classes(f"/map/grid/{name}")
         assert labels[kind[1, 3]] == "land"
         assert labels[kind[2, 3]] == "sea without data"
     speeds = shown.static("/map/key/speed", "Points2D:labels")
@@ -114,3 +120,28 @@ def test_the_recording_tells_land_from_sea_without_data(few_drifters):
     length = np.array(shown.static("/map/key/arrow", "Arrows2D:vectors"))[0, 0]
     # The current of 0.3 m/s, whose arrows are 0.9 of a cell of 1 km.
     assert length == pytest.approx(0.9 * float(speeds[0].split()[0]) / 0.3)
+
+
+@pytest.mark.usefixtures("few_drifters")
+@pytest.mark.parametrize(
+    ("duration", "hours", "unit", "frame"),
+    [
+        (4 * 86400, 24, "day", 1),
+        (4 * 3600, 1, "hour", 1),
+        (40, 0.01, "second", 10),
+        (2400, 24, "minute", 18),
+        (9, 1, "second", 45),
+    ],
+)
+def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
+    currents = sea(*np.full((2, 3, 3, 4), 0.2), hours=hours)
+    clock = Clock(drift_of(currents, drift.DriftStep(duration, spread="all")))
+    assert (clock.unit, clock.frame) == (unit, frame)
+    # It goes on for 40 steps, and until the current of three records begins again.
+    wanted = max(40 * duration, 3 * hours * 3600)
+    assert wanted <= clock.last * clock.seconds <= wanted + clock.frame * clock.seconds
+    assert clock.frames <= 241
+
+
+def test_lengths_are_round():
+    assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]

@@ -62,9 +62,7 @@ def test_y_points_up(lab, recorded):
     (stretch,) = recorded.static("/map/grid", "Transform3D:scale")
     (shift,) = recorded.static("/map/grid", "Transform3D:translation")
     assert flip == [1, -1, 1]
-    buffer = recorded.static("/map/grid/free", "SegmentationImage:buffer")
-    free = np.array(buffer[0]).reshape(lab.cells.free.shape)
-    np.testing.assert_array_equal(free, lab.cells.free)
+    np.testing.assert_array_equal(recorded.picture("/map/grid/free"), lab.cells.free)
     row, column = np.divmod(lab.cells.square, lab.cells.free.shape[1])
     pixel = np.stack([column + 0.5, row + 0.5, 0 * row], axis=1)
     x, y, _ = (np.array(flip) * (pixel * stretch + shift)).T
@@ -106,8 +104,7 @@ def test_walls_of_a_map(hall):
     corners = {tuple(np.round(corner, 4)) for strip in strips for corner in strip}
     assert {(0, 0), (0, 4), (1, 1), (2, 2.2), (4, 1.5)} <= corners
     # A square is free, in an obstacle, or in the margin that the centre of the robot keeps.
-    squares = recorded.static("/map/grid/free", "SegmentationImage:buffer")
-    squares = np.array(squares[0]).reshape(hall.cells.free.shape)
+    squares = recorded.picture("/map/grid/free")
     np.testing.assert_array_equal(squares == 1, hall.cells.free)
     assert squares[0, 0] == 2, "0.125 m from the wall, with a radius of 0.15 m"
     beyond = recorded.picture("/map/beyond")

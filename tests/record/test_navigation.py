@@ -106,8 +106,7 @@ def test_start_and_goal_are_marked(cells, found, recorded):
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
     classes = recorded.classes("/map/grid/heat")
-    buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
-    heat = buffer.reshape(cells.free.shape)
+    heat = recorded.picture("/map/grid/heat")
     pictures = recorded.pictures("direction", "/map/grid/heading")
     assert len(pictures) == cells.directions
     names = recorded.classes("/map/grid/heading")
@@ -136,9 +135,8 @@ def test_without_a_path_there_is_a_heat_map(split):
     classes = recorded.classes("/map/grid/heat")
     assert classes[2] == "from 1 to 3 of 24 headings"
     assert len(classes) == 2 + 8
-    buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
     reaching = split.reaching.reshape(24, -1).sum(axis=0)
-    shown = buffer[split.cells.square]
+    shown = recorded.picture("/map/grid/heat").ravel()[split.cells.square]
     np.testing.assert_array_equal(shown, 1 + -(-reaching // 3))
     text = recorded.text()
     assert "There is no path" in text

@@ -9,6 +9,7 @@ from recordings import Recording
 from jaxcell.record.canvas.curves import curve_view
 from jaxcell.record.canvas.page import log_legend, log_tab, log_text
 from jaxcell.record.canvas.palette import FREE, Level
+from jaxcell.record.canvas.plot import ticks
 from jaxcell.record.canvas.scale import Scale
 from jaxcell.record.canvas.stream import recording
 
@@ -92,3 +93,11 @@ def test_the_axis_of_a_count_is_long_enough_for_whole_numbers(most, end):
     view = curve_view("curve", "Bumps so far", 5, most)
     (axis,) = (one for name, one in view.properties.items() if name == "ScalarAxis")
     np.testing.assert_allclose(axis.range.as_arrow_array().to_pylist()[0], (0, end))
+
+
+@pytest.mark.parametrize(
+    ("most", "expected"),
+    [(1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (500, [0, 100, 200, 300, 400, 500]), (7, [0, 2, 4, 6])],
+)
+def test_ticks_are_round(most, expected):
+    assert ticks(most) == pytest.approx(expected)

@@ -4,32 +4,22 @@ import numpy as np
 import pytest
 
 from jaxcell.record.canvas import palette
-from jaxcell.record.canvas.palette import (
-    CATEGORIES,
-    GROUP_CLASSES,
-    cycle_color,
-    group_class,
-    ramp,
-)
+from jaxcell.record.canvas.palette import CATEGORIES, GROUP_CLASSES, cycle_color, group_class, ramp
 
 
 # Machado, Oliveira and Fernandes (2009), severity 1.
+PROTANOPIA = """
+ 0.152286  1.052583 -0.204868
+ 0.114503  0.786281  0.099216
+-0.003882 -0.048116  1.051998"""
+DEUTERANOPIA = """
+ 0.367322  0.860646 -0.227968
+ 0.280085  0.672501  0.047413
+-0.011820  0.042940  0.968881"""
 SIGHT = {
     "normal": np.eye(3),
-    "protanopia": np.array(
-        [
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ]
-    ),
-    "deuteranopia": np.array(
-        [
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ]
-    ),
+    "protanopia": np.array(PROTANOPIA.split(), float).reshape(3, 3),
+    "deuteranopia": np.array(DEUTERANOPIA.split(), float).reshape(3, 3),
 }
 
 
@@ -68,11 +58,11 @@ def test_the_state_of_a_filter_differs_from_others_in_both_themes(sight):
     others = [white, black, palette.PLAIN, palette.ROBOT, *CATEGORIES.values()]
     for other in others:
         assert distance(palette.CURRENT, other, sight) > 10, other
-    for theme in (white, black):
-        assert abs(lab(palette.CURRENT, sight)[0] - lab(theme, sight)[0]) > 35
-    # Earlier states.
-    for theme in (white, black):
-        assert abs(lab(palette.ROBOT, sight)[0] - lab(theme, sight)[0]) > 25
+    # Earlier states have the colour of the robot.
+    for theme, (color, least) in itertools.product(
+        (white, black), ((palette.CURRENT, 35), (palette.ROBOT, 25))
+    ):
+        assert abs(lightness(color, sight) - lightness(theme, sight)) > least
 
 
 @pytest.mark.parametrize("sight", SIGHT)
@@ -87,8 +77,8 @@ def test_the_ramp_gets_lighter(sight):
     assert (np.diff(lightness) > 0).all()
 
 
-def lightness(color):
-    return lab(color[:3], "normal")[0]
+def lightness(color, sight="normal"):
+    return lab(color[:3], sight)[0]
 
 
 GROUNDS = [

@@ -6,85 +6,39 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
-from recordings import read_back
+from recordings import packed, read_back
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import (
-    Attack,
-    Capture,
-    PatrolledMap,
-    capture_policies,
-    cell_graph,
-    distributed_policies,
-    vulnerability,
-)
-from jaxcell.patrol.map import (
-    angular_regions,
-    base_station,
-    capture_frontier,
-    centralized_policies,
-    reassign,
-)
+from jaxcell.patrol import Attack, Capture, capture_policies, vulnerability
+from jaxcell.patrol.map import capture_frontier
 from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
 from jaxcell.record import dataset, save_dataset
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
-from jaxcell.record.canvas.plot import ticks
-from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
+from jaxcell.space import CellSpace, Workspace, visibility_polygon
+from jaxcell.study import PatrolMap
 
 
 TIMES = [6, 20, 40]
 
 
-def make(robots, *, base=False, lost=None):
-    """A patrol of a small hall with two obstacles, not at the origin."""
+@pytest.fixture(scope="module")
+def patrol(tmp_path_factory):
+    """A function that patrols a small hall with two obstacles, not at the origin."""
     obstacles = [[[3, 2], [4, 2], [4, 4], [3, 4]], [[6, 3], [7, 3], [7, 5], [6, 5]]]
-    workspace = Workspace([[1, 1], [11, 1], [11, 6], [1, 6]], obstacles, name="hall|way")
-    cells = CellSpace.of(workspace, 1.0, 8)
-    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
-    regions, after = None, None
-    if base:
-        at = base_station(graph, visible)
-        regions = angular_regions(graph, at, visible[at], robots)
-
-    def policies(share):
-        if regions is None:
-            return distributed_policies(graph, visible, robots, share)
-        return centralized_policies(graph, visible, regions, share)
-
-    found = policies(0.8)
-    if lost is not None:
-        after = reassign(graph, visible, regions, found, lost)
-    attacks = Attack(TIMES)
-    capture = Capture.of(graph, visible, found, attacks, regions)
-    watched = np.zeros(cells.positions, bool) if regions is None else regions.view
-    target = int(np.where(watched, 2, capture.probability[0]).argmin())
-    key = jax.random.key(1)
-    attack = vulnerability(key, graph, visible, found, target, attacks, runs=400)
-    return PatrolledMap(
-        cells=cells,
-        reach=2.5,
-        graph=graph,
-        visible=visible,
-        policies=found,
-        attack=attack,
-        captures=capture,
-        regions=regions,
-        reassignment=after,
-        share=np.array([0.0, 0.8]),
-        share_capture=np.array([0.3, 0.2]),
-        chosen_share=0.8,
-        seed=4,
-    )
+    hall = Workspace([[1, 1], [11, 1], [11, 6], [1, 6]], obstacles, name="hall|way")
+    hall.save(path := tmp_path_factory.mktemp("map") / "hall.json")
+    options = {"range": 2.5, "share": 0.8, "attack_times": tuple(TIMES), "runs": 400, "seed": 4}
+    return lambda **more: PatrolMap(map=path, cell=1.0, **options, **more).run()
 
 
 @pytest.fixture(scope="module")
-def alone():
-    return make(2)
+def alone(patrol):
+    return patrol(robots=2)
 
 
 @pytest.fixture(scope="module")
-def based():
-    return make(3, base=True, lost=1)
+def based(patrol):
+    return patrol(robots=3, base="auto", lost=1)
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +48,13 @@ def found(alone):
 
 def on_cells(patrol, picture):
     """The classes of the cells in a picture; other squares have class 0."""
-    picture = np.reshape(picture, patrol.cells.free.shape)
     assert (picture[~patrol.cells.free] == 0).all()
     return picture.ravel()[patrol.cells.square]
 
 
 def still(patrol, found, entity):
     """The classes of the cells in a picture without time."""
-    return on_cells(patrol, np.array(found.static(entity, "SegmentationImage:buffer")[0], np.uint8))
+    return on_cells(patrol, found.picture(entity))
 
 
 def places(patrol, found, entity):
@@ -183,10 +136,8 @@ def test_attacks_keep_to_their_rules(alone):
             assert seen[time] == (state == AttackState.CAUGHT)
             assert time - begun <= TIMES[0]
             assert state == AttackState.CAUGHT or time - begun == TIMES[0]
-            caught, succeeded = (
-                caught + (state == AttackState.CAUGHT),
-                succeeded + (state == AttackState.SUCCEEDED),
-            )
+            caught += state == AttackState.CAUGHT
+            succeeded += state == AttackState.SUCCEEDED
         else:
             assert state in (AttackState.WAITING, before)
         assert (attacks.caught[time], attacks.succeeded[time]) == (caught, succeeded)
@@ -222,15 +173,14 @@ def test_the_recording_shows_the_patrol(alone, found):
         np.testing.assert_array_equal(on_cells(alone, pictures[time]), expected)
     colors = found.over("step", "/map/attack", "Points2D:colors")
     names = [PLAIN, CATEGORIES["yellow"], KNOWN, CATEGORIES["pink"]]
-    packed = [red << 24 | green << 16 | blue << 8 | 255 for red, green, blue in names]
-    assert [one for (one,) in colors.values()] == [packed[state] for state in attacks.state]
+    assert [one for (one,) in colors.values()] == [packed(names[state]) for state in attacks.state]
     labels = found.over("step", "/map/attack_label", "Points2D:labels")
     time = int(np.flatnonzero(attacks.state == AttackState.ATTACKING)[1])
     assert labels[time] == [f"attack: step {attacks.since[time]} of 6"]
     for name in ("caught", "succeeded"):
         curve = found.over("step", f"/attacks/{name}", "Scalars:scalars")
         assert [one for (one,) in curve.values()] == getattr(attacks, name).tolist()
-    text = found.static("/text", "TextDocument:text")[0]
+    text = found.text()
     assert f"in this run {attacks.caught[-1]} times" in text.replace("\n", " ")
     assert "| map | a&#124;b |" in text
 
@@ -244,9 +194,8 @@ def test_the_recording_shows_the_covers(alone, found):
             assert list(pictures) == list(stops) == list(rings)
             assert len(stops) == policy.cover.size
             before = np.zeros(alone.cells.positions, bool)
-            for k, (picture, dots) in enumerate(
-                zip(pictures.values(), stops.values(), strict=True)
-            ):
+            shown = zip(pictures.values(), stops.values(), strict=True)
+            for k, (picture, dots) in enumerate(shown):
                 np.testing.assert_allclose(dots, alone.xy[policy.cover[: k + 1]])
                 now = alone.visible[policy.cover[k]]
                 expected = np.select([before, now], [2, 3], 1)
@@ -280,16 +229,10 @@ def test_the_recording_shows_the_law(alone, found):
         (strip,) = found.static(name, "LineStrips2D:strips")
         return np.array(strip) * [1, -1]
 
-    (most_y,) = (
-        attack.law[time] / y
-        for time, (_, y) in enumerate(curve("/target/times/exact"))
-        if time == 3
-    )
-    buffer = np.array(found.static("/target/times/simulated", "SegmentationImage:buffer")[0])
-    (layout,) = found.static("/target/times/simulated", "SegmentationImage:format")
-    bars = buffer.reshape(layout["height"], layout["width"]).sum(axis=0) / layout["height"]
+    most_y = attack.law[3] / curve("/target/times/exact")[3, 1]
+    bars = found.picture("/target/times/simulated").sum(axis=0)
     (scale,) = found.static("/target/times/simulated", "Transform3D:scale")
-    heights = bars * scale[1] * layout["height"] * most_y
+    heights = bars * scale[1] * most_y
     times = np.asarray(attack.arrivals.time)
     width = -(-(np.quantile(times, 0.95, method="lower") + 1) // 80)
     shares = np.histogram(times, width * np.arange(len(bars) + 1))[0] / times.size / width
@@ -305,10 +248,9 @@ def test_the_recording_shows_the_law(alone, found):
     np.testing.assert_allclose(runs[TIMES] / height, attack.simulated, atol=1e-6)
     np.testing.assert_allclose(fitted[TIMES] / height, attack.fitted, atol=1e-6)
     assert len(found.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
-    text = found.static("/target/text", "TextDocument:text")[0]
-    assert (
-        f"| 20 steps | {100 * attack.exact[1]:.4g} % | {100 * attack.simulated[1]:.4g} % |" in text
-    )
+    text = found.text("/target/text")
+    exact, simulated = 100 * attack.exact[1], 100 * attack.simulated[1]
+    assert f"| 20 steps | {exact:.4g} % | {simulated:.4g} % |" in text
 
 
 def test_the_recording_shows_the_vulnerability(alone, found):
@@ -321,19 +263,17 @@ def test_the_recording_shows_the_vulnerability(alone, found):
     np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
     (label,) = found.static("/map/worst_capture/label", "Points2D:labels")
     assert label == f"most vulnerable: {caught.min():.3f}"
-    classes = found.classes("/map/grid/capture")
-    low = classes[still(alone, found, "/map/grid/capture")[alone.captures.probability[0].argmin()]]
-    assert low.startswith(f"caught with probability {alone.captures.probability[0].min():.3f}"[:-1])
-    text = found.static("/vulnerability/text", "TextDocument:text")[0]
+    low = found.classes("/map/grid/capture")[kind[caught.argmin()]]
+    assert low.startswith(f"caught with probability {caught.min():.3f}"[:-1])
+    text = found.text("/vulnerability/text")
     assert f"{100 * caught.min():.4g} %" in text
 
 
 def test_an_emphasis_that_lowers_capture_is_remarked(alone):
-    (remark,) = alone.remarks
-    assert remark == (
-        "an emphasis of 0.8 lowers the least probability of capture from 0.300 to 0.200"
-    )
-    assert dataclasses.replace(alone, chosen_share=0.0).remarks == ()
+    worse = dataclasses.replace(alone, share_capture=np.array([0.3, 0.2]))
+    remark = "an emphasis of 0.8 lowers the least probability of capture from 0.300 to 0.200"
+    assert worse.remarks == (remark,)
+    assert dataclasses.replace(worse, chosen_share=0.0).remarks == ()
 
 
 def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
@@ -347,10 +287,10 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
     assert "the patrol is a local optimum, the best of 1 starts" in patrol.remarks[0]
     found = read_back(patrol)
     assert len(found.static("/frontier/curve/floors", "Points2D:positions")) == 2
-    text = found.static("/frontier/text", "TextDocument:text")[0]
+    text = found.text("/frontier/text")
     caught = 100 * frontier.least_capture[1]
     assert f"| 60% | {frontier.entropy[1]:.6g} nats | {caught:.4g} % |" in text
-    assert "local optimum" in found.static("/policies/text", "TextDocument:text")[0]
+    assert "local optimum" in found.text("/policies/text")
 
 
 def test_the_recording_shows_the_regions(based):
@@ -376,7 +316,7 @@ def test_the_recording_shows_the_regions(based):
     np.testing.assert_array_equal(heat == "always in view of the base station", regions.view)
     last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
-    text = found.static("/regions/text", "TextDocument:text")[0]
+    text = found.text("/regions/text")
     assert f"**{after.silence_limit:,}** steps" in text
     assert "robot 1 is lost" in text
 
@@ -389,7 +329,7 @@ def test_a_target_that_is_always_seen_has_no_fit(alone):
     patrol = dataclasses.replace(alone, visible=everything, attack=attack, captures=capture)
     found = read_back(patrol)
     assert "/target/times/fitted" not in found.entities
-    assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
+    assert "No generalized lambda" in found.text("/target/text")
     assert "attack_fit_l1" not in dataset(patrol)
     curve = found.over("step", "/attacks/caught", "Scalars:scalars")
     assert set(map(tuple, curve.values())) == {(0,)}
@@ -407,18 +347,7 @@ def test_parts_of_different_patrols_are_refused(alone, based):
             r"captures: expected the attack times \[.*\], got \[.\]",
         ),
         ({"reassignment": based.reassignment}, "reassignment: expected regions with it"),
-        (
-            {"cells": CellSpace.of_grid(np.ones((2, 23), bool), 8)},
-            "cells: expected the cells of a map, got a grid",
-        ),
+        ({"cells": CellSpace.of_grid(np.ones((2, 23), bool), 8)}, "the cells of a map, got a grid"),
     ):
         with pytest.raises(ValueError, match=message):
             dataclasses.replace(alone, **change)
-
-
-@pytest.mark.parametrize(
-    ("most", "expected"),
-    [(1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (500, [0, 100, 200, 300, 400, 500]), (7, [0, 2, 4, 6])],
-)
-def test_ticks_are_round(most, expected):
-    assert ticks(most) == pytest.approx(expected)

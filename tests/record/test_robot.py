@@ -20,6 +20,8 @@ LAB = map_cells("lab_a.json")
 FILTER = bounce_filter(LAB, 45)
 # A robot that starts at (1, 2), to the north.
 START = (1.0, 2.0, math.pi / 2)
+# Metres within which a robot has not gone on.
+NEAR = 0.0101
 
 
 @pytest.fixture(autouse=True)
@@ -58,9 +60,8 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter(tmp_path):
         x, y, theta = LAB.centre(FILTER.cells(state))
         np.testing.assert_allclose(origins[time], np.stack([x, y], axis=1), atol=1e-6)
         heading = np.array(vectors[time]) / np.hypot(*np.array(vectors[time]).T)[:, None]
-        np.testing.assert_allclose(
-            heading, np.stack([np.cos(theta), np.sin(theta)], axis=1), atol=1e-6
-        )
+        expected = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+        np.testing.assert_allclose(heading, expected, atol=1e-6)
         assert sizes[time] == [FILTER.uncertainty[state]]
         assert colors[time] == [FILTER.color[state]]
         if time:
@@ -126,23 +127,18 @@ def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
     headings = recorded.over("observation", "/map/robots/robot", "Arrows2D:vectors")
     assert sorted(by_observation) == [0, 1, 2]
     # The turn is part of the observation that it follows, and nothing else after it is.
-    np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=_near())
+    np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=NEAR)
     ((right, up),) = headings[1]
     assert math.atan2(up, right) == pytest.approx(math.pi, abs=0.25)
     np.testing.assert_allclose(by_observation[2], [trace[-1][1:3]], atol=1e-6)
     # The trail has a corner where it turned: its ends are the start and the last pose.
     (trail,) = recorded.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
     expected = [START[:2], last[1:3], trace[-1][1:3]]
-    np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=_near())
+    np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=NEAR)
     # 0.9 m ahead is north of the start, and 0.1 m to the right is east of it. The time is that of
     # the robot, not of the clock.
     estimates = recorded.over("seconds", "/map/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(estimates[round(last[0] * 1e9)], [[1.1, 2.9]], atol=1e-6)
-
-
-def _near() -> float:
-    """Metres within which a robot has not gone on."""
-    return 0.0101
 
 
 def test_several_robots_without_a_filter(tmp_path):

@@ -24,11 +24,8 @@ def axis_of(values, most=1000):
 
 def test_times_follow_from_values():
     whole = axis_of([30, -10, 20])
-    assert (whole.timeline, whole.times.tolist(), whole.meaning) == (
-        "x",
-        [-10, 20, 30],
-        "the value",
-    )
+    assert (whole.timeline, whole.meaning) == ("x", "the value")
+    assert whole.times.tolist() == [-10, 20, 30]
     assert whole.step.tolist() == [2, 0, 1]
     tenths = axis_of([0.1, 0.2, 1.5])
     assert (tenths.timeline, tenths.times.tolist()) == ("x x 10", [1, 2, 15])
@@ -124,8 +121,7 @@ def test_series_run_along_each_parameter(sweep, recorded):
 
 
 def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
-    buffer = recorded.static("/heat/value/0/picture", "SegmentationImage:buffer")
-    picture = np.array(buffer[0]).reshape(3, 12)
+    picture = recorded.picture("/heat/value/0/picture")
     labels = recorded.classes("/heat/value/0/picture")
     for i in range(12):
         for j in range(3):

@@ -38,10 +38,8 @@ def test_positions_without_a_visit_are_marked(lab):
     team = team_trajectory(lab.cells, [0], BOUNCE, max_parts=1, part_steps=2)
     assert team.outcome is TeamOutcome.OUT_OF_PARTS
     found = dataset(team)
-    np.testing.assert_array_equal(np.flatnonzero(found.first_visit == -1), team.uncovered_positions)
-    np.testing.assert_array_equal(
-        np.flatnonzero(found.first_visitor == -1), team.uncovered_positions
-    )
+    for quantity in (found.first_visit, found.first_visitor):
+        np.testing.assert_array_equal(np.flatnonzero(quantity == -1), team.uncovered_positions)
 
 
 def test_squares_fill_in_the_colour_of_the_first_robot(lab, team, recorded):
@@ -76,9 +74,8 @@ def test_collisions_and_curves(lab, team, recorded):
     }
     np.testing.assert_array_equal(curves["covered"][:, 0], team.covered)
     np.testing.assert_array_equal(np.diff(curves["collisions"][:, 0]), team.collisions)
-    assert (np.flatnonzero(np.diff(curves["part"][:, 0])) + 1).tolist() == team.part_begin[
-        1:
-    ].tolist()
+    begins = 1 + np.flatnonzero(np.diff(curves["part"][:, 0]))
+    np.testing.assert_array_equal(begins, team.part_begin[1:])
     assert recorded.timelines >= {"step"}
     assert recorded.blueprints
 

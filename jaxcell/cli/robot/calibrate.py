@@ -1,5 +1,4 @@
 import dataclasses
-import json
 import math
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -48,13 +47,11 @@ class RobotCalibrate(Printing):
             raise ValueError(f"--log {self.log}: expected the run of an anywhere.json")
         with status("following the robot of the log"):
             degrees = round(math.degrees(estimate_bump_turn(run, task.settings)), 2)
-        if self.json:
-            say(json.dumps({"log": str(self.log), "bump_turn_deg": degrees}))
-        else:
-            say(
-                f"A bump at 45 degrees turns the robot by {degrees:g} degrees to the wall, which "
-                f"its encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
-            )
+        text = (
+            f"A bump at 45 degrees turns the robot by {degrees:g} degrees to the wall, which "
+            f"its encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+        )
+        self.report({"log": str(self.log), "bump_turn_deg": degrees}, lambda: say(text))
         return 0
 
     def _measure(self, port: str) -> int:
@@ -80,13 +77,11 @@ class RobotCalibrate(Printing):
         calibration = Calibration.measured(distance, math.radians(degrees) / turned)
         calibration.save(path)
         summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
-        if self.json:
-            say(json.dumps(summary))
-        else:
-            say(
-                f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
-                f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
-            )
+        text = (
+            f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
+            f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
+        )
+        self.report(summary, lambda: say(text))
         return 0
 
 

@@ -1,10 +1,9 @@
 import contextlib
 import dataclasses
-import json
 from typing import Any, ClassVar
 
 from ..output import Printing
-from ..terminal import say, status, table
+from ..terminal import status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,10 +47,8 @@ class RobotCheck(Printing):
                         state["bumped"] = moved.bumped
         except RobotStopped as error:
             state["danger"] = str(error)
-        if self.json:
-            say(json.dumps(state))
-        else:
-            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in state.items()])
+        rows = [(name, str(value)) for name, value in state.items()]
+        self.report(state, lambda: table(f"The robot at {self.port}", ("", ""), rows))
         return 0 if state["danger"] is None else 1
 
     def _firmware(self) -> str:

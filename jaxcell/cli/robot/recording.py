@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
-from ...automata import Belief, Filter, Policy
 from ...base.paths import name_in_results
 from ...robot.tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ...space import CellSpace, Workspace
@@ -22,45 +21,35 @@ def recording_of(
 ) -> "record.RobotRecording":
     """Open the recording of a run, with the map if it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    estimator, about = _estimator(task), _about(task)
+    about = _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
     robot = record.RecordedRobot(start=start)
     if emulation is not None:
-        robot = record.RecordedRobot(
-            start=start,
-            trace=emulation.robot.trace,
-            radius=emulation.radius,
-            touches=emulation.touches,
-        )
+        trace, touches = emulation.robot.trace, emulation.touches
+        robot = dataclasses.replace(robot, trace=trace, radius=emulation.radius, touches=touches)
+    filter = task.filter if isinstance(task, FilterTask) else None
     return record.RobotRecording(
         path,
         [robot],
         cells=cells,
-        filter=None if isinstance(estimator, Belief) else estimator,
-        belief=estimator if isinstance(estimator, Belief) else None,
+        filter=task.policy if isinstance(task, PolicyTask) else filter,
+        belief=task.belief if isinstance(task, BeliefTask) else None,
         filter_of_cells=cells is not None and _is_map(cells, about),
         viewer=viewer,
         spec={"file": name_in_results(task.path), **about},
     )
 
 
-def _estimator(task: AnyTask) -> Filter | Policy | Belief | None:
-    match task:
-        case FilterTask():
-            return task.filter
-        case PolicyTask():
-            return task.policy
-        case BeliefTask():
-            return task.belief
-    return None
-
-
 def _about(task: AnyTask) -> Mapping[str, Any]:
     """Return the metadata of a filter, a policy or a belief, which describe its map."""
-    estimator = _estimator(task)
-    if isinstance(estimator, Belief):
-        return estimator.hidden.metadata
-    return {} if estimator is None else estimator.metadata
+    match task:
+        case FilterTask():
+            return task.filter.metadata
+        case PolicyTask():
+            return task.policy.metadata
+        case BeliefTask():
+            return task.belief.hidden.metadata
+    return {}
 
 
 def cells_of(task: AnyTask) -> CellSpace | None:

@@ -1,12 +1,10 @@
 import dataclasses
-import json
 from pathlib import Path
 from typing import ClassVar
 
 import tyro
 
 from ..output import Printing
-from ..terminal import say
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,8 +40,5 @@ class RobotReplay(Printing):
                     fields = {name: value for name, value in event.items() if name != "event"}
                     recording.event(event["event"], fields)
         summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
-        if self.json:
-            say(json.dumps(summary))
-        else:
-            show(self.log.name, summary)
+        self.report(summary, lambda: show(self.log.name, summary))
         return 0

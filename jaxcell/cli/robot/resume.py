@@ -82,10 +82,8 @@ def _new_directory(out: Path, log: str) -> Path:
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
     """Write the current pose of an emulated robot for `--start`: metres, metres, and degrees.
 
-    **Arguments:**
-
-    - `pose`: the pose at the start of the emulation, in metres and radians.
-    - `before`, `after`: the place in the run at the start of the emulation, and now.
+    `pose` is the pose at the start of the emulation, in metres and radians; `before` and `after`
+    are the places in the run at the start of the emulation, and now.
     """
     x, y, heading = pose
     moved = complex(after[0] - before[0], after[1] - before[1])

@@ -1,5 +1,4 @@
 import dataclasses
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
@@ -25,11 +24,9 @@ class SweepIndices(Printing):
     def run(self) -> int:
         with status(f"resampling {self.folder}"):
             found = sweep.sobol_indices(self.folder)
-        if self.json:
-            indices = [dataclasses.asdict(one) for one in found]
-            print(json.dumps({"out": str(self.folder), "indices": indices}))
-        else:
-            show_indices(self.folder, found)
+        indices = [dataclasses.asdict(one) for one in found]
+        summary = {"out": str(self.folder), "indices": indices}
+        self.report(summary, lambda: show_indices(self.folder, found))
         return 0
 
 

@@ -103,10 +103,7 @@ def detailed_study(task: str) -> type[Study]:
 def member_detail(
     study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
 ) -> dict[str, Any]:
-    """Run the study of a member again, print its tables, and write its recording.
-
-    **Returns:** the summary that the command prints as JSON.
-    """
+    """Run the study of a member again, print its tables, write its recording, and summarize it."""
     from ...base.runtime import configure_jax
     from ...sweep.study_task import studies
 
@@ -124,11 +121,8 @@ def member_detail(
 def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     """Find the index of a member along each dimension of a sweep.
 
-    **Arguments:**
-
-    - `spec`: the specification of the sweep.
-    - `given`: `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a grid
-        parameter, or the number of a sample or of a member of a list.
+    `given` has `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a grid
+    parameter, or the number of a sample or of a member of a list.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)

@@ -1,5 +1,3 @@
-"""Write the groups of all cells to a Zarr store, one direction at a time."""
-
 import os
 import warnings
 from collections.abc import Mapping

@@ -3,22 +3,13 @@ import math
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
 from ...bounce import CoveragePolicy
+from ..canvas import palette
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    BELIEF,
-    CATEGORIES,
-    FREE,
-    NOT_FREE,
-    Color,
-    Level,
-    PictureClass,
-    mix,
-    ranks,
-)
+from ..canvas.palette import BELIEF, FREE, NOT_FREE, Color, Level, PictureClass
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -115,7 +106,9 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log the persistent groups and the limiting distribution of one angle, by direction."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
-    kind = _group_kinds(policy.group[i], np.asarray(policy.limiting[i].weights))
+    color = palette.ranked(palette.ranks(np.asarray(policy.limiting[i].weights)))
+    group = policy.group[i]
+    kind = np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
     heat = policy.share[i] * policy.cells.size
     scale = heat_scale(float(heat.max()))
     pictures = [
@@ -133,24 +126,12 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 def _group_classes(count: int) -> list[PictureClass]:
     """Return the classes: not free, transient, and the groups; small groups have pale colours."""
+    colors = len(palette.CATEGORIES)
     named = ["on the likeliest persistent group"]
-    named += [f"on the persistent group of rank {rank}" for rank in range(2, len(CATEGORIES) + 1)]
-    groups = list(map(PictureClass, named, CATEGORIES.values()))
-    groups += [
-        PictureClass("on a less likely group", mix(color, (255, 255, 255), 0.6))
-        for color in CATEGORIES.values()
-    ]
+    named += [f"on the persistent group of rank {rank}" for rank in range(2, colors + 1)]
+    named += ["on a less likely group"] * colors
+    groups = list(map(PictureClass, named, palette.RANKED))
     return [NOT_FREE, PictureClass("transient", FREE), *groups[:count]]
-
-
-def _group_kinds(
-    group: Int[np.ndarray, "directions positions"], weights: Float[np.ndarray, "groups"]
-) -> UInt8[np.ndarray, "directions positions"]:
-    """Return the class of each cell; groups are ranked by their weights."""
-    colors = len(CATEGORIES)
-    rank = ranks(weights)
-    place = np.where(rank < colors, rank, colors + rank % colors)
-    return np.where(group < 0, 1, 2 + place[group]).astype(np.uint8)
 
 
 def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:

@@ -1,6 +1,3 @@
-import dataclasses
-import functools
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -64,7 +61,6 @@ def log_group_tab(
     return log_tab(stream, name, title, views, _text(groups, angle, spec), _LEGEND_ROWS)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
@@ -72,43 +68,29 @@ class _OfAngle:
     directions have 90 families. A picture shows one family, with colours by ranks in the family.
     """
 
-    group: Int[np.ndarray, "directions positions"]
-    step: Int[np.ndarray, "directions positions"]
-    period: Int[np.ndarray, "groups"]
-
-    @functools.cached_property
-    def _basin(self) -> Int[np.ndarray, "groups"]:
-        return np.bincount(self.group.ravel())
-
-    @functools.cached_property
-    def _direction(self) -> Int[np.ndarray, "groups"]:
-        """The lowest direction of the cells of each group; it identifies the family."""
-        direction = np.zeros(self._basin.size, np.int32)
-        for k, group in reversed(list(enumerate(self.group))):
-            direction[group] = k
-        return direction
-
-    @functools.cached_property
-    def _family(self) -> Int[np.ndarray, "directions"]:
-        return self._direction[self.group[:, 0]]
-
-    @functools.cached_property
-    def _rank(self) -> Int[np.ndarray, "groups"]:
-        """The rank of each group in its family by its basin, 0 for the largest."""
-        order = np.lexsort((-self._basin, self._direction))
-        direction = self._direction[order]
-        rank = np.empty(order.size, np.int64)
-        rank[order] = np.arange(order.size) - np.searchsorted(direction, direction)
-        return rank
-
-    @functools.cached_property
-    def _steps(self) -> Scale:
-        longest, special = int(self.step.max()), {_ON_GROUP: palette.ON_GROUP}
-        return Scale.counting(
+    def __init__(
+        self,
+        group: Int[np.ndarray, "directions positions"],
+        step: Int[np.ndarray, "directions positions"],
+        period: Int[np.ndarray, "groups"],
+    ) -> None:
+        self.group, self.step, self.period = group, step, period
+        self._basin = np.bincount(group.ravel())
+        # The lowest direction of the cells of each group identifies the family of the group.
+        self._lowest = np.zeros(self._basin.size, np.int32)
+        for k, groups in reversed(list(enumerate(group))):
+            self._lowest[groups] = k
+        self._family = self._lowest[group[:, 0]]
+        # The rank of each group in its family by its basin, 0 for the largest.
+        order = np.lexsort((-self._basin, self._lowest))
+        lowest = self._lowest[order]
+        self._rank = np.empty(order.size, np.int64)
+        self._rank[order] = np.arange(order.size) - np.searchsorted(lowest, lowest)
+        self._steps = Scale.counting(
             1,
-            longest,
+            int(step.max()),
             lambda count: f"{count} mapping{'s' * (count != '1')} to a group",
-            special=special,
+            special={_ON_GROUP: palette.ON_GROUP},
         )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
@@ -140,7 +122,7 @@ class _OfAngle:
 
     def _legend(self, direction: int) -> list[tuple[str, Color]]:
         """Return the legend of the family of a direction, with the same number of rows for all."""
-        members = np.flatnonzero(self._direction == direction)
+        members = np.flatnonzero(self._lowest == direction)
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]
         shares = 100 * basin / basin.sum()

@@ -11,7 +11,7 @@ from ...bounce import CostSummary, Plan
 from ..canvas import palette
 from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
-from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
+from ..canvas.marks import log_arrows, log_dots, log_labels, points
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import Spec, degrees, made_with, numbers, times
@@ -52,7 +52,7 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
     place, half = map.xy(np.array([cell])), map.frame
     theta = float(map.cells.centre(cell)[2])
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
-    log_frame(map.stream, f"map/{name}/frame", place, half, color, order=15.0)
+    map.frames(f"{name}/frame", np.array([cell]), color, width=3.0, order=15.0)
     log_arrows(map.stream, f"map/{name}/heading", place, heading, color, half / 8, order=15.0)
     at, ground = map.below(place[0], half)
     log_labels(map.stream, f"map/{name}/label", [(name, *at.tolist())], [ground])
@@ -63,17 +63,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     place = map.xy(plan.visited)
     legend = _log_runs(map, plan, place)
     poses = plan.robot_x, plan.robot_y, plan.robot_theta
-    log_robot(
-        map.stream,
-        "map/robot",
-        poses,
-        map.arrow,
-        palette.ROBOT,
-        "map/trail",
-        corners=1,
-        width=4.0,
-        order=40.0,
-    )
+    map.robot(poses, palette.ROBOT, corners=1, width=4.0, order=40.0)
     log_turns(map, place, np.append(plan.actions != 0, False), plan.turns.tolist())
     changed = np.append(False, np.diff(plan.turns) != 0)[: plan.bumps]
     views = []

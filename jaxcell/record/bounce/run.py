@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int, Integer, UInt8
 from ...bounce.localization.result import RunOnMap
 from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
 from ..canvas.curves import curve
-from ..canvas.map import CellMap
-from ..canvas.marks import MAX_CORNERS, Poses, log_robot, send_labels
+from ..canvas.map import CellMap, Poses
+from ..canvas.marks import MAX_CORNERS, send_labels
 from ..canvas.palette import BELIEF, CURRENT, KNOWN, ROBOT, TRAIL, Color
 from ..canvas.prose import degrees
 from ..canvas.stream import send_changing
@@ -45,17 +45,9 @@ def observed(word: str) -> str:
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
     """Log the robot at its true pose, by default below the arrows of the belief."""
-    log_robot(
-        map.stream,
-        "map/robot",
-        poses,
-        robot_length(map),
-        ROBOT,
-        "map/trail",
-        trail_color=TRAIL,
-        corners=MAX_CORNERS,
-        middle=0.0,
-        order=order,
+    length, corners = robot_length(map), MAX_CORNERS
+    map.robot(
+        poses, ROBOT, length=length, trail_color=TRAIL, corners=corners, middle=0.0, order=order
     )
 
 

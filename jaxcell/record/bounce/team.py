@@ -6,7 +6,6 @@ from jaxtyping import Int
 from ...bounce import TeamTrajectory
 from ..canvas.curves import curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color, tint
 from ..canvas.prose import Spec, counted, described, made_with, numbers
@@ -31,8 +30,7 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     robots = range(team.starts.size)
     for robot in robots:
         poses = team.robot_x[:, robot], team.robot_y[:, robot], team.robot_theta[:, robot]
-        path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
-        log_robot(stream, path, poses, map.arrow, _shade(robot), trail, times)
+        map.robot(poses, _shade(robot), f"_{robot}", times=times)
     move, collided = np.nonzero(team.collided)
     # A move is shown at its end.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)

@@ -1,9 +1,9 @@
 """The common parts of all recordings.
 
 - `stream`: the file, and the layout of the viewer.
-- `map`: a map with y up, pictures of its cells, and views of it.
+- `map`: a map with y up, pictures of its cells, robots, frames, and views of it.
 - `scale`: colours for numbers, with their classes and their legend.
-- `marks`: labels, frames, dots, arrows and trails.
+- `marks`: labels, dots, arrows, lines and trails.
 - `curves`: numbers over a timeline. `plot`: charts of bars and curves in a plane.
 - `page`: a tab of views with a legend and a text.
 - `palette`: the colours. `prose`: parts of the texts.

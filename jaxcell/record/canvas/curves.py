@@ -68,11 +68,8 @@ def curve_view(
 ) -> rrb.TimeSeriesView:
     """Make a view of the curves at a path, over the whole timeline.
 
-    **Arguments:**
-
-    - `last`: the last time; `None` while the recording grows.
-    - `most`: the largest number, for an axis from 0 to this number. If it is an `int`, the axis is
-        long enough for the viewer to place ticks at whole numbers only.
+    `last` is `None` while the recording grows. `most` is the largest number on an axis from 0; for
+    an `int` the axis is long enough for the viewer to place ticks at whole numbers only.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

@@ -5,11 +5,10 @@ logged in metres, with y up. Pictures are below `map/grid`, which also scales pi
 first row of a picture is the lowest.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -28,56 +27,44 @@ from .stream import Dated, plane, send_changing, time_columns
 _TOO_NEAR = "too near a wall", MARGIN
 # Number of fine squares along the side of a cell that a wall cuts, and largest number on a map.
 _FINE, _MAX_FINE = 8, 2**22
+# Default number of corners of a trail; more corners would hide the map.
+_CORNERS = 6
+_Numbers: TypeAlias = Float[np.ndarray, "states"]
+Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
+"""x, y and heading of each state of a robot, in metres and radians."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class CellMap:
     """The map of a cell space in a recording. The constructor logs its free squares and walls."""
 
-    stream: rr.RecordingStream
-    cells: CellSpace
-
-    def __post_init__(self) -> None:
-        stream, side = self.stream, self.cells.cell
+    def __init__(self, stream: rr.RecordingStream, cells: CellSpace) -> None:
+        self.stream, self.cells = stream, cells
+        (rows, columns), (left, bottom) = cells.free.shape, cells.origin
+        right, top = left + columns * cells.cell, bottom + rows * cells.cell
+        self.bounds = left, bottom, right, top
+        "The box around the squares of the cells, in metres."
+        self.extent = max(right - left, top - bottom)
+        "The larger side of the map, in metres. It limits how small marks are."
+        self.arrow = max(0.8 * cells.cell, 0.045 * self.extent)
+        "The length of the arrow of a robot, in metres, for a view of the whole map."
+        self.frame = max(0.5 * cells.cell, 0.02 * self.extent)
+        "Half the side of the frame around a square, in metres."
         stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
-        stream.log("map/grid", _stretch(self.cells, side), static=True)
+        stream.log("map/grid", _stretch(cells, cells.cell), static=True)
         classes = ("obstacle", OBSTACLE), ("free", FREE), _TOO_NEAR
         named = [PictureClass(*one) for one in classes]
         log_pictures(stream, "map/grid/free", named, self._squares, order=-20.0)
         if self._sticks_out:
             fine, beyond = self._beyond()
-            stream.log("map/beyond", _stretch(self.cells, fine), static=True)
+            stream.log("map/beyond", _stretch(cells, fine), static=True)
             named = [PictureClass("within the walls", CLEAR), PictureClass(*classes[0])]
             log_pictures(stream, "map/beyond", named, beyond, order=-5.0)
-        log_lines(stream, "map/walls", _walls(self.cells), WALL, 1.2, 10.0)
+        log_lines(stream, "map/walls", _walls(cells), WALL, 1.2, 10.0)
 
     @property
     def margin_legend(self) -> list[tuple[str, Color]]:
         """The legend of the grey squares between cells and walls; empty if there are none."""
         return [_TOO_NEAR] if (self._squares == 2).any() else []
-
-    @functools.cached_property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """The box around the squares of the cells, in metres: left, bottom, right, top."""
-        rows, columns = self.cells.free.shape
-        left, bottom = self.cells.origin
-        return left, bottom, left + columns * self.cells.cell, bottom + rows * self.cells.cell
-
-    @functools.cached_property
-    def extent(self) -> float:
-        """The larger side of the map, in metres. It limits how small marks are."""
-        left, bottom, right, top = self.bounds
-        return max(right - left, top - bottom)
-
-    @property
-    def arrow(self) -> float:
-        """The length of the arrow of a robot, in metres, for a view of the whole map."""
-        return max(0.8 * self.cells.cell, 0.045 * self.extent)
-
-    @functools.cached_property
-    def frame(self) -> float:
-        """Half the side of the frame around a square, in metres."""
-        return max(0.5 * self.cells.cell, 0.02 * self.extent)
 
     def xy(self, cell: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape 2"]:
         """Return the centres of cells or positions, in metres."""
@@ -122,12 +109,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log the class of each cell as one picture per direction.
-
-        **Arguments:**
-
-        - `shown`: for each timeline, its times and the direction at each time.
-        """
+        """Log the class of each cell, as a picture of one direction at each time of a timeline."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -139,16 +121,69 @@ class CellMap:
         name: str,
         cells: Int[np.ndarray, "frames"],
         color: Color,
-        times: Int[np.ndarray, "times"],
+        times: Int[np.ndarray, "times"] | None = None,
         lengths: npt.ArrayLike | None = None,
+        *,
+        half: float | None = None,
         width: float = 2.5,
         order: float = 30.0,
     ) -> None:
-        """Log frames around squares over the timeline `step`, by [`send_changing`][]."""
-        centers = self.xy(cells)
-        boxes = {"centers": centers, "half_sizes": np.full(centers.shape, self.frame)}
-        style = {"colors": color, "radii": points(width), "draw_order": order}
-        send_changing(self.stream, f"map/{name}", rr.Boxes2D, times, lengths, style=style, **boxes)
+        """Log frames around squares, or with times by [`send_changing`][] over the timeline `step`.
+
+        `half` is half the side of a frame, by default [`CellMap.frame`][].
+        """
+        path, centers = f"map/{name}", self.xy(cells)
+        sizes = np.full(centers.shape, self.frame if half is None else half)
+        boxes: dict[str, Any] = {"centers": centers, "half_sizes": sizes}
+        style: dict[str, Any] = {"colors": color, "radii": points(width), "draw_order": order}
+        if times is None:
+            self.stream.log(path, rr.Boxes2D(**boxes, **style), static=True)
+        else:
+            send_changing(self.stream, path, rr.Boxes2D, times, lengths, style=style, **boxes)
+
+    def robot(
+        self,
+        poses: Poses,
+        color: Color,
+        name: str = "",
+        *,
+        length: float | None = None,
+        times: Int[np.ndarray, "times"] | None = None,
+        trail_color: Color | None = None,
+        corners: int = _CORNERS,
+        width: float = 1.5,
+        middle: float = 0.5,
+        order: float = 30.0,
+    ) -> None:
+        """Log a robot as an arrow over the timeline `step`, and the trail behind it.
+
+        **Arguments:**
+
+        - `name`: the end of the names of the entities, which begin with `robot` and `trail`.
+        - `length`: the length of the arrow in metres, by default [`CellMap.arrow`][].
+        - `times`: the states to show; by default all.
+        - `trail_color`: by default the colour of the robot.
+        - `middle`: the share of the arrow behind the centre of the robot; with 0.5, the centre of
+            the arrow is at the centre of the robot.
+        - `order`: the drawing order of the robot; the trail lies below it.
+        """
+        x, y, theta = poses
+        length = self.arrow if length is None else length
+        times = np.arange(x.size) if times is None else times
+        place = np.stack([x, y], axis=1)
+        heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+        style = {"colors": color, "radii": length / 8, "draw_order": order}
+        arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
+        path, trail = f"map/robot{name}", f"map/trail{name}"
+        send_changing(self.stream, path, rr.Arrows2D, times, style=style, **arrows)
+        corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
+        passed = np.searchsorted(corner, times, side="right").tolist()
+        strips = [
+            place[np.append(corner[max(0, past - corners) : past], time)]
+            for time, past in zip(times.tolist(), passed, strict=True)
+        ]
+        style = {"colors": trail_color or color, "radii": points(width), "draw_order": order - 10}
+        send_changing(self.stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
         """Make a view of entities on the map, with a margin around it."""

@@ -1,10 +1,10 @@
-"""Marks on maps and charts: labels, frames, dots, arrows, lines and trails.
+"""Marks on maps and charts: labels, dots, arrows, lines and trails.
 
 Marks are drawn over pictures. A mark with a higher `order` is drawn over other marks.
 """
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,7 @@ from .stream import send_changing
 
 MAX_CORNERS = 100
 """Largest number of corners of a trail; without a limit, n steps would need n^2 points."""
-# Default number of corners of a trail; more corners would hide the map.
-_CORNERS = 6
 _LAST_STEPS = 4
-_Numbers: TypeAlias = Float[np.ndarray, "states"]
-Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
-"""x, y and heading of each state of a robot, in metres and radians."""
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
 """The style of invisible points with labels on a black ground."""
 
@@ -41,9 +36,7 @@ def log_labels(
 ) -> None:
     """Log texts at places; the viewer centres each text below its place.
 
-    **Arguments:**
-
-    - `grounds`: the colour behind each text, or one colour for all texts.
+    `grounds` is the colour behind each text, or one colour for all texts.
     """
     if labels:
         texts, x, y = zip(*labels, strict=True)
@@ -80,27 +73,6 @@ def log_dots(
     stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
 
 
-def log_frame(
-    stream: rr.RecordingStream,
-    path: str,
-    xy: npt.ArrayLike,
-    half: float,
-    color: Color,
-    width: float = 3.0,
-    order: float = 40.0,
-) -> None:
-    """Log frames around squares; `half` is half the side."""
-    centers = np.atleast_2d(np.asarray(xy, float))
-    frame = rr.Boxes2D(
-        centers=centers,
-        half_sizes=np.full(centers.shape, half),
-        colors=color,
-        radii=points(width),
-        draw_order=order,
-    )
-    stream.log(path, frame, static=True)
-
-
 def log_lines(
     stream: rr.RecordingStream,
     path: str,
@@ -123,9 +95,7 @@ def log_shares(
 ) -> None:
     """Log lines for numbers from 0 (thin and grey) to 1 (wide and yellow).
 
-    **Arguments:**
-
-    - `width`: half the width of the widest line, in units of the plane.
+    `width` is half the width of the widest line, in units of the plane.
     """
     colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
     stream.log(path, rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=15), static=True)
@@ -144,47 +114,6 @@ def log_arrows(
     stream.log(path, arrows, static=True)
 
 
-def log_robot(
-    stream: rr.RecordingStream,
-    path: str,
-    poses: Poses,
-    length: float,
-    color: Color,
-    trail: str,
-    times: Int[np.ndarray, "times"] | None = None,
-    trail_color: Color | None = None,
-    corners: int = _CORNERS,
-    width: float = 1.5,
-    middle: float = 0.5,
-    order: float = 30.0,
-) -> None:
-    """Log a robot as an arrow over the timeline `step`, and the trail behind it.
-
-    **Arguments:**
-
-    - `times`: the states to show; by default all.
-    - `trail_color`: by default the colour of the robot.
-    - `middle`: the share of the arrow behind the centre of the robot; with 0.5, the centre of the
-        arrow is at the centre of the robot.
-    - `order`: the drawing order of the robot; the trail lies below it.
-    """
-    x, y, theta = poses
-    times = np.arange(x.size) if times is None else times
-    place = np.stack([x, y], axis=1)
-    heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    style = {"colors": color, "radii": length / 8, "draw_order": order}
-    arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
-    send_changing(stream, path, rr.Arrows2D, times, style=style, **arrows)
-    corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
-    passed = np.searchsorted(corner, times, side="right").tolist()
-    strips = [
-        place[np.append(corner[max(0, past - corners) : past], time)]
-        for time, past in zip(times.tolist(), passed, strict=True)
-    ]
-    style = {"colors": trail_color or color, "radii": points(width), "draw_order": order - 10}
-    send_changing(stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
-
-
 def log_walker(
     stream: rr.RecordingStream,
     path: str,
@@ -196,10 +125,8 @@ def log_walker(
 ) -> None:
     """Log a dot that moves from place to place over the timeline `step`, and its last steps.
 
-    **Arguments:**
-
-    - `width`: the width of the line along the last steps, in points of the screen.
-    - `rim`: the width of a light rim of this line, or `None` for no rim.
+    `width` is the width of the line along the last steps, and `rim` that of a light rim of the
+    line, or `None` for no rim, in points of the screen.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

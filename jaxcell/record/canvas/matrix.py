@@ -43,7 +43,7 @@ def log_matrix(
     """
     scale = Scale.over(values, f"{{}} {unit}".rstrip().format, special={"none": PLAIN})
     known = ~np.isnan(values)
-    levels = scale.levels(np.where(known, values, scale.bounds[0]), {"none": ~known})
+    levels = scale.levels(values, {"none": ~known})
     classes = scale.classes
     log_pictures(stream, f"{path}/heat", classes, levels)
     names: list[tuple[str, float, float]] = []

@@ -57,7 +57,7 @@ def log_tab(
     else:
         key = [log_legend(stream, where, legend)] if legend else []
     if isinstance(views, Sequence):
-        columns = math.ceil(math.sqrt(len(views)))
+        columns = math.ceil(math.sqrt(len(views) or 1))
         if side and len(views) % columns:
             views, key = rrb.Grid(*views, *key, grid_columns=columns), []
         else:

@@ -138,14 +138,19 @@ def cycle_color(color: int) -> tuple[str, Color]:
     return named[(color - 2) % len(named)]
 
 
+RANKED: list[Color] = [
+    mix(color, (255, 255, 255), pale) for pale in (0.0, 0.6) for color in CATEGORIES.values()
+]
+"""The colours of groups by rank: those of the categories, and their pale shades in turn."""
+
+
 def _group_classes() -> list[PictureClass]:
     classes = [NOT_FREE]
-    for shade, rest in (0.0, ""), (0.6, "a smaller group"):
-        for place, color in enumerate(CATEGORIES.values()):
-            label = rest or ("the largest group", f"the group of rank {place + 1}")[place > 0]
-            color = mix(color, (255, 255, 255), shade)
-            classes.append(PictureClass(f"leads to {label}", color))
-            classes.append(PictureClass(f"on {label}", mix(color, (0, 0, 0), 0.35)))
+    for place, color in enumerate(RANKED):
+        label = f"the group of rank {place + 1}" if place else "the largest group"
+        label = label if place < len(CATEGORIES) else "a smaller group"
+        classes.append(PictureClass(f"leads to {label}", color))
+        classes.append(PictureClass(f"on {label}", mix(color, (0, 0, 0), 0.35)))
     return classes
 
 
@@ -161,11 +166,15 @@ def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
     return rank
 
 
+def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
+    """Return the index in `RANKED` of the colour of each group."""
+    count = len(CATEGORIES)
+    return np.where(rank < count, rank, count + rank % count)
+
+
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     """Return the class of the cells that lead to each group, from the ranks of the basins.
 
     The class of the cells on the group is the next class.
     """
-    count = len(CATEGORIES)
-    place = np.where(rank < count, rank, count + rank % count)
-    return (1 + 2 * place).astype(np.uint8)
+    return (1 + 2 * ranked(rank)).astype(np.uint8)

@@ -102,11 +102,9 @@ class Scale:
         values: Num[np.ndarray, "*shape"],
         special: Mapping[str, Bool[np.ndarray, "*shape"]] | None = None,
     ) -> UInt8[np.ndarray, "*shape"]:
-        """Return the class of each number.
+        """Return the class of each number; NaN belongs to the last level, unless a mask has it.
 
-        **Arguments:**
-
-        - `special`: masks of the special classes, by their meanings; later masks have precedence.
+        `special` has masks of the special classes, by their meanings; later ones have precedence.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
         kind = 1 + len(self.special) + level
@@ -118,12 +116,9 @@ class Scale:
     def legend(
         self, rows: int = _LEGEND_ROWS, shown: Sequence[str] | None = None
     ) -> list[tuple[str, Color]]:
-        """Return the meanings of some levels, the largest first, and of the special colours.
+        """Return the meanings of `rows` levels, the largest first, and of the special colours.
 
-        **Arguments:**
-
-        - `rows`: the number of levels.
-        - `shown`: the special colours in the legend; by default all.
+        `shown` selects the special colours; by default all are shown.
         """
         colors = self.colors
         last = len(colors) - 1

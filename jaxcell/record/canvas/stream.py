@@ -105,10 +105,7 @@ def send_changing(
 
 
 def send_blueprint(
-    stream: rr.RecordingStream,
-    tabs: Sequence[rrb.Container],
-    timeline: str | Dated,
-    speed: float,
+    stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str | Dated, speed: float
 ) -> None:
     """Send the layout of the viewer: tabs, and a timeline that plays `speed` units per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]

@@ -22,9 +22,7 @@ class Timeline(NamedTuple):
 def along_values(name: str, values: np.ndarray) -> Timeline:
     """Choose a timeline whose slider shows the values of a parameter.
 
-    **Arguments:**
-
-    - `values`: the values. If they are texts, or not all different, the times are their indices.
+    If the values are texts, or not all different, the times are their indices.
     """
     times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)
     if digits is None:

@@ -1,5 +1,3 @@
-"""Make and save the dataset of any result, from the descriptions of its quantities."""
-
 import dataclasses
 import math
 import os
@@ -10,22 +8,14 @@ import numpy as np
 import xarray as xr
 
 from ...base.paths import replacing
-from ...base.quantities import (
-    PROBABILITY,
-    Checks,
-    Quantity,
-    Result,
-    parts,
-    unsigned,
-    values,
-)
+from ...base.quantities import PROBABILITY, Checks, Quantity, Result, parts, unsigned, values
 from ...space import CellSpace
 from ..provenance import cell_coordinates, provenance
 from .summary import cells_of
 
 
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Convert a result to a labelled dataset.
+    """Convert a result to a labelled dataset, from the descriptions of its quantities.
 
     Each quantity becomes a variable with its meaning, units and kind as attributes. The names of
     the variables of a part begin with the name of the part, except coordinates. Rows of different
@@ -42,22 +32,12 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if numbers violate
     their kinds or the checks of the result.
 
-    The share of time of a robot that wanders in a corridor of two squares:
+    The groups of a robot that bounces in a lab:
 
-        >>> import dataclasses
-        >>> from typing import Annotated
-        >>> import numpy as np
-        >>> from jaxcell import record, space
-        >>> from jaxcell.base.quantities import Result, quantity
-        >>> @dataclasses.dataclass(frozen=True)
-        ... class Wandering(Result):
-        ...     cells: space.CellSpace
-        ...     share: Annotated[np.ndarray, quantity("position", "share of time", "1")]
-        ...     steps: Annotated[int, quantity("", "steps that were made")]
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 2), bool), directions=4)
-        >>> wandering = Wandering(cells, np.array([0.25, 0.75]), steps=100)
-        >>> record.dataset(wandering).share.attrs["long_name"]
-        'share of time'
+        >>> from jaxcell import record, study
+        >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
+        >>> record.dataset(groups).step.attrs["long_name"]
+        'mappings until the cell is on its group'
     """
     cells = cells_of(result)
     attributes = {**provenance(result.title, cells, spec), **result.attributes}

@@ -1,5 +1,3 @@
-"""Write deployment cells to files for other programs."""
-
 import json
 import os
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Summarize any result, from the descriptions of its quantities."""
-
 import math
 from typing import Any
 
@@ -22,17 +20,12 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
 
     **Returns:** an object for `json.dumps`.
 
-    A walk of a hundred steps:
+    The groups of a robot that bounces in a lab:
 
-        >>> import dataclasses
-        >>> from typing import Annotated
-        >>> from jaxcell import record
-        >>> from jaxcell.base.quantities import Result, quantity
-        >>> @dataclasses.dataclass(frozen=True)
-        ... class Walk(Result):
-        ...     steps: Annotated[int, quantity("", "steps that were made")]
-        >>> record.summary(Walk(steps=100))
-        {'steps': 100}
+        >>> from jaxcell import record, study
+        >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
+        >>> record.summary(groups)["groups"][0]["longest_period"]
+        20
     """
     cells = cells_of(result) if cells is None else cells
     numbers = {

@@ -1,5 +1,3 @@
-"""Make the tables that a terminal shows for any result, from the descriptions of quantities."""
-
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -27,7 +25,7 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make the tables of a result: of its single numbers, of its arrays, and of its parts."""
+    """Make the tables of a result in a terminal: of single numbers, of arrays, and of parts."""
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:

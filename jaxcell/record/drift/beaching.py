@@ -1,5 +1,3 @@
-"""The tab of beaches: where drifters strand, and from which cells."""
-
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -15,15 +13,14 @@ _NO_BEACH = "no beach"
 
 
 def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
-    """Log the drifters on each beach, and the share of stranded drifters by cell and by time."""
+    """Log the tab of beaches: where drifters strand, from which cells, and how soon."""
     row, column = map.water.row, map.water.column
     beached = 100 * map.water.cells * stranded.on_beach[row, column]
     chance = 100 * stranded.chance[row, column]
     at = Scale.over(
         beached, "{} % of one cell".format, least=0.0, ground="land", special={_NO_BEACH: FREE}
     )
-    never = np.isnan(beached)
-    kind = at.levels(np.where(never, 0, beached), {_NO_BEACH: never})
+    kind = at.levels(beached, {_NO_BEACH: np.isnan(beached)})
     picture = map.picture("beached", at.classes, kind)
     of = Scale.over(chance, "{} % are ashore".format, least=0.0, ground="land")
     share = 100 * stranded.share_by_step

@@ -1,5 +1,3 @@
-"""The tab of nearly closed sets, which drifters hardly leave."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +15,7 @@ _NONE = PictureClass("in no nearly closed set", FREE)
 
 
 def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
-    """Log the nearly closed sets of each layer."""
+    """Log the tab of nearly closed sets, which drifters hardly leave."""
     views = []
     # Numbers continue from layer to layer, while ranks begin again in each layer.
     firsts = np.cumsum([0, *(layer.count for layer in sets.layers)]).tolist()
@@ -26,7 +24,8 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
         label = sets.labels[map.number]
         classes = [PictureClass("land", CLEAR), _NONE]
         for number, place in enumerate(rank.tolist(), first):
-            classes.append(PictureClass(f"set {place}: {_leaves(sets, number)}", home_color(place)))
+            leave = f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
+            classes.append(PictureClass(f"set {place}: {leave}", home_color(place)))
         kind = np.where(label < 0, 1, label - first + 2)
         picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
         _log_numbers(map, sets, range(first, first + rank.size))
@@ -35,10 +34,6 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
     most = max(int(rank.max(initial=-1)) + 1 for rank in ranks)
     legend = [*((f"set {rank}", home_color(rank)) for rank in range(min(most, len(HOMES)))), _NONE]
     return maps[0].tab("nearly_closed", "Nearly closed sets", views, _text(sets), legend)
-
-
-def _leaves(sets: ClosedSets, number: int) -> str:
-    return f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
 
 
 def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:

@@ -1,5 +1,3 @@
-"""The tab of currents: arrows, and drifters that move with the current."""
-
 from collections.abc import Sequence
 
 import jax
@@ -26,7 +24,7 @@ _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the current of each layer by time, and drifters in the current."""
+    """Log the tab of currents: arrows by time, and drifters that move with the current."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))

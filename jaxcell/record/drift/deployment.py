@@ -1,5 +1,3 @@
-"""The tab of the deployment: the cells in which to drop drifters."""
-
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -22,7 +20,7 @@ _MAX_ROWS = 24
 
 
 def log_deployment(map: CurrentMap) -> rrb.Container:
-    """Log the cells of the surface in which to drop drifters."""
+    """Log the tab of the deployment: the cells of the surface in which to drop drifters."""
     drift = map.drift
     chosen = drift.deployment
     kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])

@@ -1,5 +1,3 @@
-"""The tab of distances between the map of cells and simulated drifters, by cell."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +15,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the distance for the drifters of each cell of each layer, at the time of interest."""
+    """Log the tab of distances between the map of cells and simulated drifters, by cell."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

@@ -1,5 +1,3 @@
-"""The tab of the distribution of drifters by the map of cells, as the current changes."""
-
 import functools
 import itertools
 from collections.abc import Sequence
@@ -23,13 +21,9 @@ _MAX_SQUARES = 20_000_000
 def log_distribution(
     maps: Sequence[SeaMap], more: Sequence[rrb.View] = (), about: str = ""
 ) -> rrb.Container:
-    """Log the distribution of drifters over the cells after each step.
+    """Log the tab of the distribution of drifters over the cells, after each step.
 
-    **Arguments:**
-
-    - `maps`: the maps of the layers.
-    - `more`: further views in the colours of [`density`][].
-    - `about`: a text on these views.
+    The tab also has the views `more`, in the colours of [`density`][], with a text `about` them.
     """
     drift, clock = maps[0].drift, maps[0].clock
     steps = int(clock.last * clock.seconds / drift.step)

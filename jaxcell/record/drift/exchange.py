@@ -1,5 +1,3 @@
-"""The tab of regions: the exchange of drifters, and their residence times."""
-
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -17,7 +15,7 @@ _PALE = 0.4
 
 
 def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
-    """Log the regions on the map, and a heat map of the shares of drifters between regions."""
+    """Log the tab of regions: a map with residence times, and the exchange of drifters."""
     names = exchange.name.tolist()
     colors = [tint(color, _PALE) for color in CATEGORIES.values()]
     classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]

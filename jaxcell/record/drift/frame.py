@@ -27,10 +27,8 @@ def log_frame(
 ) -> None:
     """Log the coastline, degrees at the edges, a scale bar and a North arrow.
 
-    **Arguments:**
-
-    - `side`: the sides of the mean cell in kilometres.
-    - `coastline`: the file of land, or "" for Natural Earth.
+    `side` has the sides of the mean cell in kilometres, and `coastline` is the file of land, or ""
+    for Natural Earth.
     """
     rows, columns = water.number.shape
     width, height = (np.array([columns, rows]) * side).tolist()
@@ -64,9 +62,7 @@ def on_the_grid(
     """Convert places in degrees to columns and rows of a grid.
 
     The offset from the nearest centre is divided by the sides of its square, along its axes, also
-    beyond the edge of the grid.
-
-    **Returns:** the places; and the number of the nearest square.
+    beyond the edge of the grid. Returns the places, and the number of the nearest square.
     """
     known = np.flatnonzero(np.isfinite(water.lon + water.lat).ravel())
     grid_lon, grid_lat = water.lon.ravel()[known], water.lat.ravel()[known]

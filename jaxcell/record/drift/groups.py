@@ -1,5 +1,3 @@
-"""The tab of groups: persistent groups, and the cells that lead to them."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,7 +27,7 @@ _MIN_LABELLED = 0.01
 
 
 def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
-    """Log the groups of each layer."""
+    """Log the tab of groups: persistent groups, and the cells that lead to them."""
     drift, views = maps[0].drift, []
     ranks = drift.group_ranks
     for map in maps:

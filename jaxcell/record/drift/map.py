@@ -4,7 +4,6 @@ Maps are drawn along the axes of the grid, in kilometres by its mean cell, so th
 pixel of a picture, however the grid is turned; an arrow points to the North.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
-from ...drift import Flow, SeaDrift, Water
+from ...drift import Flow, SeaDrift
 from ...drift.results.sea_layers import SeaLayers
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
@@ -43,105 +42,61 @@ _UNITS = {"day": 86400, "hour": 3600, "minute": 60, "second": 1}
 M = TypeVar("M", bound="SeaMap")
 
 
-@dataclasses.dataclass(frozen=True)
 class Clock:
-    """The timeline of a recording, in whole units from the first record."""
+    """The timeline of a recording, in whole units from the first record.
 
-    unit: str
-    "`day`, `hour`, `minute` or `second`."
-    frame: int
-    "Units between two pictures."
-    frames: int
-    "Number of pictures after the first."
-    start: np.datetime64 | None = None
-    "The date of time 0; `None` without dates, or if drifters go backward in time."
+    It resolves a step of the chain, and covers the records of the current.
+    """
 
-    @classmethod
-    def of(cls, drift: SeaLayers) -> "Clock":
-        """Make a clock that resolves a step of the chain and covers the records of the current."""
+    def __init__(self, drift: SeaLayers) -> None:
         total, start = _MIN_STEPS * drift.step, None
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
             if drift.until is not None:
                 total = 3600 * drift.until
+            # Drifters that go backward in time have no dates.
             start = None if drift.backward else drift.currents.time.values[0]
         wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
-        unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
-        frame = max(1, round(wanted / _UNITS[unit]))
-        frames = min(math.ceil(total / (frame * _UNITS[unit])), _MAX_FRAMES)
-        return cls(unit, frame, frames, start)
-
-    @property
-    def timeline(self) -> str | Dated:
-        """The timeline of marks, of dates if they are known."""
-        return self.unit if self.start is None else Dated(self.unit, self.start, self.seconds)
-
-    @property
-    def seconds(self) -> int:
-        """Seconds per unit."""
-        return _UNITS[self.unit]
-
-    @property
-    def last(self) -> int:
-        """The last time, in units."""
-        return self.frame * self.frames
-
-    @property
-    def speed(self) -> float:
-        """Units per second of playback, for a playback of about half a minute in all."""
-        return max(1.0, self.last / 30)
+        self.unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
+        self.seconds = _UNITS[self.unit]
+        "Seconds per unit."
+        self.frame = max(1, round(wanted / self.seconds))
+        "Units between two pictures."
+        self.frames = min(math.ceil(total / (self.frame * self.seconds)), _MAX_FRAMES)
+        "Number of pictures after the first."
+        self.last = self.frame * self.frames
+        "The last time, in units."
+        self.speed = max(1.0, self.last / 30)
+        "Units per second of playback, for a playback of about half a minute in all."
+        dated = None if start is None else Dated(self.unit, start, self.seconds)
+        self.timeline: str | Dated = dated or self.unit
+        "The timeline of marks, of dates if they are known."
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class SeaMap:
-    """The map of a layer in a recording."""
+    """The map of a layer in a recording; layer 0 is at the surface."""
 
     dry: ClassVar[str] = "land"
     "The name of squares of land."
-
-    stream: rr.RecordingStream
     drift: SeaLayers
-    clock: Clock
-    number: int
-    "The layer, 0 at the surface."
 
-    @property
-    def water(self) -> Water:
-        """The cells of water."""
-        return self.drift.waters[self.number]
-
-    @property
-    def gaps(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares of sea without data."""
-        return (self.water.number < 0) & ~self.water.land
-
-    @property
-    def title(self) -> str:
-        """The depth, for titles."""
-        return f"{self.water.depth:g} m deep" if self.water.depth else "Surface"
-
-    @functools.cached_property
-    def side(self) -> Float[np.ndarray, "axes"]:
-        """The sides of the mean cell, in kilometres."""
-        water = self.drift.waters[0]
-        here = water.row, water.column
-        return np.array([water.dx[here].mean(), water.dy[here].mean()]) / 1000
-
-    @property
-    def size(self) -> Float[np.ndarray, "axes"]:
-        """The width and height of the map, in kilometres."""
-        rows, columns = self.water.number.shape
-        return np.array([columns, rows]) * self.side
-
-    @property
-    def extent(self) -> float:
-        """The larger side of the map, in kilometres."""
-        return float(self.size.max())
-
-    @property
-    def mark(self) -> float:
-        """The radius of a mark: most of a cell, but enough to be visible on a large map."""
-        return max(0.4 * float(self.side.min()), 0.004 * self.extent)
+    def __init__(
+        self, stream: rr.RecordingStream, drift: SeaLayers, clock: Clock, number: int
+    ) -> None:
+        self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
+        self.water = drift.waters[number]
+        self.gaps = (self.water.number < 0) & ~self.water.land
+        "The squares of sea without data."
+        self.title = f"{self.water.depth:g} m deep" if self.water.depth else "Surface"
+        surface = drift.waters[0]
+        here = surface.row, surface.column
+        self.side = np.array([surface.dx[here].mean(), surface.dy[here].mean()]) / 1000
+        "The sides of the mean cell, in kilometres."
+        self.size = np.array(self.water.number.shape[::-1]) * self.side
+        "The width and height of the map, in kilometres."
+        self.extent = float(self.size.max())
+        self.mark = max(0.4 * float(self.side.min()), 0.004 * self.extent)
+        "The radius of a mark: most of a cell, but enough to be visible on a large map."
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
         """Find the place for a label of some cells: the middle one of their innermost cells."""
@@ -184,9 +139,7 @@ class SeaMap:
     ) -> str:
         """Log a picture of the class of each cell, or a picture per time; class 0 is land.
 
-        Sea without data gets an additional class after the others.
-
-        **Returns:** the name of the entity, for [`SeaMap.view`][].
+        Sea without data gets an additional class. Returns the entity for [`SeaMap.view`][].
         """
         water = self.water
         squares = np.zeros((*kind.shape[:-1], *water.number.shape), np.uint8)
@@ -219,7 +172,6 @@ class SeaMap:
         return log_tab(self.stream, path, name, views, text, legend)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class CurrentMap(SeaMap):
     """The map of a layer and its current."""
 
@@ -257,7 +209,7 @@ class CurrentMap(SeaMap):
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
     """Make the maps of the layers, with y upward, and log their water and the frame."""
-    clock = Clock.of(drift)
+    clock = Clock(drift)
     count = min(len(drift.layers), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]
     stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)

@@ -1,7 +1,3 @@
-"""The recording of observed drifters: where they end, with sampling errors, and their tracks."""
-
-import dataclasses
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -25,7 +21,6 @@ from .map import DRIFTER, SeaMap, log_maps
 _MAX_TRACKS, _MAX_PLACES = 40, 100_000
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class ObservedMap(SeaMap):
     """The map of observed drifters."""
 

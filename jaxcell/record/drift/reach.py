@@ -1,5 +1,3 @@
-"""The tab of reach: the cells that a drifter from the start may reach."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,7 +20,7 @@ _CLASSES = [
 
 
 def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the cells of each layer that a drifter from the start may reach."""
+    """Log the tab of reach: the cells of each layer that a drifter from the start may reach."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None
     assert drift.start is not None

@@ -1,6 +1,3 @@
-"""The tab of a voyage in three dimensions: the value function, the policy, and drifters."""
-
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -30,25 +27,15 @@ _ABOVE = 28
 _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
-@dataclasses.dataclass(frozen=True)
 class _Space:
     """The positions of the cells of all layers in space; layers are far apart, not to scale."""
 
-    surface: CurrentMap
-
-    @property
-    def layers(self) -> list[CurrentMap]:
-        """The maps of all layers."""
-        return [
-            dataclasses.replace(self.surface, number=k)
-            for k in range(len(self.surface.drift.layers))
-        ]
-
-    @property
-    def gap(self) -> float:
-        """The distance between layers, in kilometres of the map."""
-        layers = len(self.surface.drift.layers)
-        return float(self.surface.size[1]) * min(0.75, 2.5 / max(1, layers - 1))
+    def __init__(self, surface: CurrentMap) -> None:
+        self.surface = surface
+        same, layers = (surface.stream, surface.drift, surface.clock), len(surface.drift.layers)
+        self.layers = [CurrentMap(*same, number) for number in range(layers)]
+        self.gap = float(surface.size[1]) * min(0.75, 2.5 / max(1, layers - 1))
+        "The distance between layers, in kilometres of the map."
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
         """Return the centres of cells, by their numbers among the cells of all layers."""
@@ -58,7 +45,7 @@ class _Space:
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial3DView:
         width, height = self.surface.size.tolist()
-        deep = self.gap * (len(self.surface.drift.layers) - 1)
+        deep = self.gap * (len(self.layers) - 1)
         middle = np.array([width / 2, height / 2, -deep / 2])
         away = 1.2 * max(width, height + deep)
         up = math.radians(_ABOVE)
@@ -74,7 +61,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the value function, the policy, and drifters that follow the policy."""
+    """Log the tab of a voyage in three dimensions: the value function, the policy, and drifters."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy

@@ -1,7 +1,9 @@
 """The background of a plot: the room, box, sea or graph of a result."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -18,70 +20,58 @@ if TYPE_CHECKING:
     from ...optimize import Graph
 
 
-def of(result: Result, about: Quantity) -> "Ground | None":
-    """Find the background for a quantity of a result; return `None` if there is none."""
-    cells, box, graph = (getattr(result, name, None) for name in ("cells", "box", "graph"))
-    if isinstance(cells, CellSpace) and about.dims[-1] == "position":
-        return Room(("position",), cells)
-    if isinstance(cells, CellSpace) and about.kind == "cell" and about.dims[0] == "time":
-        return Path(about.dims, cells)
-    if isinstance(box, Box) and about.dims == ("cell",):
-        return Plane(("cell",), box, getattr(result, "labels", ()))
-    if about.dims[-2:] == ("y", "x") and hasattr(result, "lon"):
-        return Sea(("y", "x"), result)
-    if graph is not None and about.dims[-1] == "vertex":
-        return Network(("vertex",), graph)
-    return None
-
-
-@dataclasses.dataclass(frozen=True)
-class Ground:
+class Ground(NamedTuple):
     """A background with a place for each element along some dimensions of a quantity."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."
-
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        raise NotImplementedError
-
-
-@dataclasses.dataclass(frozen=True)
-class Room(Ground):
-    """The cells of a room, with its walls."""
-
-    cells: CellSpace
-
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        free, colored = self.cells.free, drawn.colored()
-        squares = np.ma.masked_all(free.size)
-        squares[self.cells.square] = colored.values
-        style = colored.options | options
-        colored.explain(ax, _squares(ax, self.cells, squares.reshape(free.shape), style))
-        _walls(ax, self.cells)
+    draw: Callable[["Axes", Drawn, dict[str, Any]], None]
+    "A function that draws a quantity on the background, with options for matplotlib."
 
 
-@dataclasses.dataclass(frozen=True)
-class Path(Ground):
-    """The paths of robots over the cells of a room."""
+def of(result: Result, about: Quantity) -> Ground | None:
+    """Find the background for a quantity of a result; return `None` if there is none."""
+    cells, box, graph = (getattr(result, name, None) for name in ("cells", "box", "graph"))
+    if isinstance(cells, CellSpace) and about.dims[-1] == "position":
+        return Ground(("position",), functools.partial(_room, cells))
+    if isinstance(cells, CellSpace) and about.kind == "cell" and about.dims[0] == "time":
+        return Ground(about.dims, functools.partial(_path, cells))
+    if isinstance(box, Box) and about.dims == ("cell",):
+        return Ground(("cell",), functools.partial(_plane, box, getattr(result, "labels", ())))
+    if about.dims[-2:] == ("y", "x") and hasattr(result, "lon"):
+        return Ground(("y", "x"), functools.partial(_sea, result))
+    if graph is not None and about.dims[-1] == "vertex":
+        return Ground(("vertex",), functools.partial(_network, graph))
+    return None
 
-    cells: CellSpace
 
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        from matplotlib.colors import ListedColormap
+def _room(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw the cells of a room, with its walls."""
+    free, colored = cells.free, drawn.colored()
+    squares = np.ma.masked_all(free.size)
+    squares[cells.square] = colored.values
+    style = colored.options | options
+    colored.explain(ax, _squares(ax, cells, squares.reshape(free.shape), style))
+    _walls(ax, cells)
 
-        free = np.ma.masked_where(~self.cells.free, np.zeros(self.cells.free.shape))
-        _squares(ax, self.cells, free, {"cmap": ListedColormap([color_of(FREE)])})
-        paths = drawn.values.reshape(len(drawn.values), -1).T
-        for robot, path in enumerate(paths):
-            x, y, _ = self.cells.centre(path[path >= 0])
-            color = color_of(robot_color(robot)[1])
-            style = {"color": color, "label": f"robot {robot}", **options}
-            ax.plot(x, y, **style)
-            ax.plot(x[0], y[0], "o", color=color_of(START))
-            ax.plot(x[-1], y[-1], "o", color=color_of(GOAL))
-        if len(paths) > 1:
-            ax.legend()
-        _walls(ax, self.cells)
+
+def _path(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw the paths of robots over the cells of a room."""
+    from matplotlib.colors import ListedColormap
+
+    free = np.ma.masked_where(~cells.free, np.zeros(cells.free.shape))
+    _squares(ax, cells, free, {"cmap": ListedColormap([color_of(FREE)])})
+    paths = drawn.values.reshape(len(drawn.values), -1).T
+    for robot, path in enumerate(paths):
+        x, y, _ = cells.centre(path[path >= 0])
+        color = color_of(robot_color(robot)[1])
+        style = {"color": color, "label": f"robot {robot}", **options}
+        ax.plot(x, y, **style)
+        ax.plot(x[0], y[0], "o", color=color_of(START))
+        ax.plot(x[-1], y[-1], "o", color=color_of(GOAL))
+    if len(paths) > 1:
+        ax.legend()
+    _walls(ax, cells)
 
 
 def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, Any]) -> Any:
@@ -103,70 +93,56 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
     ax.set_ylabel("y (m)")
 
 
-@dataclasses.dataclass(frozen=True)
-class Plane(Ground):
-    """The plane of the first two axes of a box, at the middle of the other axes."""
-
-    box: Box
-    labels: tuple[str, ...]
-
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        box, colored = self.box, drawn.colored()
-        names = self.labels or [f"x{axis}" for axis in range(box.dimensions)]
-        if box.dimensions == 1:
-            ax.plot(box.ticks(0), drawn.values, **options)
-            ax.set_ylabel(drawn.label)
-        else:
-            squares = colored.values.reshape(box.cells)
-            while squares.ndim > 2:
-                squares = squares[..., squares.shape[-1] // 2]
-            extent = np.stack([box.lower, box.upper], axis=1)[:2].ravel()
-            style = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
-            image = ax.imshow(squares.T, extent=extent, **(style | colored.options | options))
-            colored.explain(ax, image)
-            ax.set_ylabel(names[1])
-        ax.set_xlabel(names[0])
-
-
-@dataclasses.dataclass(frozen=True)
-class Sea(Ground):
-    """The squares of a sea, by longitude and latitude."""
-
-    result: Result
-
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        lon, lat = (np.asarray(getattr(self.result, name)) for name in ("lon", "lat"))
-        if drawn.about.kind == "index":
-            drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))
-        colored = drawn.colored()
-        values = np.ma.masked_where(drawn.values == -2, colored.values)
-        image = ax.pcolormesh(lon, lat, values, shading="nearest", **(colored.options | options))
+def _plane(
+    box: Box, labels: tuple[str, ...], ax: "Axes", drawn: Drawn, options: dict[str, Any]
+) -> None:
+    """Draw the plane of the first two axes of a box, at the middle of the other axes."""
+    colored = drawn.colored()
+    names = labels or [f"x{axis}" for axis in range(box.dimensions)]
+    if box.dimensions == 1:
+        ax.plot(box.ticks(0), drawn.values, **options)
+        ax.set_ylabel(drawn.label)
+    else:
+        squares = colored.values.reshape(box.cells)
+        while squares.ndim > 2:
+            squares = squares[..., squares.shape[-1] // 2]
+        extent = np.stack([box.lower, box.upper], axis=1)[:2].ravel()
+        style = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+        image = ax.imshow(squares.T, extent=extent, **(style | colored.options | options))
         colored.explain(ax, image)
-        ax.set_facecolor(color_of(PLAIN))
-        ax.set_aspect(1 / max(0.1, np.cos(np.radians(np.nanmean(lat)))))
-        ax.locator_params(nbins=5)
-        ax.set_xlabel("longitude (degrees east)")
-        ax.set_ylabel("latitude (degrees north)")
+        ax.set_ylabel(names[1])
+    ax.set_xlabel(names[0])
 
 
-@dataclasses.dataclass(frozen=True)
-class Network(Ground):
-    """The vertices and edges of a graph; vertices without places are on a circle."""
+def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw the squares of a sea, by longitude and latitude."""
+    lon, lat = (np.asarray(getattr(result, name)) for name in ("lon", "lat"))
+    if drawn.about.kind == "index":
+        drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))
+    colored = drawn.colored()
+    values = np.ma.masked_where(drawn.values == -2, colored.values)
+    image = ax.pcolormesh(lon, lat, values, shading="nearest", **(colored.options | options))
+    colored.explain(ax, image)
+    ax.set_facecolor(color_of(PLAIN))
+    ax.set_aspect(1 / max(0.1, np.cos(np.radians(np.nanmean(lat)))))
+    ax.locator_params(nbins=5)
+    ax.set_xlabel("longitude (degrees east)")
+    ax.set_ylabel("latitude (degrees north)")
 
-    graph: "Graph"
 
-    def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        from matplotlib.collections import LineCollection
+def _network(graph: "Graph", ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw the vertices and edges of a graph; vertices without places are on a circle."""
+    from matplotlib.collections import LineCollection
 
-        turn = 2 * np.pi * np.arange(self.graph.vertices) / self.graph.vertices
-        xy = self.graph.xy
-        if xy is None:
-            xy = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        colored = drawn.colored()
-        ax.add_collection(LineCollection(list(xy[self.graph.edges]), colors=[color_of(PLAIN)]))
-        style = {"c": colored.values, "s": 120, "zorder": 2, **colored.options, **options}
-        colored.explain(ax, ax.scatter(*xy.T, **style))
-        ax.set_aspect("equal")
-        if self.graph.xy is not None:
-            ax.set_xlabel("x (m)")
-            ax.set_ylabel("y (m)")
+    turn = 2 * np.pi * np.arange(graph.vertices) / graph.vertices
+    xy = graph.xy
+    if xy is None:
+        xy = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    colored = drawn.colored()
+    ax.add_collection(LineCollection(list(xy[graph.edges]), colors=[color_of(PLAIN)]))
+    style = {"c": colored.values, "s": 120, "zorder": 2, **colored.options, **options}
+    colored.explain(ax, ax.scatter(*xy.T, **style))
+    ax.set_aspect("equal")
+    if graph.xy is not None:
+        ax.set_xlabel("x (m)")
+        ax.set_ylabel("y (m)")

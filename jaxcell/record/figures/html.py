@@ -1,5 +1,3 @@
-"""Describe a result in HTML for a notebook: tables, arrays, and a picture."""
-
 import base64
 import io
 from collections.abc import Iterable, Sequence
@@ -19,9 +17,9 @@ _ROWS = 12
 
 
 def html(result: Result) -> str:
-    """Describe a result in HTML, which needs neither files nor a kernel.
+    """Describe a result in HTML for a notebook, which needs neither files nor a kernel.
 
-    **Returns:** remarks, tables as a command prints them, the dimensions of arrays, and a picture
+    The page has remarks, tables as a command prints them, the dimensions of arrays, and a picture
     if the result has an array and matplotlib is installed.
     """
     title = result.title or type(result).__name__
@@ -39,10 +37,7 @@ def html(result: Result) -> str:
 
 
 def _table(
-    title: str,
-    heads: Sequence[str] = (),
-    lines: Sequence[Sequence[str]] = (),
-    rows: int = _ROWS,
+    title: str, heads: Sequence[str] = (), lines: Sequence[Sequence[str]] = (), rows: int = _ROWS
 ) -> str:
     """Write a table in HTML, with at most the first `rows` rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)

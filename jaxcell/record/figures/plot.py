@@ -1,5 +1,3 @@
-"""Plot a quantity of any result. The kind of plot depends on the dimensions of the quantity."""
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -97,7 +95,7 @@ def picture(result: Result) -> str | None:
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
     """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
 
-    **Returns:** for each array: its result or part, its name there, and its description.
+    Returns for each array its result or part, its name there, and its description.
     """
     found = {
         prefix + name: (result, name, about)

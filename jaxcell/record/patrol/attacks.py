@@ -1,5 +1,3 @@
-"""Robots that patrol a map, and an adversary that repeatedly attacks one cell."""
-
 import builtins
 
 import numpy as np
@@ -11,7 +9,7 @@ from ...patrol.map.intruder import Attacks, AttackState, simulate_attacks
 from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_frame, log_walker, send_labels
+from ..canvas.marks import log_walker, send_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import Spec, made_with, numbers
@@ -68,7 +66,8 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     colors = [(*_STATES[state][1], 255) for state in states]
     style = {"positions": [target], "radii": 0.3 * side, "draw_order": 50}
     send_changing(stream, "map/attack", rr.Points2D, times, style=style, colors=colors)
-    log_frame(stream, "map/target", target, 0.5 * side, palette.TARGET, 2.0, 49.0)
+    cell = np.array([patrol.attack.target])
+    map.frames("target", cell, palette.TARGET, half=0.5 * side, width=2.0, order=49.0)
     at, ground = map.below(target, 0.6 * side)
     places = np.tile(at, (len(shown), 1))
     send_labels(stream, "map/attack_label", shown, times, ground=ground, positions=places)

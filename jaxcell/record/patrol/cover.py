@@ -1,5 +1,3 @@
-"""Covers: cells from which a robot sees all cells of its walk."""
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -18,7 +16,7 @@ _STRIDE = 20
 
 
 def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the covers, over the timelines `cover` and `step`."""
+    """Log the tab of covers, from whose cells robots see all cells, one cell after the other."""
     views = []
     for robot, policy in enumerate(patrol.policies[:MAX_MAPS]):
         name, color, stops = f"cover_{robot}", robot_color(robot)[1], policy.cover

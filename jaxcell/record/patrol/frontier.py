@@ -1,5 +1,3 @@
-"""The trade-off between capture and unpredictability."""
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -13,7 +11,7 @@ from ..canvas.prose import described
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
-    """Log the tab of the trade-off: a curve over the least randomness of the walk."""
+    """Log the tab of the trade-off between capture and unpredictability, as a curve."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
     plot.axes(

@@ -1,5 +1,3 @@
-"""The recording of robots that patrol a map with limited visibility, with a tab per question."""
-
 import rerun as rr
 
 from ...patrol import PatrolledMap

@@ -1,5 +1,3 @@
-"""The share of steps of each robot along each edge."""
-
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -15,7 +13,7 @@ from .sight import MAX_MAPS, only_some, robot_table
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the policies: edges that a robot often uses are wide and yellow."""
+    """Log the tab of the policies: the share of steps of each robot along each edge."""
     side = patrol.cells.cell
     shown = patrol.policies[:MAX_MAPS]
     most = max(float(policy.weights.max()) for policy in shown)

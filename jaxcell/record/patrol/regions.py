@@ -1,5 +1,3 @@
-"""The base station, the regions around it, and the regions after the loss of a robot."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +7,7 @@ from ...patrol import PatrolledMap
 from ...patrol.map import Policy, Regions
 from ..canvas import palette
 from ..canvas.map import CellMap
-from ..canvas.marks import log_dots, log_frame, log_labels
+from ..canvas.marks import log_dots, log_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import numbers
@@ -22,9 +20,9 @@ _CONTACT = palette.CATEGORIES["yellow"]
 
 def log_base(map: CellMap, regions: Regions) -> None:
     """Log the base station."""
-    side, base = map.cells.cell, map.xy(np.array(regions.base))
-    log_frame(map.stream, "map/base/station", base, 0.4 * side, _BASE, order=45.0)
-    at, ground = map.below(base, 0.7 * side)
+    side, base = map.cells.cell, np.array([regions.base])
+    map.frames("base/station", base, _BASE, half=0.4 * side, width=3.0, order=45.0)
+    at, ground = map.below(map.xy(base)[0], 0.7 * side)
     log_labels(map.stream, "map/base/label", [("base", *at.tolist())], [ground])
 
 
@@ -47,7 +45,7 @@ def base_legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
 
 
 def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Container:
-    """Log the tab of the regions."""
+    """Log the tab of the regions around a base station, also after the loss of a robot."""
     after, robots = patrol.reassignment, list(range(patrol.robots))
     maps = [("Regions", "regions", regions, robots, patrol.policies)]
     if after is not None:

@@ -1,5 +1,3 @@
-"""The attacked cell: the cells from which it is seen, and the time until a robot sees it."""
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -25,7 +23,7 @@ _POINTS = 400
 
 
 def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the target."""
+    """Log the tab of the attacked cell: where it is seen from, and how soon a robot sees it."""
     attack, stream = patrol.attack, map.stream
     classes = [
         NOT_FREE,

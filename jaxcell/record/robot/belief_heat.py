@@ -1,5 +1,3 @@
-"""Log the belief of a robot while it drives, as a heat map."""
-
 import dataclasses
 
 import rerun as rr
@@ -18,7 +16,7 @@ _FEW = 24
 
 @dataclasses.dataclass(eq=False)
 class BeliefHeat:
-    """The belief of a robot during a run, drawn on the map."""
+    """The belief of a robot while it drives, as a heat map in its recording."""
 
     belief: Belief
     cells: CellSpace

@@ -1,5 +1,3 @@
-"""Write recordings of robots while they drive."""
-
 import os
 import threading
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,3 @@
-"""The state of a robot in a recording: its poses, and the last logged values."""
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -40,7 +38,7 @@ class RecordedRobot:
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """The state of a robot in a recording."""
+    """The state of a robot in a recording: its poses, and the last logged values."""
 
     about: RecordedRobot
     color: Color
@@ -90,7 +88,7 @@ class Track:
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
         """Find the last touch of a wall in the interval before each time, if any.
 
-        **Returns:** the places of these touches, and the number of touches for each time, 0 or 1.
+        Returns the places of these touches, and the number of touches for each time, 0 or 1.
         """
         touches = np.array(self.about.touches or (), float).reshape(-1, 3)
         last = np.searchsorted(touches[:, 0], times, side="right") - 1

@@ -49,9 +49,7 @@ class Axis:
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
     """List the axes of a sweep: the parameters, and the numbers of members of lists or samples.
 
-    **Arguments:**
-
-    - `most`: the largest number of steps of an axis; with more values, neighbours share a step.
+    An axis has at most `most` steps; with more values, neighbours share a step.
     """
     all_axes = [
         _axis(str(name), str(dimension), values.values, most)
@@ -120,9 +118,8 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
     timeline, times, meaning = along_values(name, first)
     if share > 1:
         meaning += f"; {share} neighbouring values share a step, at the first of them"
-    short = tuple(map(_short, labels))
+    short = tuple(
+        label if len(label) <= _MAX_LETTERS else "..." + label[3 - _MAX_LETTERS :]
+        for label in labels
+    )
     return Axis(name, dimension, timeline, times, short, at.ravel() // share, meaning)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _MAX_LETTERS else "..." + text[3 - _MAX_LETTERS :]

@@ -136,7 +136,7 @@ def _log_variable(
     views = []
     for i, ((across, up), heat) in enumerate(zip(spanned, heats, strict=True)):
         plot = Plot(stream, f"heat/{name}/{i}", float(across.steps), float(up.steps))
-        levels = scale.levels(np.nan_to_num(heat), {_UNKNOWN: np.isnan(heat)})
+        levels = scale.levels(heat, {_UNKNOWN: np.isnan(heat)})
         plot.picture("picture", scale.classes, levels, plot.most_x, order=5.0)
         views.append(plot.view(f"mean by {across.name} and {up.name}", [f"/pairs/{i}/**"]))
     maps = rrb.Horizontal(*views) if len(views) <= _MAX_BESIDE else rrb.Tabs(*views)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from ... import bounce, space, walls
 from ..map_study import MapStudy
 from ..parameters import AtLeastOne, Degrees, Length, Only
-from ..study import Say, numbers
+from ..study import Say, numbers, radians
 
 
 _DEGREE = math.pi / 180
@@ -115,14 +115,12 @@ class AnywhereStudy(MapStudy):
         goal: tuple[tuple[float, float], float] | None = None,
     ) -> "bounce.Anywhere":
         """Drive robots that start anywhere until they are localized, or near a goal."""
-        import numpy as np
-
         cells = self.cells()
         workspace = cells.workspace
         assert workspace is not None
         say("finding the chords of the room")
         filter = self.filter(cells)
-        angles = np.radians(bounces)
+        angles = radians(bounces)
         homing = None
         if goal is not None:
             homing = walls.Homing(filter, *goal, tuple(angles.tolist()))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from ... import bounce, space, verify as verification
 from ..map_study import MapStudy
 from ..parameters import AtLeastOne, Degrees, Limit
-from ..study import Say, silent
+from ..study import Say, radians, silent
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,21 +45,18 @@ class Cover(MapStudy):
         return space.estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
     def run(self, say: Say = silent) -> "bounce.CoveragePolicy":
-        import numpy as np
-
         from .target import read_target
 
         cells = self.cells()
+        count = len(self.bounces)
         doing = (
-            f"covering {cells.positions:,} positions by {len(self.bounces)} angles, "
-            f"{cells.size:,} cells each"
+            f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         say(doing)
-        count = len(self.bounces)
         return bounce.coverage_policy(
             cells,
-            np.radians(self.bounces),
-            float(np.radians(self.error)),
+            radians(self.bounces),
+            math.radians(self.error),
             self.reliability,
             read_target(cells, self.target),
             weights=self.weights,

@@ -8,7 +8,7 @@ from ... import bounce as bouncing, record, space, verify as verification
 from ...base import memory
 from ..map_study import MapStudy
 from ..parameters import Degrees
-from ..study import Say, silent
+from ..study import Say, radians, silent
 
 
 MAX_AT_ONCE = 20_000_000
@@ -36,9 +36,8 @@ class Groups(MapStudy):
         return space.estimates.counts(extent, self.motion)
 
     def written(self, extent: "space.Extent") -> float | int:
-        angles = len(self.bounce)
         if self._at_once(extent):
-            return space.estimates.images(extent, angles, self.motion)
+            return space.estimates.images(extent, len(self.bounce), self.motion)
         return space.estimates.by_direction(extent, self.motion)
 
     def at_once(self, result: Any) -> bool:
@@ -55,11 +54,9 @@ class Groups(MapStudy):
         return memory.free()
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":
-        import numpy as np
-
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
-        return bouncing.BounceGroups.of(cells, np.radians(self.bounce), motion=self.motion)
+        return bouncing.BounceGroups.of(cells, radians(self.bounce), motion=self.motion)
 
     def write(self, result: Any, out: Path) -> None:
         if not self.at_once(result):

@@ -8,7 +8,7 @@ from ... import automata, bounce as bouncing, record, space, verify as verificat
 from ...base.quantities import Result
 from ..map_study import cell_at
 from ..parameters import Degrees, Limit, Metres, Only, Share
-from ..study import Say, silent
+from ..study import Say, radians, silent
 from .anywhere import AnywhereStudy
 
 
@@ -133,11 +133,9 @@ class Localize(AnywhereStudy):
     def _choose(
         self, cells: "space.CellSpace", start: int, say: Say
     ) -> "bouncing.AdaptivelyLocalized":
-        import numpy as np
-
         say(f"choosing angles for {cells.size:,} cells")
         policy = bouncing.localization_policy(
-            cells, np.radians(self.bounces), self.goal, aim=self.aim, motion=self.motion
+            cells, radians(self.bounces), self.goal, aim=self.aim, motion=self.motion
         )
         found = bouncing.AdaptivelyLocalized.of(policy, start)
         return dataclasses.replace(found, smallest=self._smallest(policy.policy, say))
@@ -148,13 +146,11 @@ class Localize(AnywhereStudy):
         return automata.smallest(source, say=say) if self.smallest else None
 
     def _slipped(self, cells: "space.CellSpace", start: int, say: Say) -> "bouncing.Slipped":
-        import numpy as np
-
         from ...bounce.plans.roadmap import different_shifts
         from ...robot.emulation.body import bumper_give
 
         assert self.slip is not None
-        bounces = np.radians(self.bounces if self.bounce is None else [self.bounce])
+        bounces = radians(self.bounces if self.bounce is None else [self.bounce])
         if self.bounces:
             different_shifts(bounces, cells.directions)
         slip = space.Slip.of(

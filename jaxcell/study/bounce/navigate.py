@@ -7,7 +7,7 @@ from ... import bounce, space, verify as verification
 from ...base.quantities import Result
 from ..map_study import MapStudy, cell_at
 from ..parameters import Degrees, Length, Limit, Only, Share
-from ..study import Say, about, numbers, silent
+from ..study import Say, about, numbers, radians, silent
 from .anywhere import AnywhereStudy
 
 
@@ -39,10 +39,8 @@ class Plans(MapStudy):
     @property
     def choices(self) -> dict[str, Any]:
         """The angles and the costs, for the functions of `jaxcell.bounce`."""
-        import numpy as np
-
         return {
-            "bounces": np.radians(self.bounces),
+            "bounces": radians(self.bounces),
             "keep": _whole(self.keep),
             "change": _whole(self.change),
         }

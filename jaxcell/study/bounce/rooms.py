@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 from ... import bounce as bouncing
 from ...base.limits import Collision
 from ..parameters import Degrees, Limit, WholeNumber
-from ..study import Say, Study, silent
+from ..study import Say, Study, radians, silent
 
 
 _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
@@ -49,11 +49,9 @@ class Rooms(Study):
         return place(self.seed, self.environment, self.room).free
 
     def run(self, say: Say = silent) -> "bouncing.RoomGroups":
-        import numpy as np
-
         motion = bouncing.Motion(collision=self.collision)
         return bouncing.RoomGroups.of_room(
-            self.free(), np.radians(self.bounce), self.directions, motion=motion
+            self.free(), radians(self.bounce), self.directions, motion=motion
         )
 
     def headline(self, spec: dict[str, Any]) -> str:

@@ -21,11 +21,8 @@ _LARGEST_COORDINATE = 1e9
 def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
     """Read the wanted share of time of each position from the parameter `target`.
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `text`: `uniform`; the name of an image, whose bright parts get larger shares; or
-        `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
+    The text is `uniform`; the name of an image, whose bright parts get larger shares; or
+    `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
     """
     if text == "uniform":
         return coverage_target(cells)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from ... import bounce, space, verify as verification
 from ..map_study import MapStudy, cell_at
 from ..parameters import AtLeastOne, Degrees
-from ..study import Say, silent
+from ..study import Say, radians, silent
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,6 @@ class Team(MapStudy):
         return space.estimates.team(extent, self.motion)
 
     def run(self, say: Say = silent) -> "bounce.TeamTrajectory":
-        import numpy as np
-
         cells = self.cells()
         starts = self._starts(cells)
         plural = "robot" if len(starts) == 1 else "robots"
@@ -53,7 +51,7 @@ class Team(MapStudy):
         return bounce.team_trajectory(
             cells,
             starts,
-            np.radians(self.bounces),
+            radians(self.bounces),
             motion=self.motion,
             max_parts=self.max_parts,
             part_steps=self.part_steps,
@@ -81,9 +79,7 @@ class Team(MapStudy):
         )
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
-        import numpy as np
-
-        return verification.compare_team(result, np.radians(self.bounces), motion=self.motion)
+        return verification.compare_team(result, radians(self.bounces), motion=self.motion)
 
     def _starts(self, cells: "space.CellSpace") -> list[int]:
         """Return the cells of the parameter `starts`, or random cells in different positions."""

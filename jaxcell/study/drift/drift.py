@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
+from ... import drift, record, space
+from ...base import memory
 from ..parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
 from ..study import Say, about, numbers, silent
 from .sea_study import SeaStudy
@@ -14,8 +16,6 @@ from .sea_study import SeaStudy
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from ...drift import DriftStep, SeaDrift, Water
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
@@ -123,35 +123,32 @@ class Drift(SeaStudy):
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""
-        pushes = self.windage, self.stokes
-        chosen = self.time, self.depths, self.bounds, self.variables
-        return _currents(self.file, self.grid, *chosen, *pushes, self.land, self.gaps)
+        names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
+        options = {name: getattr(self, name) for name in names}
+        options["depths"] = self.depths or None
+        return _currents(self.file, tuple(options.items()))
 
     def memory(self, written: bool = False) -> float | int:
-        from ...base import memory
-        from ...space import estimates
-
         cells = [int(layer.sum()) for layer in self.currents().water.values]
-        needed = estimates.drift(cells)
+        needed = space.estimates.drift(cells)
         doing = f"drift in {sum(cells):,} cells of water"
         memory.check(needed, doing, "choose smaller bounds, or fewer depths")
         return needed
 
-    def run(self, say: Say = silent) -> "SeaDrift":
-        from ...drift import Exchange, SeaDrift, Stranded, Water, read_regions
+    def run(self, say: Say = silent) -> "drift.SeaDrift":
         from ...drift.deployment import check_reach
 
         self.memory()
         currents = self.currents()
         layers = range(currents.sizes["layer"])
-        waters = [Water.of(currents, layer, self.coast) for layer in layers]
+        waters = [drift.Water.of(currents, layer, self.coast) for layer in layers]
         fewest = min(water.cells for water in waters)
         Limit(le=fewest).check("nearly_closed", self.nearly_closed, ", the cells of a layer")
         if self.range is not None:
             check_reach(waters[0], self.range, "range")
         start, goal = self._start(waters[0]), self._goal(waters)
-        regions = None if self.regions is None else read_regions(self.regions, waters[0])
-        result = SeaDrift.of(
+        regions = None if self.regions is None else drift.read_regions(self.regions, waters[0])
+        result = drift.SeaDrift.of(
             currents,
             self._step,
             start=start,
@@ -168,13 +165,13 @@ class Drift(SeaStudy):
         more: dict[str, Any] = {}
         if regions is not None:
             say("following drifters between regions")
-            exchange = Exchange.of(surface, *regions, self.after)
+            exchange = drift.Exchange.of(surface, *regions, self.after)
             going = waters[0], result.layers[0].flow, self.drifters, self.seed
             more["exchange"] = exchange.with_drifters(*going)
         if self.beaching is not None:
             say("stranding drifters")
             halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
-            more["beaching"] = Stranded.of(waters[0], surface, self.after, **halves)
+            more["beaching"] = drift.Stranded.of(waters[0], surface, self.after, **halves)
             if result.step > self.beaching:
                 rough = (
                     f"A step takes {result.step:g} s, and drifters that pass a coast during a step "
@@ -205,20 +202,16 @@ class Drift(SeaStudy):
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
 
-    def write(self, result: "SeaDrift", out: Path) -> None:
-        from ... import record
-
+    def write(self, result: "drift.SeaDrift", out: Path) -> None:
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
 
     @property
-    def _step(self) -> "DriftStep":
+    def _step(self) -> "drift.DriftStep":
         """The step of the method, with the options that were given."""
-        from ...drift import METHODS
-
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
-        step = METHODS[self.method]
+        step = drift.METHODS[self.method]
         return dataclasses.replace(step, duration=self.duration, rho=self.rho, **chosen)
 
     @property
@@ -230,13 +223,13 @@ class Drift(SeaStudy):
         text = getattr(self, end)
         return None if text is None else numbers(end, text, *_PLACES[end])
 
-    def _start(self, water: "Water") -> int | None:
+    def _start(self, water: "drift.Water") -> int | None:
         if (place := self._place("start")) is None:
             return None
         with about(f"start {self.start}"):
             return int(water.cell(*place))
 
-    def _goal(self, waters: "list[Water]") -> int | None:
+    def _goal(self, waters: "list[drift.Water]") -> int | None:
         """Return the number of the goal among the cells of all layers."""
         if (place := self._place("goal")) is None:
             return None
@@ -255,37 +248,13 @@ class Drift(SeaStudy):
 
 # Cached, because all members of a sweep read the same currents.
 @functools.lru_cache(maxsize=8)
-def _currents(
-    file: tuple[Path, ...],
-    grid: Path | None,
-    time: int | str | None,
-    depths: tuple[float, ...],
-    bounds: tuple[float, float, float, float] | None,
-    variables: tuple[str, str] | None,
-    windage: float,
-    stokes: bool,
-    land: Path | None,
-    gaps: str,
-) -> "xr.Dataset":
-    from ...drift import open_currents
+def _currents(file: tuple[Path, ...], options: tuple[tuple[str, Any], ...]) -> "xr.Dataset":
     from ...drift.currents.netcdf import TooLargeError
 
-    read = functools.partial(
-        open_currents,
-        file,
-        grid=grid,
-        time=time,
-        depths=depths or None,
-        bounds=bounds,
-        variables=variables,
-        windage=windage,
-        stokes=stokes,
-        land=land,
-        gaps=gaps,
-    )
+    named = dict(options)
     try:
-        return read()
+        return drift.open_currents(file, **named)
     except (TooLargeError, MemoryError):
-        if time is not None:
+        if named["time"] is not None:
             raise
-        return read(mean=True)
+        return drift.open_currents(file, **named, mean=True)

@@ -1,16 +1,14 @@
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from ... import drift, space
+from ...base import memory
 from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
 from ..study import Say, about, silent
 from .sea_study import SeaStudy
-
-
-if TYPE_CHECKING:
-    from ...drift import ObservedDrift
 
 
 _DAY = 86_400.0
@@ -57,24 +55,20 @@ class Drifters(SeaStudy):
         after = f" days, {_MAX_MOVES:,} times the lag"
         Limit(gt=0, le=longest).check("after", self.after, after)
 
-    def run(self, say: Say = silent) -> "ObservedDrift":
-        from ...base import memory
-        from ...drift import ObservedDrift, boxes, count_moves, open_trajectories
-        from ...space import estimates
-
+    def run(self, say: Say = silent) -> "drift.ObservedDrift":
         say("reading trajectories")
-        seen = open_trajectories(self.file)
+        seen = drift.open_trajectories(self.file)
         if self.drogue is not None:
             with about("drogue"):
                 seen = seen.with_drogue(self.drogue == "kept")
-        water = boxes(seen, self.cell, self.bounds)
+        water = drift.boxes(seen, self.cell, self.bounds)
         say(f"counting moves between {water.cells:,} cells")
-        moves = count_moves(seen, water, self.lag * _DAY, least=self.least)
+        moves = drift.count_moves(seen, water, self.lag * _DAY, least=self.least)
         cells = moves.water.cells
         Limit(le=cells).check("nearly_closed", self.nearly_closed, ", the number of cells")
-        needed = estimates.drift([cells]) + estimates.draws(cells, self.samples)
+        needed = space.estimates.drift([cells]) + space.estimates.draws(cells, self.samples)
         memory.check(needed, f"drifters in {cells:,} cells", "give larger cells, or fewer samples")
-        return ObservedDrift.of(
+        return drift.ObservedDrift.of(
             seen,
             moves,
             after=None if self.after is None else self.after * _DAY,

@@ -1,15 +1,12 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tyro
 
+from ... import verify as verification
 from ..study import Study
-
-
-if TYPE_CHECKING:
-    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,13 +17,11 @@ class SeaStudy(Study):
     """Files of currents or of trajectories."""
 
     def spec(self, result: Any) -> dict[str, Any]:
-        asked = super().spec(result)
-        return {**asked, "file": " ".join(asked["file"])}
+        spec = super().spec(result)
+        return {**spec, "file": " ".join(spec["file"])}
 
     def headline(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_drift
-
-        return compare_drift(result)
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_drift(result)

@@ -1,17 +1,13 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import tyro
 
+from ... import optimize, patrol
 from ..parameters import AtLeastOne, Limit, Needed, Only
 from ..study import Say, Study
-
-
-if TYPE_CHECKING:
-    from ...optimize import Graph
-    from ...patrol import GraphPatrol
 
 
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
@@ -57,10 +53,8 @@ class GraphStudy(Study):
     seed: int = 0
     """Seed of the recorded walk, and of simulations."""
 
-    def more(self, patrolled: "GraphPatrol", say: Say) -> dict[str, Any]:
+    def more(self, patrolled: "patrol.GraphPatrol", say: Say) -> dict[str, Any]:
         """Compute the parts of a result that parameters other than the strategy request."""
-        from ... import patrol
-
         more: dict[str, Any] = {}
         times = self.times(patrolled.graph)
         seconds = None if times is None else times * self.time_unit
@@ -98,11 +92,11 @@ class GraphStudy(Study):
             )
         return more
 
-    def times(self, graph: "Graph") -> Any:
+    def times(self, graph: "optimize.Graph") -> Any:
         """Return the time of each edge in units of time, or `None` without a speed."""
-        from ...patrol.team import whole_times
-
-        return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
+        if self.speed is None:
+            return None
+        return patrol.team.whole_times(graph, self.speed, self.time_unit)
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """Return the numbers of the vertices that a parameter names."""

@@ -3,6 +3,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+from ... import optimize, patrol, space, verify as verification
+from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ..parameters import AtLeastOne, Needed, Only, Share
 from ..study import Say, about, silent
@@ -11,11 +13,6 @@ from .graph_study import GraphStudy
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from ...optimize import Graph, Linear
-    from ...patrol import GraphPatrol
-    from ...patrol.team import Division
-    from ...verify import Comparison
 
 
 _CHANCE = "least chance that"
@@ -79,24 +76,16 @@ class PatrolGraph(GraphStudy):
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
 
     def memory(self, written: bool = False) -> float | int:
-        from ...base import memory
-        from ...patrol import load_graph
-        from ...space import estimates
-
-        graph, _ = load_graph(self.file)
+        graph, _ = patrol.load_graph(self.file)
         weighted = self.strategy == "commute" or self.game
         states = graph.vertices * self.memory_states
-        needed = estimates.walk(states, len(graph.edges), weighted)
+        needed = space.estimates.walk(states, len(graph.edges), weighted)
         doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
         memory.check(needed, doing, "expected a smaller graph, or another strategy")
         return needed
 
-    def run(self, say: Say = silent) -> "GraphPatrol":
-        from ...patrol import GraphPatrol, load_graph, strategy_game
-        from ...patrol.files import has_weights, load_stakes
-        from ...patrol.walks import memory_patrol
-
-        graph, names = load_graph(self.file)
+    def run(self, say: Say = silent) -> "patrol.GraphPatrol":
+        graph, names = patrol.load_graph(self.file)
         self._check(graph, names)
         emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
         for name, vertex in (("base", self.base), ("charger", self.charger)):
@@ -105,17 +94,18 @@ class PatrolGraph(GraphStudy):
         walk, game = self._walks(graph, names, emphasis, say), None
         if self.game:
             say("mixing strategies")
-            stakes = None if self.values is None else load_stakes(self.values, names)
-            game = strategy_game(
+            values = self.values
+            stakes = None if values is None else patrol.files.load_stakes(values, names)
+            game = patrol.strategy_game(
                 graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
-        options["weights_unused"] = has_weights(self.file)
+        options["weights_unused"] = patrol.files.has_weights(self.file)
         by_steps = ("mixing", "kemeny", "entropy", "return-time")
         options["by_steps"] = self.speed is not None and self.strategy in by_steps
-        patrolled = GraphPatrol.of(graph, **walk, game=game, **options)
+        patrolled = patrol.GraphPatrol.of(graph, **walk, game=game, **options)
         if self.memory_states > 1:
-            walks_with_memory = memory_patrol(
+            walks_with_memory = patrol.walks.memory_patrol(
                 graph,
                 self._attack(names),
                 self.memory_states,
@@ -130,17 +120,17 @@ class PatrolGraph(GraphStudy):
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_commute, compare_game, compare_walk
-
-        compared = compare_walk(result)
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        compared = verification.compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
             emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
             rules = self._constraints(result.graph, result.names)
-            compared += compare_commute(result, emphasis, self.share, rules)
-        return compared if result.game is None else [*compared, *compare_game(result.game)]
+            compared += verification.compare_commute(result, emphasis, self.share, rules)
+        if result.game is None:
+            return compared
+        return [*compared, *verification.compare_game(result.game)]
 
-    def _check(self, graph: "Graph", names: Sequence[str]) -> None:
+    def _check(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
         """Raise if the graph is too large or not connected, or if an attack is too short."""
         from ...base.connected import vertices_apart
 
@@ -167,7 +157,7 @@ class PatrolGraph(GraphStudy):
         if self.division != "partition":
             self._check_reach(graph, names)
 
-    def _check_reach(self, graph: "Graph", names: Sequence[str]) -> None:
+    def _check_reach(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
@@ -187,13 +177,12 @@ class PatrolGraph(GraphStudy):
             )
 
     def _walks(
-        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
+        self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
         """Find the walks of all robots; with a division, compare shared with divided walks."""
         import numpy as np
         import scipy.sparse
 
-        from ... import patrol
         from ...mapping import Chain
 
         if self.division is None:
@@ -204,10 +193,8 @@ class PatrolGraph(GraphStudy):
         for robot in range(self.robots):
             say(f"seeking a walk on part {robot + 1} of {self.robots}")
             inside = np.flatnonzero(region == robot)
-            part, called = (
-                patrol.team.part_of_graph(graph, inside),
-                [names[v] for v in inside.tolist()],
-            )
+            part = patrol.team.part_of_graph(graph, inside)
+            called = [names[v] for v in inside.tolist()]
             self._check_reach(part, called)
             parts.append(self._walk(part, called, None, 1))
             within = parts[-1]["chain"].to_scipy().toarray()
@@ -229,18 +216,17 @@ class PatrolGraph(GraphStudy):
         walks = divided if shared is None or self.division == "partition" else shared
         return walks | {"division": _compared(shared, divided, region, self.robots)}
 
-    def _constraints(self, graph: "Graph", names: Sequence[str]) -> "list[Linear]":
-        from ...patrol.walks import load_constraints
-
-        return [] if self.constraints is None else load_constraints(self.constraints, graph, names)
+    def _constraints(
+        self, graph: "optimize.Graph", names: Sequence[str]
+    ) -> "list[optimize.Linear]":
+        file = self.constraints
+        return [] if file is None else patrol.walks.load_constraints(file, graph, names)
 
     def _walk(
-        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
+        self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
         """Find the chain of the strategy, with its certificate, goal and value."""
         import numpy as np
-
-        from ... import optimize, patrol
 
         if self.strategy == "toward":
             (vertex,) = self.vertices(names, "vertex", str(self.vertex))
@@ -303,11 +289,9 @@ class PatrolGraph(GraphStudy):
         """Return the duration of attacks in steps, or in units of time with a speed."""
         import numpy as np
 
-        from ...patrol.files import load_values
-
         times: Any = self.attack_time
         if self.attack_times is not None:
-            times = load_values(self.attack_times, names, whole=self.speed is None)
+            times = patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
         unit = 1.0 if self.speed is None else self.time_unit
         return np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
 
@@ -320,11 +304,9 @@ class PatrolGraph(GraphStudy):
 
 def _compared(
     shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
-) -> "Division":
+) -> "patrol.team.Division":
     """Compare robots that share the graph, if this is possible, with robots that divide it."""
     import numpy as np
-
-    from ...patrol.team import Division, long_run, steps_between_visits
 
     rows, nothing = [], np.full(region.size, np.nan)
     for walks in (shared, divided):
@@ -333,9 +315,9 @@ def _compared(
             team = walks["team"]
             if team is None:
                 team = np.stack([walks["chain"].to_scipy().toarray()] * robots)
-            visits = steps_between_visits(long_run(team))
+            visits = patrol.team.steps_between_visits(patrol.team.long_run(team))
         value = np.nan if walks is None or walks["value"] is None else walks["value"]
         rows.append((visits.mean(), visits.max(), value))
     mean, worst, value = np.array(rows).T
     caught = value if str(divided["goal"]).startswith(_CHANCE) else None
-    return Division(["shared", "partition"], mean, worst, caught, region)
+    return patrol.team.Division(["shared", "partition"], mean, worst, caught, region)

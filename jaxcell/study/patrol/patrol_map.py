@@ -3,6 +3,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
+from ... import optimize, patrol, space, verify as verification
 from ...base.limits import MAX_CELLS, MAX_VERTICES
 from ..map_study import CellStudy
 from ..parameters import AtLeastOne, Limit, Metres, Needed, Only
@@ -11,13 +12,6 @@ from ..study import Say, about, numbers, silent
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from ...optimize import Graph
-    from ...patrol import Capture, PatrolledMap
-    from ...patrol.map import Policy, Regions
-    from ...space import CellSpace
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 # The shares among which "auto" chooses.
@@ -94,15 +88,12 @@ class PatrolMap(CellStudy):
         if self.robots == 1:
             raise ValueError("lost: robot 0 is the only one; none would be left to patrol")
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
+    def needed(self, extent: "space.Extent") -> float | int:
+        return space.estimates.patrol(extent)
 
-        return estimates.patrol(extent)
-
-    def run(self, say: Say = silent) -> "PatrolledMap":
+    def run(self, say: Say = silent) -> "patrol.PatrolledMap":
         import jax
 
-        from ... import patrol
         from ...patrol.map.policies import smallest_covers
 
         cells = self.cells()
@@ -154,12 +145,14 @@ class PatrolMap(CellStudy):
         )
 
     def _patrolled(
-        self, graph: "Graph", visible: "np.ndarray", regions: "Regions | None", say: Say
+        self,
+        graph: "optimize.Graph",
+        visible: "np.ndarray",
+        regions: "patrol.map.Regions | None",
+        say: Say,
     ) -> dict[str, Any]:
         """Find the policies of the robots; with `capture`, of the fewest robots that reach it."""
         import numpy as np
-
-        from ... import patrol
 
         most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
         made = {}
@@ -194,14 +187,12 @@ class PatrolMap(CellStudy):
 
     def _emphasised(
         self,
-        graph: "Graph",
+        graph: "optimize.Graph",
         visible: "np.ndarray",
         robots: int,
-        regions: "Regions | None",
+        regions: "patrol.map.Regions | None",
         say: Say,
-    ) -> "dict[float, tuple[Policy, ...]]":
-        from ... import patrol
-
+    ) -> "dict[float, tuple[patrol.map.Policy, ...]]":
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
         if graph.vertices > MAX_VERTICES:
             # One search takes a minute or more.
@@ -217,15 +208,13 @@ class PatrolMap(CellStudy):
 
     def _chosen(
         self,
-        graph: "Graph",
+        graph: "optimize.Graph",
         visible: "np.ndarray",
-        made: "dict[float, tuple[Policy, ...]]",
-        regions: "Regions | None",
+        made: "dict[float, tuple[patrol.map.Policy, ...]]",
+        regions: "patrol.map.Regions | None",
     ) -> tuple[dict[str, Any], float]:
         """Return the policies of the best share, or of `share`, and their least capture."""
         import numpy as np
-
-        from ... import patrol
 
         attack = patrol.Attack(self.attack_times, self.start).first
         least = [
@@ -277,17 +266,13 @@ class PatrolMap(CellStudy):
             name=result.cells.workspace.name,
         )
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_patrolled_map
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_patrolled_map(result)
 
-        return compare_patrolled_map(result)
-
-    def _graph(self, cells: "CellSpace") -> "Graph":
+    def _graph(self, cells: "space.CellSpace") -> "optimize.Graph":
         """Build the graph of the cells, and raise if the graph is not connected."""
         import numpy as np
         from scipy.sparse.csgraph import connected_components
-
-        from ...patrol import cell_graph
 
         if cells.positions > MAX_CELLS:
             raise ValueError(
@@ -299,7 +284,7 @@ class PatrolMap(CellStudy):
                 f"robots: {self.robots} robots are more than the {cells.positions} cells of "
                 f"{self.map}"
             )
-        graph = cell_graph(cells)
+        graph = patrol.cell_graph(cells)
         pieces, piece = connected_components(graph.matrix(np.ones(len(graph.edges))))
         if pieces > 1:
             x, y, _ = cells.centre(np.array([0, np.flatnonzero(piece != piece[0])[0]]))
@@ -309,47 +294,45 @@ class PatrolMap(CellStudy):
             )
         return graph
 
-    def _visible(self, cells: "CellSpace", reach: float) -> "np.ndarray":
-        from ...space.sight import AT_CENTRE, visible_cells
+    def _visible(self, cells: "space.CellSpace", reach: float) -> "np.ndarray":
+        from ...space.sight import AT_CENTRE
 
-        visible = visible_cells(cells, reach, part=AT_CENTRE if self.sight == "centre" else 1.0)
+        part = AT_CENTRE if self.sight == "centre" else 1.0
+        visible = space.visible_cells(cells, reach, part=part)
         return visible.T if self.sight == "source" else visible
 
-    def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
-        from ...patrol.map import angular_regions, base_station
-
+    def _regions(
+        self, cells: "space.CellSpace", graph: "optimize.Graph"
+    ) -> "patrol.map.Regions | None":
         if self.base is None:
             return None
         seen = self._visible(cells, self.range if self.base_range is None else self.base_range)
         base = None if self.base == "auto" else _position(cells, self.base, "base")
         with about("base"):
-            base = base_station(graph, seen) if base is None else base
-            return angular_regions(graph, base, seen[base], int(self.robots))
+            base = patrol.map.base_station(graph, seen) if base is None else base
+            return patrol.map.angular_regions(graph, base, seen[base], int(self.robots))
 
     def _target(
-        self,
-        asked: int | None,
-        capture: "Capture",
-        regions: "Regions | None",
+        self, wanted: int | None, capture: "patrol.Capture", regions: "patrol.map.Regions | None"
     ) -> int:
         """Return the cell to attack, and raise if capture there is certain or impossible."""
-        if asked is None:
+        if wanted is None:
             if capture.contested.size == 0:
                 raise ValueError(
                     f"range: with {self.range:g} m no robot sees a cell that is not always "
                     "watched; expected a longer range"
                 )
             return int(capture.weakest[0])
-        if asked in capture.contested:
-            return asked
-        if regions is not None and regions.view[asked]:
+        if wanted in capture.contested:
+            return wanted
+        if regions is not None and regions.view[wanted]:
             why = "the base station always sees it, so that no attack succeeds"
         else:
             why = "no robot ever sees it, so that any attack succeeds"
         raise ValueError(f"target {self.target!r}: {why}")
 
 
-def _position(cells: "CellSpace", text: str, parameter: str) -> int:
+def _position(cells: "space.CellSpace", text: str, parameter: str) -> int:
     """Return the position that a parameter names, as "x,y" in metres."""
     x, y = numbers(parameter, text, 2, '"x,y" in metres')
     with about(f"{parameter} {text!r}"):
