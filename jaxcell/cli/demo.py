@@ -44,7 +44,7 @@ class Demo:
             pages += [f"## {stop.title}", f"    {stop.line}", text, f"Files: {links}"]
         write_text(self.out / "index.md", "\n\n".join(pages) + "\n")
         seconds = time.perf_counter() - began
-        note(f"{len(STOPS)} stops in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
+        note(f"{len(STOPS)} answers in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
         note_results(self.out)
         return 0
 
@@ -71,7 +71,7 @@ def _home(result: Any) -> list[str]:
     return [
         f"{result.arrived_share:.0%} of {result.robots} robots find out where they are and come "
         f"home, after {result.median_bumps_until_home:g} bumps in the median.",
-        f"The filter loses {result.lost_share:.0%} of them, though runs, turns and the first "
+        f"The filter loses {result.lost_share:.0%} of them, although runs, turns and the first "
         "heading are uncertain.",
     ]
 
@@ -82,8 +82,8 @@ def _groups(result: Any) -> list[str]:
     cells = result.cells.size
     return [
         f"All {cells:,} cells lead to {count} periodic groups, with periods of {short} to {long}.",
-        f"The largest basin has {largest / cells:.0%} of the cells, and no way in is longer than "
-        f"{away} mappings.",
+        f"The largest basin has {largest / cells:.0%} of the cells, and the longest transient "
+        f"takes {away} mappings.",
     ]
 
 

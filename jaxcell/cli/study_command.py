@@ -28,7 +28,7 @@ from .terminal import (
 
 
 MUCH = 1e9
-"""Estimates of memory above this number of bytes are printed."""
+"""The number of bytes above which an estimate of memory is printed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

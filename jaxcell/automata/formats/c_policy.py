@@ -29,7 +29,7 @@ typedef struct {
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
-"The type of the state of a policy or a machine that reads runs, and its constants."
+"The C type, with its constants, of the state of a policy or machine that observes runs."
 
 RUN_TABLES = (
     "/* The start of the next bumps of each state in the two tables after this. */\n"

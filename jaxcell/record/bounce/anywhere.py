@@ -59,7 +59,7 @@ def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the stretches after each bump; before the first bump there are none."""
+    """Log the stretches of walls where a robot may be after each bump; none before the first."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
     # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])

@@ -40,7 +40,7 @@ def save_cells(
     - `spec`: the parameters, for the attribute `spec` as JSON.
 
     **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the cells
-    contradict the numbers of the groups.
+    of a group are more or fewer than `result` says.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 

@@ -15,7 +15,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the tab of distances between the map of cells and simulated drifters, by cell."""
+    """Log the tab with the distance between the map and simulated drifters, for each cell."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

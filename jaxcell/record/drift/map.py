@@ -67,7 +67,7 @@ class Clock:
         self.last = self.frame * self.frames
         "The last time, in units."
         self.speed = max(1.0, self.last / 30)
-        "Units per second of playback, for a playback of about half a minute in all."
+        "The speed of playback in units per second, so that all of it takes about half a minute."
         dated = None if start is None else Dated(self.unit, start, self.seconds)
         self.timeline: str | Dated = dated or self.unit
         "The timeline of marks, of dates if they are known."

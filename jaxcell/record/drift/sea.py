@@ -21,10 +21,11 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     """Log where drifters end in a sea.
 
     Over a timeline of dates from the first record, tabs show the current of each layer as arrows,
-    drifters in the current, their distribution by the map of cells, and drifters that follow the
-    policy to a goal. Static tabs show persistent groups, nearly closed sets, absorption times, the
-    deployment, the distance from simulated drifters, the exchange between regions, beaches, the
-    reach of the start, and in three dimensions the value function and the policy.
+    drifters in the current, the distribution of drifters that the map of cells predicts, and
+    drifters that follow the policy to a goal. Static tabs show persistent groups, nearly closed
+    sets, absorption times, the deployment, the distance between predicted and simulated drifters,
+    the exchange between regions, beaches, the cells that a drifter from the start reaches, and in
+    three dimensions the value function and the policy.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)

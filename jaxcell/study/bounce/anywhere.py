@@ -160,7 +160,7 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the median numbers of bumps and metres of plans over cells from known starts.
+    """Return the median number of bumps, and of metres, of plans over cells from known starts.
 
     Both are `None` if an angle is not a multiple of the angle between directions.
     """
