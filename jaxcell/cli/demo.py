@@ -42,9 +42,10 @@ class Demo:
             links = ", ".join(f"[{name}]({stop.folder}/{name})" for name in files)
             text = " ".join(sentences)
             pages += [f"## {stop.title}", f"    {stop.line}", text, f"Files: {links}"]
-        write_text(self.out / "index.md", "\n\n".join(pages) + "\n")
+        index = self.out / "index.md"
+        write_text(index, "\n\n".join(pages) + "\n")
         seconds = time.perf_counter() - began
-        note(f"{len(STOPS)} answers in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
+        note(f"{len(STOPS)} answers in {seconds:.0f} s; {index} lists what to open.")
         note_results(self.out)
         return 0
 
