@@ -26,7 +26,7 @@ class CellsOfDirection:
     group: Int32[np.ndarray, "positions"]
     "The periodic group that each cell reaches; groups are numbered by their smallest cells."
     step: Int32[np.ndarray, "positions"]
-    "Mappings until the cell is on its periodic group, 0 on it."
+    "Number of mappings from each cell to its periodic group; 0 for cells in the group."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

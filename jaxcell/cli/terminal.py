@@ -60,7 +60,8 @@ def progress(
 ) -> Iterator[Callable[..., None]]:
     """Show the current work, its progress, and an estimate of the time that is left.
 
-    Yields a function of the work, its progress, its total, and more text. The clock is in seconds.
+    Yields a function to call with the name of the work, the amount done, the total amount, and
+    further text. `clock` returns a time in seconds.
     """
     with status(text, clock) as change:
         current, began, first = None, 0.0, 0

@@ -117,9 +117,10 @@ class Water:
 
     @functools.cached_property
     def piece(self) -> Int[np.ndarray, "cells"]:
-        """The connected piece of sea of each cell, from 0 in order of the smallest cells of pieces.
+        """The number of the connected piece of sea that contains each cell.
 
-        Pieces are also connected by sea without data.
+        Pieces are numbered from 0 in the order of their first cells. Sea without data connects
+        cells, too.
         """
         label, count = scipy.ndimage.label(~self.land, structure=_AROUND)
         if self.wraps:

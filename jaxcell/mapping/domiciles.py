@@ -124,10 +124,11 @@ def _outermost(
     seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
     def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find the first list of seeds from which each cell is reached against the steps.
+        """Find for each cell the first list of seeds that it leads to.
 
-        Strong components are numbered as a depth-first search finishes them. Each list has a node
-        in front of the cells. The search from this node numbers all cells that it newly reaches.
+        A depth-first search goes backward along the steps, and numbers strong components as it
+        finishes them. A node for each list precedes the cells. The search from this node numbers
+        all cells that no search before has reached.
         """
         ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])

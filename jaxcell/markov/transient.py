@@ -33,11 +33,12 @@ class Transient:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Take the part `inside` out of a chain that can leave it from each cell.
+        """Extract the part `inside` of a chain, which the chain can leave from each cell of it.
 
         The transition matrix must not store zeros.
 
-        **Raises:** `RuntimeError` for a circuit of certain steps, which the chain cannot leave.
+        **Raises:** `RuntimeError` for a cycle of steps of probability 1, which the chain never
+        leaves.
         """
         cells = np.flatnonzero(inside)
         step = matrix[cells][:, cells]

@@ -88,7 +88,8 @@ class Room:
     """The set of weights that constraints allow: `sums' x = totals` and `x > 0`.
 
     `x` are the weights of the edges that may have weight, followed by the slack of inequalities.
-    Constraints without slack are equalities here, and constraints that others imply are omitted.
+    Inequalities that hold only as equalities are equalities here, and constraints that others imply
+    are omitted.
     """
 
     used: Bool[np.ndarray, "edges"]

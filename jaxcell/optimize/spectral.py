@@ -135,13 +135,13 @@ def least_norm(
 
 
 def _bound(problem: SpectralProblem, point: _Point) -> float:
-    """Compute a lower bound on the norms of all weights.
+    """Compute a lower bound on the norm of `M(w)` that holds for all allowed weights `w`.
 
-    For a symmetric `Y` whose eigenvalues have moduli with sum 1 or less, the norm of `M(w)` is at
-    least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. If `z >= 0` and `s_e' Y
-    s_e = (bounds' z)_e` for all edges, the subtracted sum is `z' bounds w`, at most `z' limits`. A
-    `Y` that nearly satisfies these equations is corrected by multiples of the matrices `s_e s_e'`,
-    which are independent because no two have a common off-diagonal entry.
+    For a symmetric `Y` whose eigenvalues have absolute values with sum 1 or less, the norm of
+    `M(w)` is at least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. If `z >= 0`
+    and `s_e' Y s_e = (bounds' z)_e` for all edges, the subtracted sum is `z' bounds w`, at most `z'
+    limits`. A `Y` that nearly satisfies these equations is corrected by multiples of the matrices
+    `s_e s_e'`, which are independent because no two have a common off-diagonal entry.
     """
     centred = problem.centred
     Y = centred @ (point.forces[0] - point.forces[1]) @ centred

@@ -65,7 +65,7 @@ def save_recording(
 
 
 def show(result: Result, *, spec: Mapping[str, Any] | None = None) -> Any:
-    """Show the recording of a result in a notebook, or a plot without the viewer of Rerun.
+    """Show the recording of a result in a notebook, or a plot if Rerun is not installed.
 
     **Arguments:**
 

@@ -9,9 +9,9 @@ class RunOutcome:
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
     ]
-    """`"localized"`: one configuration is left, or the filter is in a knowledge cycle, the policy
-    at an end, or the belief in few cells; `"arrived"`: the plan or the trajectory is done;
-    `"patrolled"`: the wanted number of cells was visited; `"reported"`: an intruder was seen;
+    """`"localized"`: one configuration is left, the filter is in a knowledge cycle, the policy has
+    ended, or the belief is concentrated in few cells; `"arrived"`: the plan or the trajectory is
+    done; `"patrolled"`: the wanted number of cells was visited; `"reported"`: an intruder was seen;
     `"refuted"`: an observation is impossible in the map; `"stopped"`: the driver stopped the robot,
     or a person stopped the run; `"unfinished"`: the largest number of observations is reached."""
     observations: str
@@ -19,7 +19,8 @@ class RunOutcome:
     reason: str
     "The result as a sentence."
     colors: tuple[int, ...] = ()
-    "The colour of the filter after each observation; 0 after an impossible one without a trap."
+    """The colour of the filter after each observation; 0 after an impossible observation, if the
+    filter has no trap."""
     cells: tuple[int, ...] = ()
     "The possible cells of the robot by the filter, policy or belief."
 

@@ -115,7 +115,7 @@ class Box:
         return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.width[axis]
 
     def coordinates(self, index: Int[Any, "..."]) -> Int[Any, "... axes"]:
-        """Compute the number of each cell along each axis."""
+        """Compute the coordinates of cells, counted from 0 along each axis, from their numbers."""
         xp = index.__array_namespace__()
         return xp.stack(self._unravel(index), axis=-1)
 

@@ -72,9 +72,9 @@ class Motion:
     step: float | None = None
     "Length of a step in metres, at least a cell; `None` is one cell."
     collision: Collision = "swept"
-    """`"swept"` keeps the whole step in the closed free space (it may graze a corner, but not slip
-    between two obstacles that meet in a point); `"endpoint"` only its end, as the dissertation
-    does. The end must lie in a free cell in either case."""
+    """The part of a step that must lie in the closed free space. `"swept"` is the whole step, which
+    may graze a corner, but not pass between two obstacles that meet in a point. `"endpoint"` is
+    its end only, as in Alam 2018. The end must also lie in a free cell."""
 
     def __post_init__(self) -> None:
         if self.collision not in RULES:

@@ -63,10 +63,10 @@ class Study:
         check(self)
 
     def run(self, say: Say = silent) -> Result:
-        """Answer the question.
+        """Answer the question of the study. `say` is called with the progress.
 
-        **Raises:** `ValueError` that begins with the name of a parameter, if the parameters are
-        wrong; `RuntimeError` if there is no answer.
+        **Raises:** `ValueError` for a wrong parameter, with a message that begins with its name;
+        `RuntimeError` if there is no answer.
         """
         raise NotImplementedError
 

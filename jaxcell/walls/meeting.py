@@ -30,7 +30,7 @@ class Rows(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of a row and a wall that robots of the row may meet, sorted by row and wall."""
+    """Pairs of a row and a wall that robots from the row may hit, sorted by row and wall."""
 
     row: Int[np.ndarray, "pairs"]
     wall: Int[np.ndarray, "pairs"]

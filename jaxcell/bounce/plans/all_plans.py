@@ -126,7 +126,7 @@ class AllPlans:
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
         """Open a store of plans for these cells. Routes are read from it when they are needed.
 
-        **Raises:** `ValueError` if it is not a store of plans, or of other cells;
+        **Raises:** `ValueError` if the path is not a store of plans, or has plans for other cells;
         `FileNotFoundError`.
         """
         return cls(cells, read_roadmap(Path(path), cells), Path(path))

@@ -10,7 +10,7 @@ from ..plans.plan import Plan
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlippedPlan(Plan):
-    """A plan, the probability that a slipping robot arrives with it, and a policy that arrives."""
+    """A plan to a goal, its probability of success if the robot slips, and a policy to the goal."""
 
     title: ClassVar[str] = "Plan of a bouncing robot that slips"
 

@@ -124,7 +124,7 @@ def _groups(drift: "SeaDrift") -> str:
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Write the share of the cells that a few drifters may visit."""
+    """Write the shares of the cells that 1, 2, 5, ... drifters may visit, if they are known."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size

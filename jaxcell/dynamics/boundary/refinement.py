@@ -37,7 +37,7 @@ class Refined(NamedTuple):
     basin: Int[np.ndarray, "cells"]
     "The attractor of each cell in `boundary`, -1 for none."
     mapped: int
-    "Number of finer cells that were followed."
+    "Number of finer cells whose images were computed."
 
 
 def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:

@@ -39,8 +39,8 @@ class Trial:
     wrong: tuple[float, ...] = ()
     "The share of points that disagree, with the cells, and with cells of half and quarter width."
     cells: tuple[int, ...] | None = None
-    """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells
-    do not help, or if 32 bits cannot number them."""
+    """Numbers of cells along the axes with which, by extrapolation, 2 % of the points disagree;
+    `None` if finer cells do not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:

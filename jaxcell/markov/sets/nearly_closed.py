@@ -124,11 +124,11 @@ def coherent_sets(
 
     Each set is a pair of its cells at the start and at the end. With `L`, `p` and `q` as in
     [`almost_invariant_sets`][], the pairs follow from the leading singular vectors of the matrix
-    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010); the vectors of both
-    sides have the same rotation and level.
+    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and
+    the right singular vectors are rotated by the same matrix, and cut at the same threshold.
 
-    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** sets, and
-    singular values.
+    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the sets and
+    the singular values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 

@@ -114,7 +114,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "sizes"] | None,
         quantity("size", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
-    "An entry for each team size, from one robot to all."
+    "The capture by teams of one robot, two robots, and so on up to all."
     seed: int = 0
     "Seed of the patrol that a recording shows."
 

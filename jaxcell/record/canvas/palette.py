@@ -155,8 +155,9 @@ def _group_classes() -> list[PictureClass]:
 
 
 GROUP_CLASSES = _group_classes()
-"""The classes in pictures of groups: not free, and then two classes for each rank: the cells that
-lead to the group, and the cells on the group, which are darker. Further groups are pale."""
+"""The classes in pictures of groups. The first class is that of cells that are not free. Each
+group, in the order of its rank, has a class of the cells that lead to it, and a darker class of its
+own cells. Groups after the last rank are pale."""
 
 
 def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:

@@ -49,7 +49,7 @@ _DATA_BYTES = {
 
 
 def drive_direct(*, right: int, left: int) -> bytes:
-    """Write the command that sets the speed of each wheel, from -500 to 500 mm/s.
+    """Encode the command that sets the speed of each wheel, from -500 to 500 mm/s.
 
     **Raises:** `ValueError` for a speed out of range.
     """

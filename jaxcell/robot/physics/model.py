@@ -73,15 +73,15 @@ def robot_model(
 ) -> str:
     """Write the model of a Create 2 in a map, in the XML of MuJoCo.
 
-    Each wall is a thin box. The shell is a sphere that meets only walls. They touch it at the
-    height of its centre, where it has the circular outline of the robot, so that contacts with
-    walls and corners are exact. The wheels are ellipsoids with one contact with the floor each,
-    because cylinders have two contacts and slip in turns.
+    Each wall is a thin box. The shell is a sphere that collides only with walls. Walls touch the
+    sphere at the height of its centre, where it has the circular outline of the robot, so that
+    contacts with walls and corners are exact. The wheels are ellipsoids with one contact with the
+    floor each, because cylinders have two contacts and slip in turns.
 
     **Arguments:**
 
     - `workspace`: the map, whose walls are used without an offset for the robot.
-    - `physics`: the assumptions.
+    - `physics`: the assumed friction, stiffness and thresholds.
     - `pose`: x and y in metres, and the heading in radians.
     - `wheels`: the radii of the left and the right wheel, in metres.
     - `height`: the initial height of the wheels above the floor, in metres.

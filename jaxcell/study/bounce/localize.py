@@ -50,8 +50,8 @@ class Localize(AnywhereStudy):
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Give the filter a trap for observations that cannot occur on the map."""
     smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
-    """Find the smallest machine with the colours of the filter, or with the actions and answers of
-    the policy, and prove a lower bound on its number of states, in at most one minute."""
+    """Find the smallest machine that gives the same colours as the filter, or the same actions and
+    answers as the policy, and prove a lower bound on its states, in at most one minute."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
     metre. A belief then localizes the robot instead of a filter."""

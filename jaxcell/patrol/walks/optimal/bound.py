@@ -104,7 +104,10 @@ class _Visits:
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for pairs whose second move ends with a visit that is in time and counts."""
+        """Return 1 for each pair whose second move makes a new visit in time, and 0 for others.
+
+        The first move of the pair ends at `time`, in steps since the attack began.
+        """
         # The first move of a walk begins before the attack, so a return to its start counts.
         again = self.waits | (self.returns & (time > self.lasts[self.first]))
         in_time = time + self.lasts[self.second] <= self.attack[self.head[self.second]]

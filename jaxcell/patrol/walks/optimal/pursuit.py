@@ -203,8 +203,11 @@ class _Program:
         return len(self.rows) - 1
 
     def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
-        """Solve with the given rows active. Returns the columns and the prices of the rows, or
-        `None` for each if the solver finds no solution."""
+        """Solve the linear program with the given rows active.
+
+        Returns the values of the columns and the prices of the rows, or `None` for both if the
+        solver finds no solution.
+        """
         for k, there in enumerate(self.beside):
             known, at = cuts[self.models[there]], self.shares[k]
             for (normal, offset), image in itertools.product(
