@@ -226,7 +226,7 @@ class WallFilter:
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
-        """Find the slices of headings in radians, or the nearest slices of exactly known headings."""
+        """Find the slices of headings in radians, or the slices nearest to known headings."""
         place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
         whole = np.floor(place) if self.chords.width else np.round(place)
         return whole.astype(int) % self.chords.slices
