@@ -33,15 +33,17 @@ def minimize(filter: Filter) -> Filter:
     after = transition[first]
     uncertainty = np.zeros(first.size, np.int32)
     np.maximum.at(uncertainty, label, filter.uncertainty[:states])
-    # Pairs of a class and a cell, as single numbers.
-    cells, cell = np.unique(filter.members, return_inverse=True)
-    owner = np.repeat(label.astype(np.int64), np.diff(filter.offsets[: states + 1]))
-    pairs = np.unique(owner * cells.size + cell)
+    # The possible cells of one class after the other, because all sets at once take much memory.
+    order = np.argsort(label, kind="stable")
+    cells = [
+        np.unique(np.concatenate([filter.cells(state) for state in members.tolist()]))
+        for members in np.split(order, np.searchsorted(label[order], np.arange(1, first.size)))
+    ]
     quotient = Filter(
         transition=np.where(after < 0, np.int32(-1), label[after]),
         uncertainty=uncertainty,
-        offsets=np.searchsorted(pairs, cells.size * np.arange(first.size + 1)),
-        members=cells[pairs % cells.size],
+        offsets=np.cumsum([0, *map(len, cells)], dtype=np.int64),
+        members=np.concatenate(cells),
         metadata=filter.metadata,
     )
     return quotient.with_trap() if filter.open_world else quotient

@@ -129,7 +129,8 @@ class Room:
     ) -> Float[np.ndarray, "constraints"]:
         """Return the price of each of the first `count` constraints; 0 for those without effect."""
         owned = (self.owner >= 0) & (self.owner < count)
-        return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count)
+        # Without any weight it would count in whole numbers.
+        return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
 
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
         """Return a bound on `gain @ weights` over all allowed weights.

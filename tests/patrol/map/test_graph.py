@@ -85,7 +85,7 @@ def test_maps_for_patrols(name, size, free, between):
     ("cells", "message"),
     [
         (room(np.eye(2, dtype=bool)), "cells: none of the 2 free cells"),
-        (CellSpace.of_grid(np.ones((2, 2), bool), 1), "of a grid without"),
+        (CellSpace.of_grid(np.ones((2, 2), bool), 1), "got cells of a grid"),
     ],
 )
 def test_cells_without_edges_or_walls_are_refused(cells, message):
