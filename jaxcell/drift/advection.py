@@ -103,9 +103,9 @@ def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-un
     # had several stages, XLA would compute early stages again in later ones. The flow in squares
     # comes from the previous stage too: else XLA would compute it for each point.
     def stage(number, state):  # type: ignore[no-untyped-def]
-        begun, reached, rates, terms = state
+        begun, reached, rates, rate = state
         step, stage = (number + 1) // ahead.size, (number + 1) % ahead.size
-        rates = between(flow, terms, *_moved(begun, rates, length * ahead[stage - 1]))
+        rates = between(flow, rate, *_moved(begun, rates, length * ahead[stage - 1]))
         reached = _moved(reached, rates, share[stage - 1])
         begun = jax.tree.map(lambda new, old: jnp.where(stage, old, new), reached, begun)
         now = start + step.astype(jnp.float64) * length + length * ahead[stage]

@@ -173,13 +173,10 @@ def _beside(
     return padded.take(range(size), axis) + padded.take(range(2, size + 2), axis)
 
 
-def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "terms axes squares"]:
-    """Interpolate the flow linearly in time, and expand it in the square at each cell.
+def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
+    """Interpolate the flow in every square linearly in time.
 
-    A square lies between the centres of four cells, with the numbered cell at its lower left. The
-    terms are the flow there, its changes to the right and upward, and the change of the former
-    upward. Before the first record and after the last one a flow that is not periodic stays
-    constant.
+    Before the first record and after the last one a flow that is not periodic stays constant.
     """
     records = flow.rate.shape[0]
     if flow.period is not None:
@@ -192,37 +189,36 @@ def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "term
         share = (time - flow.time[before]) / (flow.time[after] - flow.time[before])
         share = jnp.clip(share, 0.0, 1.0)
         along = (1 - share) * flow.rate[before] + share * flow.rate[after]
-    end = along[..., :1] if flow.wraps else along[..., -1:]
-    right = jnp.diff(along, axis=2, append=end)
-    terms = jnp.stack([along, right])
-    upward = jnp.diff(terms, axis=2, append=terms[:, :, -1:])
-    return jnp.concatenate([terms, upward]).reshape(4, 2, -1)
+    return along.reshape(2, -1)
 
 
 def between(
     flow: Flow,
-    terms: Float[Array, "terms axes squares"],
+    rate: Float[Array, "axes squares"],
     x: Float[Array, "*points"],
     y: Float[Array, "*points"],
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Interpolate the flow at points of the grid bilinearly, from its terms in the squares.
+    """Interpolate the flow at points of the grid bilinearly from its rate in the squares.
 
     Points off the grid have the flow of the nearest point of the grid. Columns that go round the
     Earth have no end.
     """
     rows, columns = flow.rate.shape[2:]
-    column, across = _square(x, columns, flow.wraps)
-    row, up = _square(y, rows, False)
-    # One index into all squares is faster than an index of rows and one of columns.
-    square = row * columns + column
+    left, right, across = _neighbours(x, columns, flow.wraps)
+    below, above, up = _neighbours(y, rows, False)
 
-    def value(axis: int) -> Float[Array, "*points"]:
-        here, right, upward, mixed = (
-            term.at[square].get(mode="promise_in_bounds") for term in terms[:, axis]
+    low, high = below * columns, above * columns
+
+    def value(field):  # type: ignore[no-untyped-def]
+        # One index into all squares is faster than an index of rows and one of columns.
+        near, far = (
+            (1 - across) * field.at[row + left].get(mode="promise_in_bounds")
+            + across * field.at[row + right].get(mode="promise_in_bounds")
+            for row in (low, high)
         )
-        return here + across * right + up * (upward + across * mixed)
+        return (1 - up) * near + up * far
 
-    return value(0), value(1)
+    return value(rate[0]), value(rate[1])
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
@@ -230,15 +226,18 @@ def steps_in(seconds: float | int, duration: float | int) -> int:
     return max(1, round(seconds / duration))
 
 
-def _square(
+def _neighbours(
     place: Float[Array, "*points"], size: int, wraps: bool
-) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
-    """Find the square of places on an axis, and the share of the square that is before them."""
-    if not wraps:
-        place = jnp.clip(place, 0.0, size - 1.0)
-    first = jnp.floor(place)
-    number = first % size if wraps else jnp.minimum(first, max(size - 2, 0))
-    return number.astype(jnp.int32), place - (first if wraps else number)
+) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
+    """Find the cells on both sides of places on an axis, and the weight of the second cell."""
+    if wraps:
+        first = jnp.floor(place)
+        near = (first % size).astype(jnp.int32)
+        return near, (near + 1) % size, place - first
+    place = jnp.clip(place, 0.0, size - 1.0)
+    first = jnp.minimum(jnp.floor(place), max(size - 2, 0))
+    near = first.astype(jnp.int32)
+    return near, jnp.minimum(near + 1, size - 1), place - first
 
 
 def crossing_time(water: Water, flow: Flow) -> float:
