@@ -99,9 +99,9 @@ echo "${{#COMPREPLY[@]}} ${{COMPREPLY[*]}}"
 complete -p jaxcell
 """
         command = ["bash", "--norc", "-c", program]
-        told = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
-        assert told.stderr == ""
-        found, registered = told.stdout.splitlines()
+        run = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
+        assert run.stderr == ""
+        found, registered = run.stdout.splitlines()
         assert registered == "complete -o default -F _jaxcell jaxcell"
         count, *found = found.split()
         assert int(count) == len(found)

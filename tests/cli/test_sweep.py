@@ -58,19 +58,19 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     assert main(["sweep", "status", "runs/some", "--json"]) == 0
     assert described(capsys) == found
     assert main(["sweep", "status", "runs/some"]) == 0
-    told = capsys.readouterr()
-    assert "3 of 3" in told.out
-    assert 'xarray.open_zarr("runs/some/sweep.zarr")' in told.err
+    printed = capsys.readouterr()
+    assert "3 of 3" in printed.out
+    assert 'xarray.open_zarr("runs/some/sweep.zarr")' in printed.err
 
 
 def test_failures_are_reported(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec("fail = 5"), "--out", out]) == 1
-    told = capsys.readouterr()
-    assert "2 of 3" in told.out
-    assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in told.err
-    assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in told.err
-    assert "To compute the rest: the same command with --resume" in told.err
+    printed = capsys.readouterr()
+    assert "2 of 3" in printed.out
+    assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in printed.err
+    assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in printed.err
+    assert "To compute the rest: the same command with --resume" in printed.err
     assert main(["sweep", "status", out, "--json"]) == 1
     found = described(capsys)
     assert (found["done"], found["failed"]) == (2, 1)
@@ -85,10 +85,10 @@ def test_only_ten_failures_are_printed(spec, tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(sweep_stub, "stub", broken)
     assert main(["sweep", spec(chunk=1, grid="x = {count = 30}"), "--out", str(tmp_path)]) == 1
-    told = capsys.readouterr().err
-    assert told.count(" failed (") == 10
-    assert "a member of chunk 9 failed (x 9): RuntimeError" in told
-    assert f"... and others: {tmp_path / 'failures.json'} has their tracebacks" in told
+    printed = capsys.readouterr().err
+    assert printed.count(" failed (") == 10
+    assert "a member of chunk 9 failed (x 9): RuntimeError" in printed
+    assert f"... and others: {tmp_path / 'failures.json'} has their tracebacks" in printed
 
 
 def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capfd, monkeypatch):
@@ -101,9 +101,9 @@ def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capf
 
     monkeypatch.setattr(sweep_stub, "stub", chatty)
     assert main(["sweep", spec(), "--out", str(tmp_path / "out"), "--json"]) == 0
-    told = capfd.readouterr()
-    assert json.loads(told.out)["done"] == 3
-    assert told.err.count("from Python") == told.err.count("from elsewhere") == 3
+    printed = capfd.readouterr()
+    assert json.loads(printed.out)["done"] == 3
+    assert printed.err.count("from Python") == printed.err.count("from elsewhere") == 3
 
 
 @pytest.mark.parametrize("engine", ["processes", "dask"])
@@ -112,9 +112,9 @@ def test_workers_that_print_leave_the_output_to_the_result(spec, tmp_path, engin
     Path(spec()).write_text(text)
     command = [sys.executable, "-c", PROGRAM, "sweep", str(tmp_path / "some.toml"), "--json"]
     command += ["--out", str(tmp_path / "out"), "--engine", engine, "--workers", "1"]
-    told = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
-    assert json.loads(told.stdout)["done"] == 3
-    assert told.stderr.count("from Python") == told.stderr.count("from elsewhere") == 3
+    run = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert json.loads(run.stdout)["done"] == 3
+    assert run.stderr.count("from Python") == run.stderr.count("from elsewhere") == 3
 
 
 def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
@@ -128,9 +128,9 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
     out = str(tmp_path / "out")
     options = ["--out", out, "--max-failures"]
     assert main(["sweep", spec(), *options, "2", "--json"]) == 1
-    told = capsys.readouterr()
-    assert json.loads(told.out)["failed"] == 3
-    assert "Stopped: more than 2 members failed" in told.err
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["failed"] == 3
+    assert "Stopped: more than 2 members failed" in printed.err
     assert calls == [[0, 1, 2, 3], [0, 1], [0], [1], [2, 3], [2]]
     monkeypatch.undo()
     # Members that were not tried do not count as failed.
@@ -153,8 +153,8 @@ def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sweep_stub, "stub", curious)
     assert main(["sweep", spec(grid="x = {count = 12}"), "--out", out, "--json"]) == 0
     # Once there is a first chunk.
-    told = capsys.readouterr().err
-    assert told.count("members per second") == told.count("time left") == 2
+    printed = capsys.readouterr().err
+    assert printed.count("members per second") == printed.count("time left") == 2
     assert seen[0] == (0, None, None)
     done, rate, left = seen[2]
     assert done == 2
@@ -170,9 +170,9 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
     assert main(["sweep", spec(), "--out", out]) == 0
     assert main(["sweep", spec(), "--out", out]) == 2
     assert main(["sweep", spec("a = 1"), "--out", out, "--resume"]) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert "a sweep is there" in told[-2]
-    assert told[-1].endswith(f"in {out}: fixed.a: nothing there, 1 here")
+    printed = capsys.readouterr().err.splitlines()
+    assert "a sweep is there" in printed[-2]
+    assert printed[-1].endswith(f"in {out}: fixed.a: nothing there, 1 here")
     assert main(["sweep", "status", str(tmp_path)]) == 2
     assert "jaxcell sweep status: " in capsys.readouterr().err
 
@@ -190,14 +190,14 @@ def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, 
         wait_until(lambda: begun.exists() and sweep_status(out).done)
     finally:
         process.send_signal(number)
-        _, told = process.communicate()
+        _, printed = process.communicate()
     assert process.returncode == 130
     # Where the machine is busy, Zarr grumbles when it is left.
     assert (
         f"Stopped. Finished chunks are kept in {out}; to continue: "
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
-    ) in told
+    ) in printed
     assert main(["sweep", "status", str(out), "--json"]) == 1
     found = described(capsys)
     assert 0 < found["done"] < found["chunks"]

@@ -46,15 +46,15 @@ def test_sweep_view_writes_an_overview_and_a_member(ran, capsys):
     fixed = "[fixed]\ncolumns = 9\nrows = 7\nobstacles = 2\ndirections = 8"
     folder = ran(f'task = "rooms"\n{fixed}\n[grid]\nroom = {{count = 3}}\nbounce = [45, 90]')
     assert main(["sweep", "view", str(folder)]) == 0
-    told = capsys.readouterr()
-    assert f"view --web {folder / 'overview.rrd'}" in told.err
+    printed = capsys.readouterr()
+    assert f"view --web {folder / 'overview.rrd'}" in printed.err
     assert "/series/count/median" in entities(folder / "overview.rrd")
 
     assert main(["sweep", "view", str(folder), "--select", "bounce=90", "room=2"]) == 0
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     out = folder / "members" / "room=2,bounce=90.rrd"
-    assert f"view --web {out}" in told.err
-    assert "In the sweep: room=2,bounce=90" in told.out
+    assert f"view --web {out}" in printed.err
+    assert "In the sweep: room=2,bounce=90" in printed.out
     assert "/map/grid/bounce_90/groups" in entities(out)
 
     found, member, logged = detail(folder, "room=2", "bounce=45")
@@ -125,9 +125,9 @@ def test_members_without_a_result_or_a_study_are_refused(ran, tmp_path, capsys, 
     )
     view = ["sweep", "view", str(folder)]
     assert main([*view, "--select", "x=0"]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "the task 'sweep_stub:stub' has no detail to show; expected a study of yours" in told
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert "the task 'sweep_stub:stub' has no detail to show; expected a study of yours" in printed
     monkeypatch.setattr("jaxcell.cli.sweep.view.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
     assert "The member x=2 has no result: RuntimeError: x is 2" in capsys.readouterr().err

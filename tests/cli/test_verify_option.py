@@ -32,11 +32,11 @@ def test_a_wrong_result_is_reported_with_status_1(json_too, capsys, monkeypatch)
     monkeypatch.setattr(bounce, "bounce_map", wrong)
     options = ["--json"] if json_too else []
     assert main([*GROUPS, "--verify", *options]) == 1
-    told = capsys.readouterr()
-    assert "jaxcell groups: --verify: images of cells, by shapely one step" in told.err
-    assert "agree with" not in told.err
+    printed = capsys.readouterr()
+    assert "jaxcell groups: --verify: images of cells, by shapely one step" in printed.err
+    assert "agree with" not in printed.err
     if json_too:
-        assert not json.loads(told.out)["verified"]["agrees"]
+        assert not json.loads(printed.out)["verified"]["agrees"]
     # Without it nothing is computed again.
     assert main([*GROUPS, "--json"]) == 0
     assert "verified" not in json.loads(capsys.readouterr().out)

@@ -85,8 +85,6 @@ class SeaMap:
     ) -> None:
         self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
         self.water = drift.waters[number]
-        self.gaps = (self.water.number < 0) & ~self.water.land
-        "The squares of sea without data."
         self.title = f"{self.water.depth:g} m deep" if self.water.depth else "Surface"
         surface = drift.waters[0]
         here = surface.row, surface.column
@@ -143,7 +141,7 @@ class SeaMap:
         """
         water = self.water
         squares = np.zeros((*kind.shape[:-1], *water.number.shape), np.uint8)
-        squares[..., self.gaps] = len(classes)
+        squares[..., self.water.gaps] = len(classes)
         squares[..., water.row, water.column] = kind
         classes = [*classes, PictureClass(_GAP, CLEAR if order > -20 else GAP)]
         path, timeline = f"map/grid/{name}", self.clock.timeline
@@ -168,7 +166,7 @@ class SeaMap:
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
     ) -> rrb.Container:
         """Log the text and the legend of a tab, and return the tab with its views side by side."""
-        legend = [*legend, (self.dry, LAND), *([(_GAP, GAP)] if self.gaps.any() else [])]
+        legend = [*legend, (self.dry, LAND), *([(_GAP, GAP)] if self.water.gaps.any() else [])]
         return log_tab(self.stream, path, name, views, text, legend)
 
 

@@ -42,8 +42,9 @@ def digests(spec: Spec) -> dict[str, str]:
     `MODULE:NAME`), with the user's modules that this module imports.
     """
     digest_of = {}
-    columns = (one.values for one in spec.parameters if one.values.dtype.kind == "U")
-    texts = sorted({*_strings([spec.fixed, *(values.tolist() for values in columns)])})
+    columns = [parameter.values for parameter in spec.parameters]
+    listed = [values.tolist() for values in columns if values.dtype.kind == "U"]
+    texts = sorted({*_strings([spec.fixed, *listed])})
     for text in texts:
         if (path := spec.find_file(text)) is None or not path.is_file():
             continue
