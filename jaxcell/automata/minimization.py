@@ -35,10 +35,10 @@ def minimize(filter: Filter) -> Filter:
     np.maximum.at(uncertainty, label, filter.uncertainty[:states])
     # The possible cells of one class after the other, because all sets at once take much memory.
     order = np.argsort(label, kind="stable")
-    cells = [
-        np.unique(np.concatenate([filter.cells(state) for state in members.tolist()]))
-        for members in np.split(order, np.searchsorted(label[order], np.arange(1, first.size)))
-    ]
+    cells = []
+    for members in np.split(order, np.searchsorted(label[order], np.arange(1, first.size))):
+        sets = [filter.cells(state) for state in members.tolist()]
+        cells.append(sets[0] if len(sets) == 1 else np.unique(np.concatenate(sets)))
     quotient = Filter(
         transition=np.where(after < 0, np.int32(-1), label[after]),
         uncertainty=uncertainty,
