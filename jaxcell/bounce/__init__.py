@@ -8,24 +8,24 @@ the bouncing angle,
     C(z) = the cell that holds the end of the step, direction theta         if the step stays in E,
     C(z) = the same position, direction theta + phi                         otherwise.
 
-It senses 0 on a step and 1 on a bump. Angles are radians, and whole numbers of directions. `Moves`
-holds the ends of steps, which depend on the walls alone; a bouncing angle adds a turn by `shift`
-directions. `Motion` has the length of a step, and the part of it that walls block. Functions:
-`moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
+It senses 0 on a step and 1 on a bump. Angles are in radians, and multiples of the angle between two
+directions. `Moves` holds the ends of steps, which depend on the walls alone; a bouncing angle adds
+a turn by `shift` directions. `Motion` has the length of a step and the rule of collision.
+Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
 
 **Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
 cells where it bumps. The first-return map to these cells has tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find the
-groups of a map. `grid_groups` totals them for many grids and angles; `walls` and `wall_groups` are
-its two parts. These functions run on the host. The results of studies are `BounceGroups`, and
-`RoomGroups` for random rooms.
+groups of a map. `grid_groups` computes totals for many grids and angles, from `walls` by
+`wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random rooms.
 
-**Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
-fewer cells possible, until its filter is in a knowledge cycle. `localization_filter` makes the
-filter, and `localize` runs it; the results are `LocalizationFilter` and `Localized`.
-`heading_filter_sizes` counts the states of the filter if the heading is known. A robot that chooses
-among several angles at each bump is localized to one cell on most maps. `localization_policy` finds
-the choice with the fewest bumps; the results are `LocalizationPolicy` and `AdaptivelyLocalized`.
+**Localization** (section 2.4). A robot may start in any cell. Each observation excludes cells,
+until the number of possible cells stays the same and the filter repeats its states (a *knowledge
+cycle*). `localization_filter` makes the filter, and `localize` runs it; the results are
+`LocalizationFilter` and `Localized`. `heading_filter_sizes` counts the states of the filter if the
+heading is known. A robot that chooses among several angles at each bump is localized to one cell on
+most maps. `localization_policy` finds the choice with the fewest bumps; the results are
+`LocalizationPolicy` and `AdaptivelyLocalized`.
 
 **A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that the
 robot believes, and the error of its heading. With random errors the map is a hidden Markov model,
@@ -35,11 +35,11 @@ the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs 
 `slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the probability that
 this policy has arrived; the result is `SlippedPlan`.
 
-**Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
-and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
-cheapest path on pairs of a cell and an angle in use. Only walls and the cells entered at bumps
-matter, since everything between them is a straight run. Functions: `plan`, `replay`, `all_plans`;
-they share a `Roadmap`.
+**Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step
+costs `w_1`, and so does a bump with the same angle as the bump before. A bump with another angle
+costs `w_2`. A plan is a cheapest path on pairs of a cell and the last angle. Its graph, a
+`Roadmap`, has only the cells where robots bump and the cells into which they turn, because all
+other cells lie on straight runs. Functions: `plan`, `replay`, `all_plans`.
 
 **Coverage** (Eq. 3.5 to 3.8, Alg. 3.3). A robot that turns imprecisely is a Markov chain: at a wall
 
@@ -49,8 +49,8 @@ where `epsilon` is `k` directions. Each angle has a limiting distribution over t
 the mixture `alpha` of angles whose coverage is nearest to a target minimises `|A alpha - b|^2`.
 Functions: `noisy_turns`, `noisy_bounce_map`, `coverage_target`, `coverage_policy`.
 
-**Teams** (Eq. 3.9 to 3.11, Alg. 3.4). Robots step together, and each that would meet a wall or
-another robot bumps. The joint state of `m` robots is a tuple of cells; all `N^m` are never listed.
+**Teams** (Eq. 3.9 to 3.11, Alg. 3.4). All robots step at the same time, and a robot bumps if it
+would meet a wall or another robot. The joint state of `m` robots is a tuple of cells, one of `N^m`.
 A joint trajectory follows the joint map until it repeats a state, and then goes on from the best of
 the `2 m` states in which one robot is turned by one direction. Functions: `team_trajectory`,
 `team_trajectories`.

@@ -52,7 +52,7 @@ class CoveragePolicy(Result):
     ]
     distance: Annotated[float, quantity("", "Euclidean distance of the mixture from the target")]
     certificate: Certificate
-    "The certificate of the mixture; see [`jaxcell.optimize.mixture`][]."
+    "The relative duality gap of the mixture; see [`jaxcell.optimize.mixture`][]."
     groups: tuple[PersistentGroups, ...]
     "The persistent groups of each angle."
     limiting: tuple[LimitingDistribution, ...]
@@ -165,10 +165,10 @@ def coverage_policy(
     motion: Motion = CELL_BY_CELL,
     progress: Callable[[int], None] | None = None,
 ) -> CoveragePolicy:
-    """Find the mixture of bouncing policies whose coverage is nearest to a target (Alg. 3.3).
+    """Find the mixture of bouncing angles whose coverage is nearest to a target (Alg. 3.3).
 
-    Each angle has a noisy map, persistent groups, a limiting distribution, and a coverage of the
-    positions, summed over the directions. The mixture solves the least squares of Eq. 3.8.
+    The coverage of an angle is the limiting distribution of its noisy map, summed over the
+    directions of each position. The mixture solves the least squares problem of Eq. 3.8.
 
     **Arguments:**
 
@@ -180,8 +180,8 @@ def coverage_policy(
 
     **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.
 
-    **Raises:** `RuntimeError` if a solve stalls, or if JAX is set to 32 bits; `MemoryError` if the
-    noisy maps do not fit the free memory.
+    **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits; `MemoryError`
+    if the noisy maps do not fit the free memory.
 
     A room of two by two squares is covered evenly by any policy:
 
@@ -235,12 +235,12 @@ def coverage_policy(
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
     """Make a target for coverage, as a distribution over the positions.
 
-    **Arguments:** a cell space, and the worth of each position, in any unit. The worth is `None`
-    if all positions are equal; a function of arrays `x, y` of centres in metres; an array over the
+    **Arguments:** a cell space, and the relative worth of each position: `None` if all positions
+    have the same worth; a function of arrays `x, y` of centres in metres; an array over the
     positions; or an image `[rows, columns]`, whose first row is at the top. The image is stretched
-    over all squares of the map and read at the centres.
+    over all squares of the map, and its values at the centres are used.
 
-    **Returns:** shares that sum to 1.
+    **Returns:** the share of each position; the shares sum to 1.
 
     The last of three squares is worth twice as much as the others:
 

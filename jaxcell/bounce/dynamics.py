@@ -30,9 +30,9 @@ class Moves:
     """
 
     target: Int[Array, "ways positions"]
-    "The position that holds the end of the step, or the same position where the robot bumps."
+    "The position where the step ends; the position of the start if the robot bumps."
     way: Int[Array, "directions"]
-    "The way of each direction."
+    "The row of `target` for each direction."
 
 
 @functools.lru_cache(maxsize=4)
@@ -41,8 +41,8 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 
     **Arguments:** a cell space and a motion. **Returns:** [`Moves`][], for any bouncing angle.
 
-    **Raises:** `ValueError` for a step that is too short; `MemoryError` where the moves would not
-    fit the free memory.
+    **Raises:** `ValueError` for a step that is too short; `MemoryError` if the moves do not fit the
+    free memory.
 
     A corridor of three squares, with the directions East and West:
 
@@ -62,10 +62,10 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 def bounce_shift(
     bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int
 ) -> Int[np.ndarray, "..."]:
-    """Express bouncing angles as numbers of directions.
+    """Convert bouncing angles to numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
-    turn. **Returns:** numbers of directions, at least 0 and less than a full turn.
+    turn. **Returns:** numbers from 0 to `directions - 1`.
 
     Of eight directions, three make 135 degrees:
 
@@ -98,14 +98,14 @@ def bounce_map(
 
     From the centre of a cell the robot makes one step along its direction. If the step is possible,
     the image is the cell that holds its end, in the same direction (observation 0). Otherwise the
-    robot turns in place: the image is the same position in the direction `bounce` farther
+    robot turns in place by the angle `bounce`: the image is a cell of the same position
     (observation 1). This is Eq. 2.4 of Alam 2018.
 
     **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion.
     **Returns:** the map; a batch of maps for an array of angles.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError`
-    where the images would not fit the free memory; else as [`moves`][].
+    **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError` if
+    the images do not fit the free memory; and the errors of [`moves`][].
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -130,7 +130,7 @@ def bounce_map(
 
 @jax.jit
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
-    """Compute the bounce map from the moves, under `jit` and under `vmap` over both arguments.
+    """Compute the bounce map from the moves; works under `jit`, and `vmap` over both arguments.
 
     **Arguments:** the moves, and the number of directions by which the robot turns at a bump.
     **Returns:** a map over all cells.
@@ -147,7 +147,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """Compute the image of each cell, and a mask of the bumps, in NumPy or JAX like `target`."""
+    """Compute the image of each cell and a mask of the bumps, for NumPy or for JAX arrays."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
@@ -167,9 +167,9 @@ def motion_violations(
     bumped: Bool[np.ndarray, "times-1 robots"],
     turn: Int[np.ndarray, "times-1"] | None = None,
 ) -> Bool[np.ndarray, "times-1 robots"]:
-    """Find the moves in which a robot does not keep its direction, or its position at a bump.
+    """Find the moves that break a rule: robots that bump stay and turn, other robots go straight.
 
-    `turn` is the number of directions of a turn in place, or `None` if it is unknown.
+    `turn` is the number of directions by which robots turn at a bump, or `None` if it is unknown.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

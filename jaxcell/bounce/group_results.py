@@ -78,9 +78,9 @@ class BounceGroups(Result):
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """Find the groups of each angle, without the arrays of all cells.
+        """Find the groups of one angle after the other, without arrays over all cells.
 
-        [`jaxcell.record.save_cells`][] writes the cells from them, one direction at a time.
+        [`jaxcell.record.save_cells`][] writes results that exceed the memory in this way.
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
@@ -137,7 +137,7 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """Collect the sum or the maximum over the cells of each group."""
+        """Compute the sum or the maximum of values over the cells of each group, padded with -1."""
         table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
         for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)
@@ -193,7 +193,7 @@ def _by_angle(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RoomGroups(BounceGroups):
-    """The periodic groups in a room, and the filter sizes of a robot that knows its heading."""
+    """The periodic groups in a room, and the sizes of filters of a robot with known heading."""
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
 

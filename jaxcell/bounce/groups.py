@@ -21,7 +21,7 @@ from .straight_runs import Runs
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _ToWalls:
-    """The straight run of each cell to a wall, which is the same for all bouncing angles."""
+    """The straight run from each cell to a wall, which is the same for all bouncing angles."""
 
     way: Int[Array | np.ndarray, "directions"]
     wall: Int[Array | np.ndarray, "ways positions"]
@@ -34,7 +34,7 @@ class _ToWalls:
 class _AtWalls:
     """The fields of [`AngleGroups`][] for a batch of angles, padded with zeros to equal lengths.
 
-    The group of slot `s`, a wall of direction `d`, has the number `number[begin[d] + place[s]]`.
+    A robot that bumps at slot `s` in direction `d` is in group `number[begin[d] + place[s]]`.
     """
 
     begin: Int[Array | np.ndarray, "*angles directions"]
@@ -43,12 +43,12 @@ class _AtWalls:
     lead: Int[Array | np.ndarray, "*angles slots"]
     number: Int[Array | np.ndarray, "*angles groups"]
     period: Int[Array | np.ndarray, "*angles groups"]
-    "The period of each group; zeros past `count`."
+    "The period of each group; the first `count` are in use."
     count: Int[Array | np.ndarray, "*angles"]
 
 
 def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Callable[[Any], Any]:
-    """Batch a function over angles, without `vmap` for a single angle, because that is faster."""
+    """Map a function over axes of angles. A single angle does without `vmap`, which is slower."""
     if math.prod(angles) != 1:
         for _ in angles:
             function = jax.vmap(function)
@@ -63,7 +63,7 @@ def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Cal
 
 @functools.partial(jax.jit, static_argnames="walls")
 def _expand(to: _ToWalls, at: _AtWalls, *, walls: int) -> PeriodicGroups:
-    """Expand the groups from the walls to all cells; a direction has at most `walls` walls."""
+    """Find the group of each cell by the wall ahead; a direction has at most `walls` walls."""
 
     def expand(groups):  # type: ignore[no-untyped-def]
         slot = groups.first[:, None] + jnp.arange(walls, dtype=jnp.int32)[None]
@@ -119,7 +119,7 @@ def bounce_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
-    """Find the periodic groups of a bounce map, from the cells where the robot bumps.
+    """Find the periodic groups of a bounce map by its first-return map from bump to bump.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][], with its errors.
 

@@ -2,15 +2,15 @@
 
 Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
 after `360 / gcd(360, angle)` bumps (in degrees) it is the first heading again. So the headings form
-independent cycles. Each cycle is a ring of layers of walls: the walls of one layer lead to the
-walls of the next layer. The map from the first layer to itself has the periodic groups of all
-layers. It depends on the ways of the headings alone, so cycles with the same ways are followed
-once.
+independent cycles. Each cycle is a ring of layers of walls, one layer per heading: a robot that
+bumps at a wall of one layer bumps next at a wall of the next layer. The map from the first layer to
+itself has the periodic groups of all layers. Headings with equal steps (of the same *way*) have the
+same layers, so cycles with the same ways are followed once.
 
-The module `section` finds the same groups, and lists each of them. Sweeps over rooms and angles
-need only totals. Here these take 0.6 of its time for the rooms of Figure 2.7 (the row `group_study`
-of the benchmarks), and a third of its time for all angles of a room (`chapter_2/angle_study.py` of
-the experiments).
+The module `section` lists the same groups one by one. Sweeps over rooms and angles need only
+totals, which this module computes in 0.6 of the time for the rooms of Figure 2.7 (the row
+`group_study` of the benchmarks), and in a third of the time for all angles of a room
+(`chapter_2/angle_study.py` of the experiments).
 """
 
 import dataclasses
@@ -105,7 +105,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for cycles of headings."""
+    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for cycles of headings per grid."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -120,7 +120,7 @@ def _measured(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The walls of several grids, with a row for each grid and way, or grid and two ways."""
+    """The tables of [`Walls`][] with merged axes: a row per grid and way, or grid and two ways."""
 
     ways: int
     next: Int[np.ndarray, "turns slots"]
@@ -139,7 +139,7 @@ def _measure(
 ) -> Int[np.ndarray, "6 cycles"]:
     """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    A place is the pair of a cycle and a slot of a layer, as one number.
+    A *place* is a wall of a layer of a cycle; the places of a layer are numbered over all cycles.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T
@@ -192,7 +192,10 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Find the place of the first layer to which each of its places leads, and the mappings."""
+    """Follow each place of the first layer through all layers, until it is in the first again.
+
+    Returns the place there, and the number of mappings on the way.
+    """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
     mappings = np.zeros(slot.size, np.int64)
@@ -222,11 +225,11 @@ def _pull(
     lead: Int[np.ndarray, "places"],
     wanted: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Compute the mappings from the places of each layer to their groups, from the last layer on.
+    """Count the mappings from places to their groups, layer by layer from the last to the first.
 
-    `lead` has the mappings of the first layer. Layers that lead to none of the `wanted` places of
-    the first layer are left out, unless no place is wanted. Returns the mappings of the first layer
-    one round before, and the longest transient of each cycle, without the layers left out.
+    `lead` has the numbers of the first layer, to which the last layer leads. If places of the first
+    layer are `wanted`, the count ends at a layer from which no place leads to them. Returns the
+    numbers of the layer where the count ends, and the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

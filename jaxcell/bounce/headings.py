@@ -10,9 +10,9 @@ from jaxtyping import Bool, Int
 class Headings:
     """The directions that a robot takes at successive bumps, in independent cycles.
 
-    The directions of one cycle differ by multiples of `cycles`. The walls that a robot meets depend
-    only on the ways of its directions. So cycles that have the same ways in the same order have the
-    same groups, and only the first of them is followed. Its directions are *leading*.
+    The directions of one cycle differ by multiples of `cycles`. Directions with equal steps share a
+    *way*. Cycles that have the same ways in the same order meet the same walls and have the same
+    groups, so only the first of these cycles is followed. Its directions are *leading*.
     """
 
     shift: int
@@ -20,9 +20,9 @@ class Headings:
     cycles: int
     "Number of cycles."
     like: Int[np.ndarray, "cycles"]
-    "The first cycle that has the same ways as each cycle."
+    "For each cycle, the first cycle with the same ways."
     alike: Int[np.ndarray, "directions"]
-    "The leading direction that represents each direction; a leading direction represents itself."
+    "For each direction, the leading direction that has the same groups."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
@@ -37,10 +37,10 @@ class Headings:
     def spread(
         self, leads: Bool[np.ndarray, "slots"], lowest: Int[np.ndarray, "slots"], positions: int
     ) -> "SpreadGroups":
-        """Number the groups of all cycles by their smallest cells.
+        """Number the groups of all cycles in the order of their smallest cells.
 
-        Each slot in the mask `leads` represents a group, whose smallest cell is `lowest`. A
-        direction has `positions` cells.
+        `leads` is true for one wall (slot) of each group of the leading directions, and `lowest` is
+        the smallest cell of the group of a slot. A direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -65,9 +65,9 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "The slot that represents each group, or an equal group of another cycle."
+    "For each group, the wall (slot) that leads it, or leads the equal group of a leading cycle."
     number: Int[np.ndarray, "groups"]
-    "For direction `d`, the group that slot `s` represents is `number[begin[d] + place[s]]`."
+    "The group that slot `s` leads has the number `number[begin[d] + place[s]]` in direction `d`."
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
 

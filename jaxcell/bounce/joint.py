@@ -24,7 +24,7 @@ class JointImage:
     bumped: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that stayed and turned."
     collided: Bool[Array | np.ndarray, "*batch robots"]
-    "A mask of the robots that ran into another robot, or into which another robot ran."
+    "A mask of the robots that took part in a collision of two robots."
     collisions: Int[Array | np.ndarray, "*batch"]
     "Number of pairs of robots that collided."
 
@@ -48,13 +48,14 @@ def joint_image(
     centre of the next. A robot bumps if
 
     - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
-    - it would meet another robot on its way: at the same end, by changing places, or by crossing on
-        diagonals (and, with steps of several cells, anywhere between);
-    - a robot that bumps stands on its way, and so on along a queue.
+    - it would meet another robot: where both steps end, by changing places, by crossing on
+        diagonals, or, if steps are several cells long, anywhere on the way;
+    - its step leads to or through the place of a robot that bumps. This holds along a queue: each
+        robot that bumps blocks the robot behind it.
 
     A robot that bumps stays, and turns by its bouncing angle once, however many robots and walls it
     meets. So two robots never come to one position, and the order of the robots makes no
-    difference. Two robots *collide* if they would meet, or if a robot that bumps stands in the step
+    difference. Two robots *collide* if they would meet, or if one of them bumps and blocks the step
     of the other. Robots are points: discs wider than a cell are not kept apart.
 
     The function works under `jit`, and under `vmap` over any of the arguments.
@@ -107,7 +108,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow many joint states side by side. The result has the batch axes `steps, lanes`."""
+    """Follow many joint states at once. The result has the batch axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

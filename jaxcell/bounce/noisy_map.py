@@ -48,7 +48,7 @@ def noisy_bounce_map(
 def noisy_turns(
     bounce: float, error: float, reliability: float, directions: int
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
-    """List the turns at a wall as numbers of directions; the turn without error is the first.
+    """List the possible turns at a wall as numbers of directions, first the turn without error.
 
     **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
     each.
@@ -96,7 +96,7 @@ def noisy_chain(
     turns: Int[Array | np.ndarray, "branches"],
     probability: Float[Array | np.ndarray, "branches"],
 ) -> Chain:
-    """Make the chain of moves with turns at a wall; the first turn is the turn without error."""
+    """Make the chain of a robot that turns at random at a wall; the first turn has no error."""
     directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
     position = jnp.arange(positions, dtype=jnp.int32)[None]

@@ -1,7 +1,8 @@
-"""The periodic groups of a bouncing robot, found on the section of its bumps.
+"""The periodic groups of a bouncing robot, found among the cells where it bumps.
 
-Between two bumps a robot runs straight. So the cells where it bumps are a section that every orbit
-meets. Every other cell leads to one of them, in its own direction, after a known number of steps.
+Between two bumps a robot runs straight. So every orbit passes through the cells where the robot
+bumps, the *section*. Every other cell leads straight to a cell of the section, after a known number
+of steps.
 """
 
 import dataclasses
@@ -33,20 +34,20 @@ class CellsOfDirection:
 class AngleGroups:
     """The periodic groups of one bouncing angle, stored for the walls of leading directions only.
 
-    [`Headings`][] defines the leading directions. The groups of all cells are computed from those
-    of the walls, one direction at a time, so that the cells of all directions need not be in memory
-    at once.
+    [`Headings`][] defines the leading directions. Each of their walls has a *slot*, which is its
+    index in the arrays. The groups of all cells follow from the groups of the walls, and are
+    computed one direction at a time, because all cells may exceed the memory.
     """
 
     cells: CellSpace
     runs: Runs
     headings: Headings
     first: Int32[np.ndarray, "directions"]
-    "The first slot of the leading direction that has the same groups as each direction."
+    "For each direction, the first slot of the leading direction with the same groups."
     wall: Int[np.ndarray, "slots"]
-    "The wall in each slot."
+    "The number of each wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "The slot that represents the group of each slot."
+    "The slot that represents the group that each slot reaches."
     lead: Int32[np.ndarray, "slots"]
     "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
@@ -64,7 +65,7 @@ class AngleGroups:
         return GroupSummary(np.array(slot.size), self.period, basin, longest)
 
     def of_cells(self, direction: int) -> CellsOfDirection:
-        """Find the images, groups and steps of the cells of a direction, run by run."""
+        """Find the images, groups and steps of the cells of a direction."""
         runs, positions = self.runs, self.cells.positions
         way = int(runs.steps.way[direction])
         position = self.cells.position_of_square.ravel()
@@ -121,7 +122,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Make the first-return map from bump to bump, padded to a number of slots."""
+    """Make the first-return map from bump to bump of the given walls, padded to `slots` rows."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

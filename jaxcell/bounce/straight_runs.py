@@ -11,7 +11,7 @@ from ..space.steps import Steps
 
 
 AT_ONCE = 2**20
-"""Number of squares that are followed to their walls at once."""
+"""The approximate number of squares in each part of `Runs.followed`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -25,10 +25,10 @@ class Runs:
 
     steps: Steps
     begin: Int[np.ndarray, "_"]
-    "The first wall of each way, and the number of walls at the end."
+    "The first wall of each way; the last entry is the number of all walls."
     square: Int[np.ndarray, "walls"]
     behind: Int[np.ndarray, "walls"]
-    "Number of squares from which the robot runs into each wall, without the square of the wall."
+    "Number of other squares from which the robot runs into each wall."
     bump: Int[np.ndarray, "bumps"]
     "The squares that are walls of any way."
     place: Int[np.ndarray, "walls"]
@@ -67,9 +67,10 @@ class Runs:
     ) -> tuple[
         Int32[np.ndarray, "directions"], Int32[np.ndarray, "slots"], Int[np.ndarray, "slots"]
     ]:
-        """List the walls of chosen directions, by direction.
+        """List the walls of chosen directions, one direction after the other.
 
-        Returns the first slot of each direction, and the direction and the wall of each slot.
+        Returns the index of the first wall of each direction in this list, and the direction and
+        the number of each listed wall.
         """
         way = self.steps.way
         count = np.where(chosen, np.diff(self.begin)[way], 0)
@@ -83,8 +84,8 @@ class Runs:
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
         """List the free squares run by run, about a million at a time.
 
-        Each part has the squares, the walls that they run to, counted from the first wall of the
-        way, and the steps to these walls.
+        Each part has the squares, the walls at the ends of their runs, counted from the first wall
+        of the way, and the numbers of steps to these walls.
         """
         square, hop = self.square[self.of_way(way)], self.steps.hop(way)
         count = self.behind[self.of_way(way)] + 1
@@ -113,8 +114,9 @@ class Runs:
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Find the walls of one way.
 
-    Returns the squares of the walls; the number of squares behind each wall; the order of the walls
-    along the lines of the way; and the places of the walls on these lines, in this order.
+    Returns the squares of the walls; the number of other squares from which the robot runs into
+    each wall; the order of the walls along the lines of the way; and the places of the walls on
+    these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

@@ -32,13 +32,13 @@ def team_trajectory(
 ) -> TeamTrajectory:
     """Find a joint trajectory of several bouncing robots that covers a map (Alam 2018, Alg. 3.4).
 
-    The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. There
-    one part of the trajectory ends, and the next part begins with one robot turned in place by one
-    direction, to either side. All such turns that lead to new joint states are tried. The part that
-    visits the most new positions is taken; of equal parts, the part with the fewest collisions, and
-    then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory
-    ends when all positions within reach are visited, to which steps in any directions lead from the
-    starts. Only positions where a step ends count as visited.
+    The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. Then
+    a part of the trajectory ends, and the next part begins with a turn of one robot in place, by
+    one direction to either side. All such turns that lead to new joint states are tried. The part
+    that visits the most new positions is taken; of equal parts, the part with the fewest
+    collisions, and then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
+    ...). The trajectory ends when all positions are visited that can be reached from the starts by
+    steps in any directions. Only positions where a step ends count as visited.
 
     **Arguments:**
 
@@ -51,8 +51,8 @@ def team_trajectory(
 
     **Returns:** [`TeamTrajectory`][], the cells of all robots over time.
 
-    Robots at both ends of a corridor of three squares meet in the middle and turn round. Their
-    state at the ends repeats, so one robot is turned, and the middle is visited:
+    Robots at both ends of a corridor of three squares meet in the middle and turn around. When they
+    are at the ends again, their state repeats, so one robot is turned, and the middle is visited:
 
         >>> import math
         >>> from jaxcell import bounce, examples
@@ -84,7 +84,7 @@ def team_trajectories(
 ) -> list[TeamTrajectory]:
     """Find the joint trajectories of [`team_trajectory`][] from many starts of the same robots.
 
-    All runs, and all turns that they try, are simulated side by side.
+    All runs, and all turns that they try, are simulated at once.
 
     **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
     is called with the largest number of parts and the smallest number of visited positions of any
@@ -167,7 +167,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions to which steps in any directions lead, with the starts."""
+    """Count the positions that steps in any directions reach from the starts, with the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -256,7 +256,7 @@ class _Part:
 
     @property
     def gain(self) -> int:
-        """Number of positions that no earlier part visits."""
+        """Number of positions that the part visits, and no earlier part."""
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: JointImage) -> None:
@@ -284,7 +284,7 @@ class _Part:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Complete parts side by side, each in a lane; a part that has ended frees its lane."""
+    """Extend parts, all at once, until each of them has ended."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # A power of two, so that few programs are compiled.

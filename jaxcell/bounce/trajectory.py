@@ -31,7 +31,7 @@ class TeamOutcome(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TeamTrajectory(Result):
-    """A joint trajectory of several robots that covers a map, or the part that it could reach."""
+    """A joint trajectory of several robots that covers a map, or a part of it."""
 
     title: ClassVar[str] = "Joint trajectory of bouncing robots for coverage"
     picture: ClassVar[str] = "first_visit"
@@ -44,7 +44,7 @@ class TeamTrajectory(Result):
     collided: Annotated[
         _Flags, quantity("move robot", "whether the robot meets another", kind="flag")
     ]
-    "A mask of the robots that run into another robot, or into which another robot runs."
+    "A mask of the robots that take part in a collision of two robots."
     collisions: Annotated[
         Int[np.ndarray, "steps"], quantity("move", "pairs of robots that collide", kind="count")
     ]
@@ -61,7 +61,7 @@ class TeamTrajectory(Result):
         Int[np.ndarray, "parts"],
         quantity("part", "first time of the part", "mappings", kind="index"),
     ]
-    "The first time of each part. Later parts begin with a turn of one robot by one direction."
+    "The first time of each part. All parts but the first begin with a turn of one robot."
     uncovered_positions: Annotated[
         Int[np.ndarray, "uncovered"],
         quantity(

@@ -12,12 +12,12 @@ from .straight_runs import Runs
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Walls:
-    """The wall that follows each wall, in grids of one shape and for any bouncing angle.
+    """Tables of the next wall after each wall, for grids of one shape and any bouncing angle.
 
-    Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of a way
-    is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If it
-    goes on in way `w`, it next bumps at a wall of `w`. The *slot* of a wall is its number among the
-    walls of its way. All ways and grids have equally many slots, and the last slot is never in use.
+    Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]). A wall of a way is a
+    free square where a step of that way bumps. A robot that bumps at a wall of way `v`, and turns
+    to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its number among
+    the walls of its way. All ways and grids have equally many slots, and the last is never in use.
     """
 
     way: Int[np.ndarray, "directions"]
@@ -25,11 +25,11 @@ class Walls:
     count: Int32[np.ndarray, "grids ways"]
     "Number of walls of each way."
     behind: Int32[np.ndarray, "grids ways slots"]
-    "Number of squares from which the robot runs into the wall, without its square; -1: no wall."
+    "Number of other squares from which the robot runs into each wall; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
     "`next[:, v, w]` has the slot of the wall of way `w` that follows each wall of way `v`."
     length: Int32[np.ndarray, "grids ways ways slots"]
-    "Number of steps between these walls; -1: no wall."
+    "Number of steps from each wall to the next; -1 for no wall."
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":
@@ -64,8 +64,9 @@ class Walls:
     ]:
         """Make a finite-state machine whose states are the walls of all directions of one grid.
 
-        At a bump the robot may turn by `shifts` directions. Returns the next wall after each turn,
-        the steps to it, and the squares behind each wall.
+        At a bump the robot may turn by each number of directions in `shifts`. Returns the next wall
+        after each turn, the number of steps to it, and the number of other squares from which the
+        robot runs into each wall.
         """
         count = self.count[grid, self.way]
         first = np.cumsum([0, *count])

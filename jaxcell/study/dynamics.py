@@ -138,7 +138,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by values from texts: `NAME=NUMBER`, or `NAME=FIRST:LAST:COUNT`."""
+    """Replace parameters by values in texts: `NAME=NUMBER`, or a list, `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

@@ -38,7 +38,7 @@ class CellStudy(Study):
 
     @property
     def smaller(self) -> str:
-        """Advice for less memory, which an error puts before "larger cells"; or empty."""
+        """Advice of a `MemoryError`, as the words before "larger cells"; may be empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -94,7 +94,7 @@ class MapStudy(CellStudy):
 
     @property
     def motion(self) -> "space.Motion":
-        """The motion of the robot, for the functions of `jaxcell.bounce`."""
+        """The length of a step and the rule of collision, for functions of `jaxcell.bounce`."""
         return space.Motion(self.step, self.collision)
 
     def spec(self, result: Any) -> dict[str, Any]:

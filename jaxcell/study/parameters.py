@@ -148,14 +148,14 @@ def inside(annotation: Any) -> Iterator[Any]:
 
 
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
-    """Return the first metadata of a type in an annotation, also inside tuples and unions."""
+    """Return the first note of a type in an annotation, also inside tuples and unions."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
     return next((note for note in notes if isinstance(note, kind)), None)
 
 
 @functools.cache
 def conditions(options: Any) -> dict[str, list[Only]]:
-    """Return the parameters with conditions, and the alternative conditions of each of them."""
+    """Return the conditions of each parameter that has any; one of them must be met."""
     notes = {
         name: [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Only)]
         for name, hint in parameters(options).items()

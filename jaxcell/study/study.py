@@ -79,17 +79,18 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory of the answer in bytes, or also of its files; 0 if unknown.
+        """Estimate the peak memory of the answer in bytes; 0 if unknown.
 
-        **Raises:** `MemoryError` with advice, if less memory is free.
+        With `written`, the memory to write its files counts too. **Raises:** `MemoryError` with
+        advice, if less memory is free.
         """
         return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
-        """Return the parameters with an effect on a result, by name, to repeat the computation.
+        """Return the parameters that repeat the computation of a result, by name.
 
-        Defaults that depend on the map are replaced by their values. The name of a parameter with a
-        unit ends in the unit, such as `cell_m`.
+        Parameters without effect are left out, and defaults that depend on the map are replaced by
+        their values. The name of a parameter with a unit ends in the unit, such as `cell_m`.
         """
         idle = without_effect(self)
         return {

@@ -17,7 +17,7 @@ _FOLLOWED = 96
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
-"""The statistic of the extents of the sets after the next bumps that a choice minimizes."""
+"""The statistic that a choice of angles minimizes, of the extents of sets after the next bumps."""
 
 
 def choose_angles(
@@ -33,10 +33,10 @@ def choose_angles(
 ) -> Int[np.ndarray, "robots"]:
     """Choose for each robot the number of the angle after which its set is smallest.
 
-    `draws` places are drawn from the set of each robot, and the set is followed through the next
-    bump with the run of a robot from each place; likewise for each of the `ahead` next bumps. The
-    sets in `state` are those after a bump and before the turn, and `angles` are in radians. The
-    chosen angle minimizes the mean of the extents over the places, or the worst extent.
+    `draws` places are drawn from the set of each robot. The set is updated by the run to the next
+    bump from each of these places, and this repeats for `ahead` bumps. The chosen angle minimizes
+    the mean of the extents over the places, or the worst extent. The sets in `state` are those
+    after a bump and before the turn, and `angles` are in radians.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:

@@ -36,20 +36,20 @@ class Chords:
     width: float
     "The width of a slice in radians; 0 for headings that are known exactly."
     displacement: float
-    "The largest distance between a robot that leaves a wall and its place on the wall, in metres."
+    "The largest distance from a robot's place on a wall to the start of its run, in metres."
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
-    "The arc length on the wall, in metres."
+    "The arc length on the wall where the stretch begins, in metres."
     end: Float[np.ndarray, "rows"]
     hit: Int[np.ndarray, "rows"]
     "The wall at the end of the run."
     clearance: Float[np.ndarray, "2 rows"]
-    "The distance from the line of the wall `hit`: a constant and a slope in the arc length."
+    "The distance from the line of the wall `hit`: a constant and a slope over the arc length."
     stretch: Float[np.ndarray, "2 rows"]
     "The smallest and the largest ratio of the length of a run to this distance."
     arc: Float[np.ndarray, "2 2 rows"]
-    "The arc length on the wall `hit`: for each end of the slice, a constant and a slope."
+    "The arc length on the wall `hit` where the run ends; as above, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
     "The largest change of this arc length by `displacement`, in metres."
 
@@ -62,7 +62,7 @@ class Chords:
         known: bool,
         displacement: float = 0.0,
     ) -> "Chords":
-        """Follow all headings from all walls.
+        """Find the runs from all walls with all headings.
 
         If headings are `known`, they are exactly `2 pi k / slices`; else a row has all headings of
         its slice. `displacement` is in metres.
@@ -95,7 +95,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """The number of the pair of slice and wall of each row; rows are sorted by this number."""
+        """A number for the slice and the wall of each row, by which rows are sorted."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 
@@ -108,7 +108,7 @@ def _followed(
     displacement: float,
     gap: float,
 ) -> "tuple[Rows, Int[np.ndarray, 'rows'], Met]":
-    """Follow the headings of a group of `2**level` slices from all walls."""
+    """Find the runs from all walls with the headings of a group of `2**level` slices."""
     walls = np.arange(len(boundary.length))
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
     pairs = Pairs(np.repeat(walls, walls.size), np.tile(walls, walls.size))

@@ -36,9 +36,9 @@ class Errors:
     distance: float = 0.0
     "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    "The largest distance that a robot counts after it meets a wall until it feels the bump, in m."
+    "The largest distance that a robot counts before it feels that it has met a wall, in metres."
     turn: float = 0.0
-    "The largest error of the turn at a bump, in radians, with the turn that the bump causes."
+    "The largest error of the turn at a bump, including turns by the bump itself, in radians."
     heading: float = 0.0
     "The largest error of the heading at the start, in radians."
     displacement: float = 0.0

@@ -1,4 +1,4 @@
-"""Choose an angle at each bump so that a robot comes from anywhere into a goal region."""
+"""Choose an angle at each bump so that a robot reaches a goal region from anywhere."""
 
 import dataclasses
 import functools
@@ -26,7 +26,7 @@ _NEVER = 100.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """The navigation of robots that start anywhere into a goal region, a disc.
+    """Navigation of robots that start anywhere into a goal region, which is a disc.
 
     The expected number of bumps to the goal is computed for each part of a wall and each heading. A
     robot turns by the angle that minimizes the mean of this number over its set. While the set is
@@ -111,7 +111,7 @@ class Homing:
     def part_at(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
     ) -> Int[np.ndarray, "places"]:
-        """Number the parts of walls at arc lengths, in metres."""
+        """Find the parts of walls at arc lengths, in metres."""
         count = self._count[wall]
         number = (arc * count / self.filter.boundary.length[wall]).astype(int)
         first = np.cumsum(self._count) - self._count

@@ -11,7 +11,7 @@ from .boundary import ROUNDING, Boundary
 def copies(
     count: Int[np.ndarray, "originals"],
 ) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
-    """Copy each index `count` times. Returns the index of each copy, and its number from 0."""
+    """Repeat each index `count` times. Returns the index of each copy, and its number from 0."""
     index = np.repeat(np.arange(count.size), count)
     return index, np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
 
@@ -22,7 +22,7 @@ class Rows(NamedTuple):
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
-    "The arc length on the wall, in metres."
+    "The arc length on the wall where the stretch begins, in metres."
     end: Float[np.ndarray, "rows"]
 
     def take(self, row: Int[np.ndarray, "taken"]) -> "Rows":
@@ -70,9 +70,9 @@ class Met(NamedTuple):
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
         at the ends of the stretch with the ends of the slice, `low` and `high` in radians. A wall
-        is not kept if none of these four rays leads to it, or if nearer walls block every ray. A
+        is not kept if none of these four rays leads to it, or if nearer walls block every ray. The
         ray from an end of a stretch may graze a corner although all other rays meet a wall. This
-        ray counts unless each end has a row of its own (`apart`).
+        ray counts too, unless each end has a row of its own (`apart`).
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -145,7 +145,7 @@ def _dot(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.n
 
 
 def _times(distance: Float[np.ndarray, "n"], ratio: Float[np.ndarray, "n"]) -> np.ndarray:
-    """Multiply, with 0 times infinity as 0."""
+    """Multiply distances by ratios; 0 times infinity is 0."""
     return np.where(distance > 0, distance * np.where(distance > 0, ratio, 1.0), 0.0)
 
 

@@ -26,7 +26,7 @@ class WallSet(NamedTuple):
     slice: Int[np.ndarray, "stretches"]
     wall: Int[np.ndarray, "stretches"]
     begin: Float[np.ndarray, "stretches"]
-    "The arc length on the wall, in metres."
+    "The arc length on the wall where the stretch begins, in metres."
     end: Float[np.ndarray, "stretches"]
 
     def take(self, which: np.ndarray) -> "WallSet":
@@ -118,7 +118,7 @@ def _leaving(
 
 
 def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
-    """Add each corner that a set reaches to the other wall as well, since it belongs to both."""
+    """Add each corner that a set contains to the other wall too, because it belongs to both."""
     length = boundary.length[state.wall]
     begins = state.take(state.begin <= 2 * OUTWARD)
     ends = state.take(state.end >= length - 2 * OUTWARD)
@@ -158,10 +158,10 @@ def turned(
 
 
 def arrivals(chords: Chords, least: float) -> WallSet:
-    """Compute the set of one robot after a first run from anywhere of at least `least` metres.
+    """Compute the set of one robot after a first run of at least `least` metres from anywhere.
 
-    These are the places that a robot could leave backward for a run of this length. The number of
-    slices must be even.
+    These are the places from which a run backward could have this length. The number of slices must
+    be even.
     """
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)

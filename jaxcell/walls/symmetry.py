@@ -21,7 +21,7 @@ def alike_places(workspace: Workspace, headings: int | None = None) -> int:
     robots may start with, only rotations between these headings count. The count of a room without
     a symmetry is 1.
 
-    A square room looks the same from four sides; from two if the heading is East or West:
+    A square room looks the same from four sides, and from two if the heading is East or West:
 
         >>> from jaxcell import space, walls
         >>> square = space.Workspace([(0, 0), (3, 0), (3, 3), (0, 3)])

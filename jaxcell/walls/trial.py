@@ -137,7 +137,10 @@ def _displaced(
     wall: Int[np.ndarray, "robots"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "robots 2"]:
-    """Move each robot off its wall by the largest displacement, unless a wall is in the way."""
+    """Move each robot away from its wall by the largest displacement, unless a wall is in the way.
+
+    The direction is random, within half a radian of the normal of the wall.
+    """
     reach = filter.errors.displacement
     if not reach:
         return place

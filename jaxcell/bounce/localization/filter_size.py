@@ -18,11 +18,11 @@ def heading_filter_sizes(
 
     The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
     are the sets of cells that its observations leave possible, with the start and without the empty
-    set, as in [`jaxcell.automata.subset_construction`][]. Runs are not followed cell by cell, so
-    states cost less on longer runs.
+    set, as in [`jaxcell.automata.subset_construction`][], but robots are followed from bump to bump
+    instead of cell by cell.
 
-    Sums of 64 bits distinguish the sets. The probability that two of a million states have equal
-    sums is 3e-8.
+    Sets are distinguished by hashes of 64 bits. The probability that two of a million states have
+    equal hashes is 3e-8.
 
     **Arguments:** the walls of grids, and the turns at bumps as numbers of directions. **Returns:**
     the number of states for each grid and turn.
@@ -106,9 +106,9 @@ def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.
 
 
 class _Groups:
-    """Candidates sorted by set, then by the length of their runs, the longest first.
+    """The candidates of all sets, sorted by set, then by the length of their runs, longest first.
 
-    A group is the candidates of a set that bump together.
+    The candidates of a set that bump at the same time are a group.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class _Groups:
     def next_sets(
         self, seen: set[int], bumps: int, order: Int[np.ndarray, "angles"], directions: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Find the sets of two or more candidates that bump at the same time and are new.
+        """Make a set of each group of two or more candidates that was not seen before.
 
         Returns the angle of each set, and for each candidate the number of its set and its wall.
         """
@@ -169,12 +169,12 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Hash angles and headings, as numbers that differ from those of walls."""
+    """Hash angles and present headings, which distinguish equal sets of walls."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 
 def _mix(x: Int[np.ndarray, "_"]) -> UInt64[np.ndarray, "_"]:
-    """Hash numbers to words of 64 bits, as SplitMix64 does."""
+    """Hash numbers to 64 bits, as SplitMix64 does."""
     z = (x.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

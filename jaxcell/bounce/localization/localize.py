@@ -18,10 +18,9 @@ def localization_filter(
     The I-state graph of the map is a nondeterministic automaton that may start in any cell. Subset
     construction makes it deterministic, and each knowledge cycle colours its states.
 
-    **Arguments:** the bounce map; whether an observation that cannot occur on it leads to a trap
-    (Definition 2.4.6) instead of an error (Definition 2.4.5); and what is saved with the filter.
-
-    **Returns:** the filter.
+    **Arguments:** the bounce map, and metadata to save with the filter. If `open_world` is true, an
+    observation that cannot occur on the map leads to a trap state (Definition 2.4.6); otherwise it
+    is an error (Definition 2.4.5). **Returns:** the filter.
 
     The laboratory of the dissertation, with the number of states and the uncertainties of its
     Tables 2.1 and 2.2:

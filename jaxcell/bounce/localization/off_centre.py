@@ -1,8 +1,8 @@
-"""Robots that start anywhere in the cells, and the shares of them that a filter of cells loses.
+"""Robots that start anywhere in the cells, and the share of them that a filter of cells loses.
 
-The filter assumes a robot at the centre of a cell. A walker that knows the heading moves a robot
-that is off the centre by the same number of cells. So the robot stays off the centre, and walls
-stop it in other cells than the filter expects.
+The filter assumes a robot at the centre of a cell. A robot that starts off the centre makes the
+same steps of whole cells. So it stays off the centre, and walls stop it in other cells than the
+filter expects.
 """
 
 import dataclasses
@@ -28,22 +28,22 @@ class Shares(NamedTuple):
     """The shares of robots that a filter or a policy does not locate."""
 
     lost: float
-    "Robots with observations that cannot occur on the map of the filter."
+    "Share of the robots with an observation that the filter excludes."
     wrong: float
-    "Robots whose observations can occur, but whose cell is none of the possible cells."
+    "Share of the robots that are not lost, but whose cell is none of the possible cells."
 
 
 @dataclasses.dataclass(eq=False)
 class OffCentre:
-    """Robots at any points of cells, which move by whole cells."""
+    """Robots anywhere in their cells, whose steps are whole numbers of cells."""
 
     cells: CellSpace
     motion: Motion
     free: shapely.Geometry
     step: Float[np.ndarray, "directions 2"]
-    "The step in each direction, in cells."
+    "The displacement by a step in each direction, in cells."
     path: Float[np.ndarray, "directions corners 2"]
-    "The corners of the path that has to be free in each direction, in cells."
+    "The corners of the path of a step in each direction, in cells from its start."
     offset: Float[np.ndarray, "robots 2"]
     "The place of each robot in its square, from 0 to 1."
     square: Int[np.ndarray, "robots 2"]
@@ -60,10 +60,9 @@ class OffCentre:
         motion: Motion = CELL_BY_CELL,
         walker: bool = False,
     ) -> "OffCentre":
-        """Draw robots uniformly from the squares of free cells, and from the directions.
+        """Draw robots uniformly over the free cells, at any point in the square of their cell.
 
-        Points in obstacles are drawn again. For a `walker` its whole path has to be free, and not
-        only the step.
+        Points in obstacles are drawn again. A `walker` may drive a step as two straight pieces.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -107,7 +106,10 @@ class OffCentre:
 
 
 def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
-    """Trace a step of a walker in each direction: its start and the ends of its stretches."""
+    """Trace a step of a walker in each direction: its start and the ends of two straight pieces.
+
+    Points are in cells, relative to the start.
+    """
     first, turn, rest = stride_legs(cells.directions, 1.0, motion.in_cells(cells.cell)).T
     heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
     begin = first * np.exp(1j * heading)
@@ -123,9 +125,9 @@ def filter_shares(
     *,
     walker: bool = False,
 ) -> Shares:
-    """Measure the shares of robots that start anywhere in the cells and that a filter loses.
+    """Measure the shares of robots that a filter loses if they start anywhere in the cells.
 
-    A robot turns by `shift` directions at a bump. For a `walker` its whole path has to be free.
+    Robots turn by `shift` directions at a bump. A `walker` may drive a step as two straight pieces.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition
@@ -141,8 +143,9 @@ def filter_shares(
 def policy_shares(
     policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
-    """Measure the shares of robots that a policy loses, by its possible cells at their last bump.
+    """Measure the shares of robots that a policy loses if they start anywhere in the cells.
 
+    A robot is placed wrongly if its cell at the last bump is none of the possible cells then.
     `shifts` has the angles as numbers of directions.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
@@ -191,7 +194,7 @@ def _draw(
 
 
 def _free_space(cells: CellSpace) -> shapely.Geometry:
-    """Make the free space with the tolerance of the cells, so that a step may graze a corner."""
+    """Enlarge the free space by the tolerance of the cells, so that a step may graze a corner."""
     if cells.workspace is None:
         x, y = np.array(cells.origin)[:, None] + cells.cell * squares_of(cells)
         free = shapely.union_all(shapely.box(x, y, x + cells.cell, y + cells.cell))

@@ -1,11 +1,12 @@
-"""A finite filter of robots that start anywhere in the cells of a map with walls along the grid.
+"""A finite filter for robots that start anywhere in the cells of a map with walls along the grid.
 
-The strides of a walker are whole cells, so a robot keeps its offset within its cell. Offsets with
-which robots bump in the same cells form a class. The cells of each class have an exact simple map.
+Steps are whole numbers of cells, so a robot keeps its offset within its cell. Offsets with which
+robots bump in the same cells form a class. Within a class, the map of cells is exact.
 
-Classes are found between lines of offsets. On a line, a corner of the path of a stride is on an
-edge of a square, or a stretch of the path goes through a corner of a square. Between lines, all
-paths pass the same squares. Offsets on lines, such as the centre of a cell, belong to no class.
+Lines divide the square of offsets into faces. For an offset on a line, a corner of the path of a
+step is on an edge of a square, or the path goes through a corner of a square. For all offsets of a
+face, the paths pass through the same squares, so each class is a union of faces. Offsets on lines,
+such as the centre of a cell, belong to no class.
 """
 
 import dataclasses
@@ -37,12 +38,12 @@ _THIN = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Offsets:
-    """The classes of the offsets of robots within their cells."""
+    """The classes of offsets within a cell; robots of one class bump in the same cells."""
 
     cells: CellSpace
     motion: Motion
     offset: Float[np.ndarray, "classes 2"]
-    "An offset of each class, from 0 to 1."
+    "One offset of each class, as shares of the side of a cell."
     bumped: Bool[np.ndarray, "classes cells"]
     "A mask of the cells where a robot of each class bumps."
 
@@ -50,7 +51,7 @@ class Offsets:
     def of(
         cls, cells: CellSpace, *, motion: Motion = CELL_BY_CELL, limit: int = LIMIT
     ) -> "Offsets":
-        """Find the classes of the offsets within a cell, for a walker that knows the heading.
+        """Find the classes of offsets with which robots of known heading bump in the same cells.
 
         **Raises:** `ValueError` if walls do not run along the grid, or for too many classes.
         """
@@ -85,7 +86,7 @@ class Offsets:
         return cls(cells, motion, np.array(offsets), np.array(bumps))
 
     def bounce_map(self, bounce: float) -> SimpleMap:
-        """Compute the image of every cell of every class, at `class * cells.size + cell`."""
+        """Compute the image of each cell of each class; cell `z` of class `c` is `c * size + z`."""
         cells, classes = self.cells, len(self.offset)
         shift = int(bounce_shift(bounce, cells.directions))
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
@@ -104,9 +105,9 @@ class Offsets:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OffsetLocalized(LocalizationFilter):
-    """A filter of robots that start anywhere in the cells of a map with walls along the grid.
+    """A filter for robots that start anywhere in the cells of a map with walls along the grid.
 
-    The configuration of a cell of a class is `class * cells.size + cell`.
+    Cell `z` of class `c` is the configuration `c * cells.size + z`.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot at any offset in its cell"
@@ -126,7 +127,7 @@ class OffsetLocalized(LocalizationFilter):
 
     @functools.cached_property
     def shares(self) -> Shares:
-        """The shares of robots that start anywhere in the cells and are lost or placed wrongly."""
+        """The shares of robots, started anywhere, that the filter loses or places wrongly."""
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
@@ -138,7 +139,7 @@ class OffsetLocalized(LocalizationFilter):
     )
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
-        """Make the filter with the possible cells of each state instead of its configurations."""
+        """Make the same filter with cells instead of configurations as members of its states."""
         filter, size = self.filter, self.cells.size
         state = np.repeat(np.arange(len(filter.transition)), np.diff(filter.offsets))
         owner, member = np.divmod(np.unique(state * size + filter.members % size), size)
@@ -153,7 +154,7 @@ class OffsetLocalized(LocalizationFilter):
 def _lines(
     path: Float[np.ndarray, "directions corners 2"],
 ) -> list[tuple[float, float, float]]:
-    """List the lines `a x + b y = c` between offsets whose paths pass different squares."""
+    """List the lines `a x + b y = c` that separate offsets whose paths pass different squares."""
     lines: dict[tuple[float, float, float], None] = {}
     for corners in path:
         for across, up in (-corners % 1).tolist():
@@ -179,7 +180,7 @@ def _lines(
 
 
 def _faces(lines: list[tuple[float, float, float]]) -> Float[np.ndarray, "faces 2"]:
-    """Find a point in each of the faces into which lines cut the unit square."""
+    """Find a point in each face into which lines divide the unit square."""
     cell = shapely.box(0, 0, 1, 1)
     ends = [((a * c - 2 * b, b * c + 2 * a), (a * c + 2 * b, b * c - 2 * a)) for a, b, c in lines]
     cuts = [shapely.intersection(shapely.LineString(one), cell) for one in ends]

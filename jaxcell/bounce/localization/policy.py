@@ -24,9 +24,9 @@ Goal: TypeAlias = Literal["cell", "position", "class"]
 class LocalizationPolicy(States):
     """A policy that localizes a robot by its choice of angles at bumps.
 
-    State 0 is the start; every other state is a set of cells in which the robot may bump. The
-    configurations of state `s` are `member[offset[s]:offset[s + 1]]`. After `bump_steps[i]` steps
-    the robot bumps again in state `bump_state[i]`, for `i` from `bump_offset[s]` to
+    State 0 is the start, and every other state is a bump with a set of possible cells. The possible
+    cells of state `s` are `member[offset[s]:offset[s + 1]]`. The next bump after state `s` may be
+    in state `bump_state[i]`, after `bump_steps[i]` steps, for each `i` from `bump_offset[s]` up to
     `bump_offset[s + 1]`. If these two bounds are equal, the robot is localized in state `s`.
     """
 
@@ -42,7 +42,7 @@ class LocalizationPolicy(States):
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
-    "A bound of the worst case over the starts, or of their mean, depending on `aim`."
+    "A bound on the worst case, or on the mean over the starts, as `aim` says."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
@@ -57,7 +57,7 @@ class LocalizationPolicy(States):
     ]
     fixed: Homing
     """One sequence of angles for all starts and observations, without the first bump. With the goal
-    `"position"` one place is left after some bump of the sequence, not always the last one."""
+    `"position"` one place is left after some bump of the sequence, not always after the last."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
@@ -98,7 +98,7 @@ class LocalizationPolicy(States):
 
     @property
     def _fixed_places(self) -> int:
-        """The largest number of places that are left at the end of the fixed sequence."""
+        """The largest number of possible places at the end of the fixed sequence."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]
@@ -163,13 +163,13 @@ class LocalizationPolicy(States):
 
     @property
     def cell_class(self) -> Int[np.ndarray, "cells"]:
-        """The class of the wall that each cell runs to."""
+        """The class of the wall ahead of each cell."""
         return self.wall_class[self.roadmap.wall]
 
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        The result has, at each time, the state of the policy at the last bump up to this time.
+        The states of the result are those of the policy at the last bump up to each time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()
@@ -223,11 +223,11 @@ def localization_policy(
     """Find the choice among angles at each bump that localizes a robot in the fewest bumps.
 
     A robot that knows neither its place nor its heading counts the steps to its first bump. From
-    then on it turns at each bump by the angle of the policy for its observations so far. The steps
-    to the next bump leave the possible cells at that distance from a wall. Runs are straight, so
-    two cells never become one cell (all cells of a line are at different distances from its wall).
-    So the further bumps of a set of cells depend on the set alone, and the policies are the choices
-    of an AND-OR graph of sets.
+    then on it turns at each bump by the angle of the policy for its observations so far. After the
+    next run, only the cells at that distance from a wall remain possible. Runs are straight, so two
+    cells never lead to one cell with equal observations (all cells of a line are at different
+    distances from its wall). Therefore the bumps that are still needed depend on the set of
+    possible cells alone, and a policy is a choice in an AND-OR graph of sets.
 
     **Arguments:**
 
@@ -284,7 +284,7 @@ def localization_policy(
 def _policy(
     cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """Make the policy of a start in any cell and of decisions about sets of walls."""
+    """Make the policy of decisions about sets of walls, for a start in any cell."""
     after = [dict(enumerate(decisions.roots)), *decisions.after]
     members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(
@@ -304,7 +304,7 @@ def _all_runs(
     images: Int[np.ndarray, "angles walls"],
     lengths: Int[np.ndarray, "angles walls"],
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Count the bumps from every cell until the policy ends, and find the last state."""
+    """Count the bumps of a run from each cell until the policy ends, and find its last state."""
     # Next bumps are listed in the order of this key.
     width = int(roadmap.length.max()) + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
@@ -324,7 +324,7 @@ def _all_runs(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
-    """A policy of a map, and a robot that it localizes."""
+    """A localization policy of a map, and the run of a robot that it localizes."""
 
     tables: ClassVar[Mapping[str, str]] = {"bounce": "angles", "candidate": "candidates"}
 

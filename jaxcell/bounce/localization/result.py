@@ -19,11 +19,11 @@ from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
 class States(Result):
     """The states of a filter or a policy.
 
-    The configurations of state `s` are `member[offset[s]:offset[s + 1]]`.
+    The possible cells of state `s` are `member[offset[s]:offset[s + 1]]`.
     """
 
     smallest: Smallest | None
-    "The smallest machine with the outputs of the filter; `None` if no search was made."
+    "The smallest machine with the same outputs; `None` if it was not searched for."
 
     @derived("", "states, smallest", "1", kind="count")
     def smallest_states(self) -> int | None:
@@ -51,7 +51,7 @@ class States(Result):
 class LocalizationFilter(States):
     """The localization filter of a map, with its states and knowledge cycles.
 
-    The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
+    The possible cells of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
     knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.
     """
 
@@ -162,7 +162,7 @@ class RunOnMap(Candidates):
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if the robot may be in none of the possible cells; then the check has no limit."
+    "True if the robot may be in none of the possible cells, so that this is no failed check."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
@@ -170,12 +170,12 @@ class RunOnMap(Candidates):
 
     @property
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
-        """The possible cells of the robot, over time."""
+        """The possible cells of the robot at each time."""
         raise NotImplementedError
 
     @functools.cached_property
     def off_centre(self) -> Shares:
-        """The shares of robots that start anywhere in the cells and are lost or placed wrongly."""
+        """The shares of robots, started anywhere in the cells, that are lost or placed wrongly."""
         raise NotImplementedError
 
     @property

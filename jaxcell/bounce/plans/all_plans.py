@@ -51,8 +51,8 @@ class AllPlans:
     """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
     Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or
-    in a store. Plans and costs follow from them. The cost of a plan is the cost of a run to the
-    wall, a route, and a run from the entry to the goal.
+    in a store, because they determine all plans: a plan is a run to a wall, a route from this wall
+    to an entry, and a run from the entry to the goal.
     """
 
     cells: CellSpace
@@ -124,15 +124,15 @@ class AllPlans:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
-        """Open a store of plans for these cells. Routes are read from it when they are needed.
+        """Open a store of plans for these cells. Routes are read when they are needed.
 
-        **Raises:** `ValueError` if the path is not a store of plans, or has plans for other cells;
-        `FileNotFoundError`.
+        **Raises:** `FileNotFoundError` if there is no store; `ValueError` if it has no plans, or
+        plans for other cells.
         """
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
-        """List the goals, the entries that lead to them, and the entry index of each goal."""
+        """List the goals, the entries that lead to them, and each goal's index among the entries."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
@@ -140,7 +140,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to entries in ascending order; no route leads to entry -1."""
+        """Find the routes to entries in ascending order; entry -1 stands for no route."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)
@@ -168,15 +168,14 @@ def all_plans(
 
     **Arguments:** as for [`jaxcell.bounce.plan`][], and
 
-    - `store`: a folder such as `plans.zarr` to write the plans to as they are found, and to read
-        them from, for spaces whose plans do not fit the memory. By default plans stay in memory.
+    - `store`: a folder such as `plans.zarr`, for plans that do not fit the memory. Plans are
+        written to it as they are found, and read from it. By default plans stay in memory.
     - `progress`: called with the number of solved entries, and the number of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.
 
-    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` if the plans do not fit the
-    free memory and there is no store; `FileNotFoundError` if the parent folder of the store does
-    not exist.
+    **Raises:** the errors of [`jaxcell.bounce.plan`][]; `MemoryError` if plans without a store do
+    not fit the free memory; `FileNotFoundError` if the parent folder of the store does not exist.
 
     The costs of the plans from all six cells of a corridor to cell 0:
 
@@ -212,7 +211,7 @@ def all_plans(
 
 
 def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
-    """Split the entries into blocks that are solved at once."""
+    """Split the entries into blocks; the routes to the entries of a block are found together."""
     size = block_size(roadmap)
     entries = np.arange(roadmap.entry.size)
     return [entries[i : i + size] for i in range(0, entries.size, size)]
@@ -221,7 +220,10 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
 def _angles_used(
     roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """Count the angles of routes by doubling: round r finds the angles of the first 2^r bumps."""
+    """Count the different angles of each route by doubling.
+
+    Round `r` finds the angles of the first `2^r` bumps.
+    """
     count, angles, walls = routes.turn.shape
     turn = routes.turn.astype(np.int32)
     wall = np.arange(walls)

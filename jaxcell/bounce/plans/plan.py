@@ -38,7 +38,6 @@ class Plan(Result):
             source="Alam 2018, section 3.4.1",
         ),
     ]
-    "The action string of the plan."
     visited: Annotated[
         Int[np.ndarray, "steps+1"],
         quantity("time", "cells that the robot visits", kind="cell", listed=True),
@@ -116,7 +115,7 @@ class Plan(Result):
 
     @property
     def _legs(self) -> Int[np.ndarray, "legs"]:
-        """The moves whose action differs from the action before."""
+        """The indices of the actions that differ from the action before."""
         return np.flatnonzero(np.diff(self.actions, prepend=np.nan))
 
     def checks(self) -> Checks:
@@ -158,20 +157,19 @@ def plan(
     bump of a plan costs `keep` by any angle, because in the dissertation a path may start in the
     graph of any angle.
 
-    The dissertation searches one graph for each angle. In that graph a turn by that angle costs
-    `keep` and any other turn `change`, whatever the bump before was. `method="layered"` does this,
-    and takes the cheapest of all graphs. The methods differ from three bumps on: turns by A, B, A
-    cost `2 keep + change` there and `keep + 2 change` here; turns by A, A, B, B cost `2 keep + 2
-    change` there and `3 keep + change` here. (In graphs that are joined at their cells, as in the
-    pseudo-code, an edge could not depend on the bump before.)
+    The dissertation searches one graph for each angle, in which a turn by this angle costs `keep`
+    and any other turn `change`, whatever the bump before was. With `method="layered"` the plan is
+    the cheapest path of these graphs. The methods differ from three bumps on: turns by A, B, A cost
+    `2 keep + change` in the layered search, and `keep + 2 change` in the exact search; turns by A,
+    A, B, B cost `2 keep + 2 change` and `3 keep + change`.
 
     **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
     counter-clockwise, the two costs, a motion and a method.
 
     **Returns:** the plan. With whole costs its cost is a whole number; without a path it is -1.
 
-    **Raises:** `ValueError` for cells, angles or costs that do not fit, and as
-    [`jaxcell.bounce.moves`][]; `MemoryError` if the roadmap does not fit the free memory.
+    **Raises:** `ValueError` for an invalid cell, angle, cost or motion; `MemoryError` if the
+    roadmap does not fit the free memory.
 
     A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a turn takes one
     bump:

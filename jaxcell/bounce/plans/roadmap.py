@@ -40,20 +40,20 @@ class Roadmap:
     """
 
     wall: Int[np.ndarray, "cells"]
-    "The wall that each cell runs to."
+    "The wall to which a robot runs from each cell."
     length: Int[np.ndarray, "cells"]
-    "Number of steps to that wall."
+    "Number of steps to this wall."
     turned: Int[np.ndarray, "angles walls"]
     "The cell after a bump at each wall by each angle."
     bounces: Float[np.ndarray, "angles"]
     "The angles, in radians."
     keep: int | float
-    "Cost of a step, and of a bump that keeps the angle in use."
+    "Cost of a step, and of a bump with the same angle as the bump before."
     change: int | float
-    "Cost of a bump that changes the angle in use."
+    "Cost of a bump with another angle."
     method: Method
     space: Mapping[str, Any]
-    "A description of the cells, which is stored in files."
+    "A description of the cells and of the motion, which is stored in files."
 
     @classmethod
     def of(
@@ -66,7 +66,7 @@ class Roadmap:
         motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
-        """Make the roadmap of a cell space; arguments are those of [`jaxcell.bounce.plan`][]."""
+        """Make the roadmap of a cell space. The arguments are as for [`jaxcell.bounce.plan`][]."""
         angles = np.asarray(bounces, float)
         shift = different_shifts(angles, cells.directions)
         keep, change = _weights(keep, change)
@@ -113,7 +113,7 @@ class Roadmap:
 
     @functools.cached_property
     def place(self) -> Int[np.ndarray, "cells"]:
-        """The place of each cell in `order`."""
+        """The index of each cell in `order`."""
         place = np.empty_like(self.order)
         place[self.order] = np.arange(self.size, dtype=np.int32)
         return place
@@ -125,7 +125,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """The nearest entry at each cell or before it on its line, -1 for none."""
+        """The index of the nearest entry at each cell or before it on its line, -1 for none."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -136,19 +136,19 @@ class Roadmap:
 
     @functools.cached_property
     def wall_cell(self) -> Int[np.ndarray, "walls"]:
-        """The cell of each wall."""
+        """The cell where a robot bumps, for each wall."""
         return np.flatnonzero(self.length == 0).astype(np.int32)
 
     @property
     def number(self) -> np.dtype:
-        """The type of costs: whole numbers if both weights are whole."""
+        """The NumPy type of costs: whole numbers if `keep` and `change` are whole."""
         if isinstance(self.keep, float) or isinstance(self.change, float):
             return np.dtype(np.float64)
         return np.dtype(np.int32 if _largest_cost(self) < 2**30 else np.int64)
 
     @property
     def small(self) -> np.dtype:
-        """The type of indices of angles, which are stored for every state."""
+        """The NumPy type of indices of angles, as small as possible because they are many."""
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def check_cell(self, cell: int, name: str) -> int:
@@ -167,7 +167,7 @@ class Roadmap:
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List all cells whose run meets a goal, with the index of that goal in `goals`."""
+        """List all pairs of a cell and a goal on its run, the goal as an index in `goals`."""
         place = self.place[goals]
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column = np.repeat(np.arange(goals.size), place - first + 1)
@@ -175,7 +175,7 @@ class Roadmap:
         return self.order[place[column] - (last[column] - 1 - np.arange(column.size))], column
 
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
-        """List the cells after `cell` on its line to `goal`, which its run meets."""
+        """List the cells after `cell` on its run to `goal`, with the goal."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
 
 
@@ -192,7 +192,7 @@ def describe_space(cells: CellSpace) -> dict[str, Any]:
 def different_shifts(
     bounces: Float[np.ndarray, "..."], directions: int
 ) -> Int[np.ndarray, "angles"]:
-    """Express angles as numbers of directions, and check that these differ and are not 0."""
+    """Convert angles to numbers of directions. Raises if two of them are equal, or one is 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
     try:
@@ -224,7 +224,7 @@ def _weights(keep: int | float, change: int | float) -> tuple[int | float, int |
 
 
 def _largest_cost(roadmap: Roadmap) -> int | float:
-    """Bound the cost of any plan: a cheapest plan leaves each wall at most once by each angle."""
+    """Bound the costs of cheapest plans, which leave each wall at most once by each angle."""
     longest = int(roadmap.length.max()) + 1
     bumps = roadmap.turned.size + 1
     return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest

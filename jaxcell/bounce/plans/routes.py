@@ -15,13 +15,13 @@ _BLOCK = 2**18
 class Routes:
     """The cheapest routes from all walls to some entries of a [`Roadmap`][].
 
-    A robot at wall `w` that wants to reach entry `e` starts in layer `layer[e, w]`; at a bump in
-    layer `i` it turns by angle `turn[e, i, w]`. In the exact search the layer is the angle in use,
-    so the next layer is the angle of the turn; in the layered search the layer stays the same.
+    A route from wall `w` to entry `e` starts in layer `layer[e, w]`. At a bump in layer `i`, the
+    robot turns by angle `turn[e, i, w]`. In the exact search the layer is the last angle, so the
+    next layer is the angle of the turn. In the layered search the layer never changes.
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
-    "Cost of each route, with the bump at the wall; -1 for no route."
+    "Cost of each route, including the bump at the wall; -1 for no route."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
     "The angle of each turn; -1 for no route."
@@ -33,19 +33,19 @@ class Routes:
 
 
 def block_size(roadmap: Roadmap) -> int:
-    """Choose the number of entries that are solved at once."""
+    """Choose the number of entries to which routes are found together."""
     return max(16, _BLOCK // roadmap.turned.size)
 
 
 def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
-    """Find the cheapest routes to entries by relaxing costs from all walls until none changes.
+    """Find the cheapest routes to entries, by value iteration over all walls.
 
-    No route leads to entry -1. A round looks one bump ahead from every wall in every layer, so
+    Entry -1 stands for no route. A round looks one bump ahead from every wall in every layer, so
     there are as many rounds as the longest plan has bumps.
 
-    This is NumPy on the host because it was measured to be fastest. For all pairs of 384 to 28,000
-    cells on two cores, the same rounds in JAX take 1 to 3 times as long, after 0.8 s of compilation
-    for each new map. Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
+    NumPy was measured to be fastest. For all pairs of 384 to 28,000 cells on two cores, the same
+    rounds in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map, and
+    Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
     """
     bump = _Bump.of(roadmap, entries)
     value, turn = _exact(bump) if roadmap.method == "exact" else _layered(bump)
@@ -82,16 +82,16 @@ def costs(
 
 
 def _never(number: np.dtype) -> np.number:
-    """Return the number that stands for no route; twice this number does not overflow."""
+    """Return the cost that stands for no route; the sum of two such costs does not overflow."""
     return number.type(np.inf if number.kind == "f" else np.iinfo(number).max // 2)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The walls and costs after a bump. Goals are the last axis, so that rows are contiguous."""
+    """The walls and costs after a bump by each angle. Goals are the last axis, for speed."""
 
     onward: Int[np.ndarray, "angles walls"]
-    "The next wall."
+    "The wall of the next bump."
     price: Shaped[np.ndarray, "angles walls 1"]
     "Cost of a bump that keeps the angle and of the run to the next wall."
     arrival: Shaped[np.ndarray, "angles walls goals"]
@@ -123,7 +123,10 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost of a bump by angle `k` and of the route after it, from `value`."""
+        """Compute the cost of a bump by angle `k` and of the route after it.
+
+        `value` has the costs of the routes from the next walls.
+        """
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
         np.add(out, self.price[k], out=out)
@@ -131,7 +134,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn of every state, a wall and the angle in use."""
+    """Find the cost and the turn of every state, which is a wall and the last angle."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -155,7 +158,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn of every state, a wall in the graph of one angle."""
+    """Find the cost and the turn of every state, which is a wall in the graph of an angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -1,4 +1,4 @@
-"""Zarr stores of all plans, written and read a few goals at a time."""
+"""Zarr stores of all plans, which are written and read in parts."""
 
 import os
 from collections.abc import Iterable
@@ -36,10 +36,9 @@ _VARIABLES = {
 
 
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
-    """Write a roadmap and the routes through it, whole or not at all.
+    """Write a roadmap and the routes to all its entries to a folder, whole or not at all.
 
-    The folder, such as `plans.zarr`, is replaced. The routes lead to all entries, and come a few at
-    a time.
+    The folder, such as `plans.zarr`, is replaced if it exists. `routes` yields parts of the routes.
     """
     angles, walls = roadmap.turned.shape
     entries = roadmap.entry.size

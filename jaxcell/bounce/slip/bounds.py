@@ -26,8 +26,8 @@ def bounded_map(
 ) -> Bounded:
     """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The map has all possible moves: the ends of steps lie in boxes, and a bump is possible unless
-    all boxes along the step are free, and certain only if a box lies wholly in a wall. So the set
+    The map has all possible moves. Boxes bound the places of the robot along a step: a bump is
+    possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the set
     of possible cells contains the robot as long as the error of its heading is at most
     `cells.reach` fine directions.
 
@@ -36,8 +36,8 @@ def bounded_map(
     map.
 
     **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
-    three matrices, which act one after another: moves to the right, through walls too; moves up;
-    and changes of the heading, from row to row of the fine cells.
+    three matrices, which act one after another: moves along x, also into walls; moves along y, to
+    free squares; and changes of the heading.
 
     **Raises:** `MemoryError` if the map does not fit the free memory.
 
@@ -107,8 +107,8 @@ def _path(
     """Make boxes that contain a robot at successive times of a step, relative to its start.
 
     The first box is the start. The heading `theta` has an error of at most `half`, in radians, and
-    `legs` is a row of [`jaxcell.space.stride_legs`][]. Between two times are at most `part` metres.
-    Boxes are left, bottom, right and top, in metres.
+    `legs` is a row of [`jaxcell.space.stride_legs`][]. From box to box the robot drives at most
+    `part` metres. A box is left, bottom, right and top, in metres.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]
@@ -129,7 +129,10 @@ def _path(
 def _sector(
     gone: Float[np.ndarray, "times"], angle: float, off: float, slip: Slip
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes around the possible ends of a stretch with bounded errors of the heading."""
+    """Make boxes around the possible places after `gone` metres along `angle`.
+
+    The heading differs from `angle` by at most `off`, in radians.
+    """
     if gone[-1] < 0:
         gone, angle = -gone, angle + math.pi
     # The chord of a bent path is shorter than the path.
@@ -149,7 +152,10 @@ def _possible(
     soon: shapely.Geometry,
     late: shapely.Geometry,
 ) -> tuple[Bool[np.ndarray, "squares"], Bool[np.ndarray, "squares"]]:
-    """Find the squares from which a robot may make a step, and from which it may bump."""
+    """Find the squares from which a robot may make a step, and those from which it may bump.
+
+    Its bumper feels a wall somewhere between leaving `soon` and leaving `late`.
+    """
     moves, bumps = np.ones(len(centre), bool), np.zeros(len(centre), bool)
     shapely.prepare(soon)
     shapely.prepare(late)
@@ -163,7 +169,7 @@ def _possible(
 def _at(
     centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
 ) -> Shaped[np.ndarray, "squares"]:
-    """Make the union of the boxes around all starts in each square."""
+    """Move a box to the centre of each square, and enlarge it by `half` on all sides."""
     x, y = centre.T
     around = half - _TOUCH
     left, bottom, right, top = box + np.array([-around, -around, around, around])
@@ -179,9 +185,10 @@ def _add_places(
     right: list[np.ndarray],
     up: list[np.ndarray],
 ) -> None:
-    """Add the edges from the squares of a row of cells to the squares that their boxes meet.
+    """Add the moves from the possible squares of a row of fine cells to all squares in their boxes.
 
-    To the right they lead to any squares of the grid, and from there up to free squares.
+    `right` gets the moves along x, to any squares of the grid, and `up` the moves along y from
+    there, to free squares.
     """
     fine = cells.fine
     height, width = fine.free.shape
@@ -200,7 +207,10 @@ def _add_places(
 
 
 def _rows(cells: FineCells, facing: int, off: int, spread: float) -> Int[np.ndarray, "rows"]:
-    """Find the rows of cells whose headings differ from a given one by at most a spread."""
+    """Find the rows of fine cells with headings within `spread` radians of a heading.
+
+    The heading has the direction `facing` and the error `off`, in fine directions.
+    """
     fine = cells.fine
     more = math.ceil(spread * fine.directions / (2 * math.pi) + 0.5 - _TOUCH) - 1
     # Around the whole circle each direction comes once.

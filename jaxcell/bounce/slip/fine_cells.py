@@ -20,11 +20,11 @@ from ..dynamics import bounce_shift
 
 
 SAMPLES = 128
-"""Number of poses and errors that are drawn in each cell, a power of two."""
+"""Number of samples, each with a pose and errors, per fine cell; a power of two."""
 # Number of squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
-"The largest number of fine cells by default, of a robot with errors of 2 % or more."
+"The default limit of the number of fine cells, if errors are 2 % or more."
 # Assumptions of `FineCells.within`: the drift of a heading in standard deviations, the steps during
 # which it drifts, the turn after a bump in radians, and the cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
@@ -36,13 +36,13 @@ _BYTES = 1000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FineCells:
-    """The finer cells of a map, in which a robot that slips is followed.
+    """The finer cells of a map, for the belief of a robot that slips.
 
-    The heading of a robot that slips differs from the direction that it believes, and its steps
-    depend on the latter. So a fine cell is a square, a direction of the map that the robot
-    believes, and the error of its heading in fine directions: `z = row * squares + square`, where
-    `row = direction * (2 reach + 1) + reach + off`. An odd number of fine squares lie along the
-    side of a cell, so that its centre is the centre of a fine square.
+    A robot that slips takes its heading to be a direction of the map, the *believed* direction, and
+    the length of its steps depends on it. So a fine cell is a square, a believed direction, and the
+    error of the heading in fine directions: `z = row * squares + square`, where `row = direction *
+    (2 reach + 1) + reach + off`. An odd number of fine squares lie along the side of a cell, so
+    that its centre is the centre of a fine square.
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
@@ -53,7 +53,7 @@ class FineCells:
     """
 
     cells: CellSpace
-    "The cells of the map, by which the robot believes that it moves."
+    "The cells of the map."
     fine: CellSpace
     "The fine squares, and the fine directions."
     reach: int
@@ -61,7 +61,7 @@ class FineCells:
 
     @classmethod
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
-        """Cut the cells of a map.
+        """Divide the cells of a map.
 
         `squares` is the odd number of fine squares along the side of a cell, and `directions` the
         number of fine directions per direction of the map.
@@ -80,7 +80,8 @@ class FineCells:
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
         """Choose the fine cells that locate a robot most precisely.
 
-        A square hides the place of the robot within it, and a fine direction its drift to the side.
+        The size of squares and of fine directions limits the precision of places: a belief does not
+        distinguish places in a square, nor the drifts to the side by headings of a fine direction.
         The fine directions reach as far as the heading is likely to drift, and are no finer than
         half the error of a turn.
 
@@ -124,7 +125,7 @@ class FineCells:
 
     @functools.cached_property
     def believed(self) -> Int[np.ndarray, "fine"]:
-        """The direction that the robot believes in each fine cell."""
+        """The believed direction of each fine cell."""
         return np.arange(self.size) // self.fine.positions // (2 * self.reach + 1)
 
     @functools.cached_property
@@ -138,7 +139,7 @@ class FineCells:
         return self.at(np.arange(self.cells.size))
 
     def at(self, cell: Int[np.ndarray, "..."] | int) -> Float[np.ndarray, "fine"]:
-        """Make the distribution of a robot that is equally likely at the centres of some cells."""
+        """Make the uniform distribution of a robot over the centres of some cells of the map."""
         cell = np.atleast_1d(cell)
         pose = np.stack(self.cells.centre(cell), axis=-1)
         where = self.index(pose, cell // self.cells.positions)
@@ -147,7 +148,7 @@ class FineCells:
     def index(
         self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."] | int
     ) -> Int[np.ndarray, "*batch"]:
-        """Find the fine cell, or the nearest, of each pose and believed direction."""
+        """Find the fine cell of each pose and believed direction, or the nearest fine cell."""
         square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
         turn, number = 2 * np.pi / self.fine.directions, self.fine.directions
         theta = pose[..., 2] - believed * (2 * np.pi / self.cells.directions)
@@ -163,9 +164,9 @@ def slip_map(
 ) -> HiddenMap:
     """Make the generalized map of a robot that slips, with the observations of its bump sensor.
 
-    Poses are drawn evenly in each cell, each with its own errors, and moved by
-    [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
-    the same Sobol sequence in each cell, so the map is reproducible.
+    Sample poses in each cell, each with its own errors, are moved by
+    [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). They are the
+    same points of a Sobol sequence in each cell, so the map is reproducible.
 
     **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
     length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
@@ -238,12 +239,12 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Choose the share of a fine direction from which a heading is drawn, at most 1.
+    """Choose the share of a fine direction from which headings are drawn, at most 1.
 
-    If headings were drawn from the whole direction but drifted by a small part of it, they would
-    change their direction too often. With this share the variance of the changes is that of the
-    drift, or at least that of the places, in squares to the side, to which the headings of one
-    direction lead.
+    If headings were drawn from a whole fine direction but drifted by a small part of it, too many
+    of them would leave it. With this share, the variance of the changes equals the variance of the
+    drift. If it is larger, the variance of the sideways displacement in squares, by headings of one
+    fine direction, counts instead.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.
@@ -273,7 +274,7 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
 
 
 def most_cells(error: float) -> int:
-    """Choose the largest number of fine cells, larger for small errors, which need fine cells."""
+    """Choose the limit of the number of fine cells, which is larger for small errors."""
     return int(MAX_CELLS * min(max(1.0, 0.02 / max(error, 1e-9)), 4.0))
 
 
@@ -318,7 +319,7 @@ def jax_free_ahead(
     place: Float[Array, "*batch 2"],
     heading: Float[Array, "*batch"],
 ) -> Float[Array, "*batch"]:
-    """Measure the distance to the first wall, in a loop that is compiled once for any walls."""
+    """Compute the distance to the first wall, in a loop that is compiled once for any walls."""
     ux, uy = jnp.cos(heading), jnp.sin(heading)
 
     def nearer(nearest, wall):  # type: ignore[no-untyped-def]

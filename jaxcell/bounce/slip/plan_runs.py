@@ -24,8 +24,8 @@ def plan_runs(
     angle to turn by at a bump, in radians; the slip; the number of runs; the length of a step in
     metres, by default one cell; and a seed.
 
-    **Returns:** the final poses, x and y in metres and the heading in radians, of the robots whose
-    observations are those of the plan.
+    **Returns:** the final poses (x and y in metres, the heading in radians) of the robots that
+    bumped exactly when the plan says.
 
     A robot without errors goes to the end of a corridor and turns there:
 

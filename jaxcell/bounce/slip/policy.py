@@ -18,11 +18,11 @@ class SlipPolicy:
     """A choice of angles at bumps that brings a robot that slips to a goal."""
 
     choice: Int[np.ndarray, "fine"]
-    "The number of the angle in each fine cell."
+    "The number of the angle to turn by at a bump in each fine cell."
     time: Float[np.ndarray, "fine"]
     "The least mean number of observations to the goal, `inf` if it may not be reached."
     certificate: Certificate
-    "The relative error by which a time may be too small; iterations are sweeps."
+    "The largest relative error of `time`, whose values are lower bounds."
 
     @property
     def sure(self) -> bool:
@@ -36,12 +36,12 @@ def slip_policy(
     """Find the policy that certainly brings a robot to a goal, in the least mean time.
 
     The robot is assumed to know its fine cell. Value iteration bounds the times from both sides.
-    The times `T` after a sweep are lower bounds. If another sweep adds at most `d` to any of them,
+    The times `T` after a sweep are lower bounds. If another sweep adds at most `d` to each time,
     `T / (1 - d)` are upper bounds, and prove that the policy arrives.
 
-    **Arguments:** a hidden map, and masks of the goal and the start; only cells that can be reached
-    from the start count. **Returns:** the policy, whose certificate fails if no policy is certain
-    to arrive.
+    **Arguments:** a hidden map, a mask of the goal, and the distribution of the start; only cells
+    that can be reached from the start count. **Returns:** the policy, whose certificate fails if no
+    policy is certain to arrive.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
@@ -79,9 +79,9 @@ def arrival_by(
 ) -> Float[np.ndarray, "_"]:
     """Compute the probability that a policy has arrived after each observation.
 
-    **Arguments:** a hidden map, the number of the angle in each of its cells, masks of the goal and
-    the start, and a number of observations. **Returns:** the probabilities at the start and after
-    each observation.
+    **Arguments:** a hidden map, the number of the angle for each of its cells, a mask of the goal,
+    the distribution of the start, and a number of observations. **Returns:** the probabilities at
+    the start and after each observation.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 

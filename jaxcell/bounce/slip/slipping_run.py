@@ -27,10 +27,10 @@ class Slipped(Candidates):
 
     cells: CellSpace
     bounces: Float[np.ndarray, "angles"]
-    "One or several bouncing angles to choose from at each bump, in radians."
+    "The bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The transitions between fine cells, by which the belief moves."
+    "The map of the fine cells, which moves the belief."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
@@ -79,7 +79,7 @@ class Slipped(Candidates):
 
     @property
     def truth(self) -> Int[np.ndarray, "times"]:
-        """The cell of the robot, or the nearest cell."""
+        """The cell that contains the robot at each time, or the nearest cell."""
         return nearest_cell(self.cells, *self.pose.T)
 
     @property
@@ -143,12 +143,13 @@ def slipping_run(
 
     **Arguments:**
 
-    - `hidden`: the map of the belief; its configurations are the cells.
-    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses one.
+    - `hidden`: the map of fine cells by [`jaxcell.bounce.slip_map`][].
+    - `bounces`: the angles of `hidden` in radians, counter-clockwise; the robot chooses one by its
+        belief at each bump.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
-        directions, which the result repeats.
+        directions, for the result.
 
     **Returns:** [`Slipped`][], the run and its beliefs.
 

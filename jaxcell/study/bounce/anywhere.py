@@ -79,7 +79,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The options `aim` and `ahead` of the choice among angles; empty without a choice."""
+        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, if they are parameters."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
@@ -114,7 +114,10 @@ class AnywhereStudy(MapStudy):
         say: Say,
         goal: tuple[tuple[float, float], float] | None = None,
     ) -> "bounce.Anywhere":
-        """Drive robots that start anywhere until they are localized, or near a goal."""
+        """Drive robots that start anywhere, to localize them or to bring them to a goal.
+
+        The goal is a centre and a radius in metres.
+        """
         cells = self.cells()
         workspace = cells.workspace
         assert workspace is not None
@@ -160,9 +163,9 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the median number of bumps, and of metres, of plans over cells from known starts.
+    """Compute the median numbers of bumps and of metres of plans over cells from known starts.
 
-    Both are `None` if an angle is not a multiple of the angle between directions.
+    They are `None` if an angle is not a multiple of the angle between directions.
     """
     import numpy as np
 

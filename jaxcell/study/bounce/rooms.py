@@ -41,7 +41,7 @@ class Rooms(Study):
     """Seed of the rooms."""
 
     def free(self) -> Any:
-        """Return the array that is true for the free squares of the room."""
+        """Make a mask of the free squares of the room."""
         from ...space.maps.random_rooms import place, random_room
 
         if self.environment == "random":

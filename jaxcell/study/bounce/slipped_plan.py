@@ -25,7 +25,7 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 def slipped_plan(
     plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
-    """Find the probability that a robot that slips arrives by a plan, and a policy to arrive."""
+    """Find the probability that a robot that slips arrives by a plan, and a policy to the goal."""
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)

@@ -76,7 +76,7 @@ def _variable(cells: CellSpace, path: Path, variable: str) -> Float[np.ndarray, 
 def _nearest(
     array: xr.DataArray, name: str, centres: Float[np.ndarray, "positions"]
 ) -> xr.DataArray:
-    """Return the index of the nearest coordinate to each centre; coordinates are sorted."""
+    """Find the index of the coordinate nearest to each centre; coordinates are sorted."""
     values = np.asarray(array[name], float)
     # The bound on coordinates keeps their differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():
