@@ -18,6 +18,7 @@ from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from .dynamics import Bounces, moves as moves_of
+from .groups import padded
 from .noisy_map import noisy_chain, noisy_turns
 
 
@@ -114,11 +115,11 @@ class CoveragePolicy(Result):
 
     @derived("bounce group_index", "probability of ending in the group", kind="distribution")
     def group_weight(self) -> Float[np.ndarray, "angles groups"]:
-        return _padded([one.weights for one in self.limiting])
+        return padded([np.asarray(one.weights) for one in self.limiting])
 
     @derived("bounce group_index", "cells of the group, 0 where an angle has fewer", kind="count")
     def group_size(self) -> Int[np.ndarray, "angles groups"]:
-        return _padded([one.size for one in self.groups])
+        return padded([np.asarray(one.size) for one in self.groups])
 
     def checks(self) -> Checks:
         alpha, coverage = np.asarray(self.alpha), np.asarray(self.coverage)
@@ -144,14 +145,6 @@ class CoveragePolicy(Result):
     def _by_direction(self, values: list[Any]) -> np.ndarray:
         shape = (len(values), self.cells.directions, self.cells.positions)
         return np.stack(values).reshape(shape)
-
-
-def _padded(rows: list[Any]) -> np.ndarray:
-    """Make a matrix of rows of different lengths, padded with 0."""
-    padded = np.zeros((len(rows), max(map(len, rows))), np.asarray(rows[0]).dtype)
-    for line, row in zip(padded, rows, strict=True):
-        line[: len(row)] = row
-    return padded
 
 
 def coverage_policy(

@@ -64,21 +64,27 @@ class AngleGroups:
         longest = transient[slot].astype(np.int32)
         return GroupSummary(np.array(slot.size), self.period, basin, longest)
 
+    def of_walls(
+        self, direction: int
+    ) -> tuple[Int32[np.ndarray, "walls"], Int32[np.ndarray, "walls"]]:
+        """Find the group that each wall of a direction reaches, and the number of mappings."""
+        way = self.runs.steps.way[direction]
+        slots = self.first[direction] + np.arange(np.diff(self.runs.begin)[way])
+        place = self.groups.place[self.leader[slots]]
+        return self.groups.number[self.groups.begin[direction] + place], self.lead[slots]
+
     def of_cells(self, direction: int) -> CellsOfDirection:
         """Find the images, groups and steps of the cells of a direction."""
         runs, positions = self.runs, self.cells.positions
         way = int(runs.steps.way[direction])
         position = self.cells.position_of_square.ravel()
         turned = (direction + self.headings.shift) % self.cells.directions
-        slots = self.first[direction] + np.arange(np.diff(runs.begin)[way])
-        number = self.groups.number[
-            self.groups.begin[direction] + self.groups.place[self.leader[slots]]
-        ]
+        number, lead = self.of_walls(direction)
         image, group, step = np.empty((3, positions), np.int32)
         for square, wall, left in runs.followed(way):
             here = position[square]
             group[here] = number[wall]
-            step[here] = np.maximum(0, left + self.lead[slots[wall]])
+            step[here] = np.maximum(0, left + lead[wall])
             # The images of walls are replaced below.
             image[here[:-1]] = direction * positions + here[1:]
         bumps = position[runs.square[runs.of_way(way)]]

@@ -132,7 +132,7 @@ class AllPlans:
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
-        """List the goals, the entries that lead to them, and each goal's index among the entries."""
+        """List the goals, the entries that lead to them, and the index of each goal's entry."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
