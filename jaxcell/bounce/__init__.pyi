@@ -39,10 +39,7 @@ from .plans.all_plans import (
 from .plans.plan import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
 from .slip.bounds import bounded_map as bounded_map
-from .slip.fine_cells import (
-    FineCells as FineCells,
-    slip_map as slip_map,
-)
+from .slip.fine_cells import FineCells as FineCells, slip_map as slip_map
 from .slip.plan_runs import plan_runs as plan_runs
 from .slip.policy import (
     SlipPolicy as SlipPolicy,
@@ -51,9 +48,6 @@ from .slip.policy import (
 )
 from .slip.slipped_plan import SlippedPlan as SlippedPlan
 from .slip.slipping_run import Slipped as Slipped, slipping_run as slipping_run
-from .team import (
-    team_trajectories as team_trajectories,
-    team_trajectory as team_trajectory,
-)
+from .team import team_trajectories as team_trajectories, team_trajectory as team_trajectory
 from .trajectory import TeamOutcome as TeamOutcome, TeamTrajectory as TeamTrajectory
 from .wall_tables import Walls as Walls, walls as walls

@@ -82,10 +82,7 @@ class Walls:
 
 
 def walls(
-    free: Bool[np.ndarray, "grids rows columns"],
-    directions: int,
-    *,
-    motion: Motion = CELL_BY_CELL,
+    free: Bool[np.ndarray, "grids rows columns"], directions: int, *, motion: Motion = CELL_BY_CELL
 ) -> Walls:
     """Tabulate the walls of grids whose blocked squares are the obstacles.
 

@@ -68,9 +68,7 @@ class Boundary:
 
 
 def run_to_wall(
-    boundary: Boundary,
-    place: Float[np.ndarray, "robots 2"],
-    heading: Float[np.ndarray, "robots"],
+    boundary: Boundary, place: Float[np.ndarray, "robots 2"], heading: Float[np.ndarray, "robots"]
 ) -> tuple[Int[np.ndarray, "robots"], Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
     """Drive robots straight until each robot meets a wall.
 

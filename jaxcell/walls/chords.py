@@ -55,12 +55,7 @@ class Chords:
 
     @classmethod
     def of(
-        cls,
-        boundary: Boundary,
-        slices: int,
-        *,
-        known: bool,
-        displacement: float = 0.0,
+        cls, boundary: Boundary, slices: int, *, known: bool, displacement: float = 0.0
     ) -> "Chords":
         """Find the runs from all walls with all headings.
 

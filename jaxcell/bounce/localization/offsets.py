@@ -151,9 +151,7 @@ class OffsetLocalized(LocalizationFilter):
         )
 
 
-def _lines(
-    path: Float[np.ndarray, "directions corners 2"],
-) -> list[tuple[float, float, float]]:
+def _lines(path: Float[np.ndarray, "directions corners 2"]) -> list[tuple[float, float, float]]:
     """List the lines `a x + b y = c` that separate offsets whose paths pass different squares."""
     lines: dict[tuple[float, float, float], None] = {}
     for corners in path:

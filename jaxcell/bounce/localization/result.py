@@ -302,7 +302,4 @@ class Localized(RunOnMap, LocalizationFilter):
     def checks(self) -> Checks:
         run = self.run
         follows = self.transition[run.states[:-1], run.observations] == run.states[1:]
-        return {
-            **super().checks(),
-            "run_off_the_transitions": (int(np.count_nonzero(~follows)), 0),
-        }
+        return {**super().checks(), "run_off_the_transitions": (int(np.count_nonzero(~follows)), 0)}

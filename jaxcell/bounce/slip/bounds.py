@@ -114,11 +114,7 @@ def _path(
     boxes = [np.zeros((1, 4))]
     for length, angle, off in (
         (first, theta, half + slip.heading * first),
-        (
-            second,
-            theta + turn,
-            half + slip.heading * (first + abs(second)) + abs(turn) * slip.turn,
-        ),
+        (second, theta + turn, half + slip.heading * (first + abs(second)) + abs(turn) * slip.turn),
     ):
         if length:
             gone = np.linspace(0, 1, math.ceil(abs(length) / part) + 1)[1:]

@@ -19,8 +19,7 @@ class SlippedPlan(Plan):
         int, quantity("", "simulated runs of the plan, without cells", kind="count")
     ]
     plan_as_foretold: Annotated[
-        float,
-        quantity("", "probability that all observations are those of the plan", kind="share"),
+        float, quantity("", "probability that all observations are those of the plan", kind="share")
     ]
     plan_arrives: Annotated[
         float,
@@ -52,8 +51,7 @@ class SlippedPlan(Plan):
         float, quantity("", "share of runs in which the plan arrives", kind="share")
     ]
     simulated_policy_arrives: Annotated[
-        float,
-        quantity("", "share of runs in which the policy arrives", kind="share"),
+        float, quantity("", "share of runs in which the policy arrives", kind="share")
     ]
     simulated_policy_steps: Annotated[
         float, quantity("", "mean observations of the runs that arrive", kind="time")
