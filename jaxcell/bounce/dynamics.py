@@ -161,6 +161,13 @@ def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
     return image, bumped[way]
 
 
+def check_cell(cell: int, size: int, name: str = "start") -> int:
+    """Return a cell, or raise `ValueError` if it does not exist; `name` is the argument."""
+    if not 0 <= cell < size:
+        raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {size - 1}")
+    return int(cell)
+
+
 def motion_violations(
     cells: CellSpace,
     path: Int[np.ndarray, "times robots"],

@@ -1,13 +1,14 @@
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
-from ...automata import Filter, subset_construction
+from ...automata import Filter, Policy, subset_construction
 from ...base.quantities import Result, derived, quantity
 from ...mapping import SimpleMap
+from ..dynamics import check_cell
 
 
 def localization_filter(
@@ -98,15 +99,24 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
         ([0, 0], [2, 3])
     """
     image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
-    if not 0 <= start < image.size:
-        raise ValueError(f"start: cell {start} does not exist; cells are 0 to {image.size - 1}")
-    cell, state = int(start), filter.start()
+    start = check_cell(start, image.size)
+    return drive_until_localized(filter, start, bumped, lambda cell, _: image[cell])
+
+
+def drive_until_localized(
+    automaton: Filter | Policy,
+    start: int,
+    bumped: Bool[np.ndarray, "cells"],
+    after: Callable[[int, Any], Any],
+) -> Localization:
+    """Drive a simulated robot; `after` returns the next cell for a cell and the next state."""
+    cell, state = start, automaton.start()
     path, observations, states = [cell], [], [state.index]
     while not (state.localized or state.refuted):
-        observation = int(bumped[cell])
-        state, cell = state.observe(observation), int(image[cell])
+        observations.append(int(bumped[cell]))
+        state = state.observe(observations[-1])
+        cell = int(after(cell, state))
         path.append(cell)
-        observations.append(observation)
         states.append(state.index)
     return Localization(
         np.array(observations, np.int8),

@@ -10,9 +10,9 @@ from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, ho
 from ...automata.adaptive import Aim, levels
 from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import Bounces, bounce_shift
+from ..dynamics import Bounces, bounce_shift, check_cell
 from ..plans.roadmap import Roadmap
-from .localize import Localization
+from .localize import Localization, drive_until_localized
 from .off_centre import Shares, policy_shares
 from .result import RunOnMap, States
 
@@ -171,26 +171,12 @@ class LocalizationPolicy(States):
 
         The states of the result are those of the policy at the last bump up to each time.
         """
-        roadmap = self.roadmap
-        cell, state = roadmap.check_cell(start, "start"), self.policy.start()
-        path, observations, states = [cell], [], [0]
-        while not state.localized:
-            wall = roadmap.wall[cell]
-            line = roadmap.line(cell, int(roadmap.wall_cell[wall])).tolist()
-            for _ in line:
-                state = state.observe(0)
-            state = state.observe(1)
-            cell = int(roadmap.wall_cell[wall])
-            if state.turn is not None:
-                cell = int(roadmap.turned[state.turn, wall])
-            path += [*line, cell]
-            observations += [0] * len(line) + [1]
-            states += [states[-1]] * len(line) + [state.index]
-        return Localization(
-            np.array(observations, np.int8),
-            np.array(path, np.int32),
-            np.array(states, np.int32),
-            state.cells,
+        start = check_cell(start, self.cells.size)
+        return drive_until_localized(
+            self.policy,
+            start,
+            self.roadmap.length == 0,
+            lambda cell, state: self.roadmap.after(cell, int(self.policy.turn[state.index])),
         )
 
     def checks(self) -> Checks:
@@ -348,12 +334,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
         beliefs = [cells]
         for observation, state in zip(self.run.observations, self.run.states[1:], strict=True):
             cells = cells[(roadmap.length[cells] == 0) == observation]
-            turn = self.policy.turn[state]
-            if observation == 0:
-                cells = roadmap.order[roadmap.place[cells] + 1]
-            elif turn >= 0:
-                cells = roadmap.turned[turn, roadmap.wall[cells]]
-            cells = np.sort(cells)
+            cells = np.sort(roadmap.after(cells, int(self.policy.turn[state])))
             beliefs.append(cells)
         return beliefs
 

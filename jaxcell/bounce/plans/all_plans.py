@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int, Integer, Shaped
 from ...base import memory
 from ...base.quantities import Checks, Result, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import check_cell
 from .plan import Plan, read_plan
 from .roadmap import Method, Roadmap
 from .routes import Routes, block_size, costs, solve
@@ -62,9 +63,9 @@ class AllPlans:
 
     def plan(self, start: int, goal: int) -> Plan:
         """Find the cheapest plan from a cell to a goal, as [`jaxcell.bounce.plan`][] does."""
-        roadmap = self.roadmap
-        start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
-        return read_plan(self.cells, roadmap, self._routes(roadmap.entry_of[[goal]]), start, goal)
+        start, goal = check_cell(start, self.cells.size), check_cell(goal, self.cells.size, "goal")
+        routes = self._routes(self.roadmap.entry_of[[goal]])
+        return read_plan(self.cells, self.roadmap, routes, start, goal)
 
     def costs(self, goals: _Goals | None = None) -> Shaped[np.ndarray, "cells goals"]:
         """Compute the costs of the plans from all cells to goals, -1 for no path.
@@ -136,7 +137,7 @@ class AllPlans:
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
-            self.roadmap.check_cell(wrong, "goals")
+            check_cell(wrong, self.cells.size, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import bounce_shift, motion_violations, moves
+from ..dynamics import bounce_shift, check_cell, motion_violations, moves
 from .roadmap import Method, Roadmap
 from .routes import Routes, costs, solve
 
@@ -182,7 +182,7 @@ def plan(
         (4, [0, 1, 2, 5, 4])
     """
     roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
-    start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
+    start, goal = check_cell(start, cells.size), check_cell(goal, cells.size, "goal")
     return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
 
 
@@ -240,11 +240,9 @@ def replay(
         >>> bounce.replay(cells, 0, [0.0, 0.0, math.pi, 0.0]).tolist()
         [0, 1, 2, 5, 4]
     """
-    if not 0 <= start < cells.size:
-        raise ValueError(f"start: cell {start} does not exist; cells are 0 to {cells.size - 1}")
+    direction, position = divmod(check_cell(start, cells.size), cells.positions)
     possible = moves(cells, motion=motion)
     target = np.asarray(possible.target)[np.asarray(possible.way)]
-    direction, position = divmod(start, cells.positions)
     path = [start]
     for i, action in enumerate(actions):
         ahead = target[direction, position].item()

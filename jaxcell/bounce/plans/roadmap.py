@@ -151,11 +151,11 @@ class Roadmap:
         """The NumPy type of indices of angles, as small as possible because they are many."""
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
-    def check_cell(self, cell: int, name: str) -> int:
-        """Return a cell, or raise `ValueError` if it does not exist; `name` is the argument."""
-        if not 0 <= cell < self.size:
-            raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {self.size - 1}")
-        return int(cell)
+    def after(self, cell: Int[np.ndarray, "..."] | int, turn: int) -> Int[np.ndarray, "..."]:
+        """Move robots by a step, or turn robots at walls by angle `turn` (-1 for no turn)."""
+        turned = cell if turn < 0 else self.turned[turn, self.wall[cell]]
+        ahead = self.order[np.minimum(self.place[cell] + 1, self.size - 1)]
+        return np.where(self.length[cell] > 0, ahead, turned)
 
     def runs_through(
         self, cell: Int[np.ndarray, "..."] | int, goal: Int[np.ndarray, "..."] | int
