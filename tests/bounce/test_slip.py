@@ -1,4 +1,4 @@
-"""Maps of a robot that slips, compared with the emulator and with a robot in plain Python."""
+"""Robots that slip, and that bumps turn, compared with the emulator and with plain Python."""
 
 import dataclasses
 import functools
@@ -22,6 +22,9 @@ ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2
 CELLS = space.CellSpace.of(ROOM, 1.0, 8)
 TURN = math.radians(135)
 SLIP = space.Slip.of(0.02, give=0.02)
+# Numbers of the tests of bumps that turn a robot.
+FINE_HEADINGS = space.CellSpace.of(ROOM, 1.0, 24)
+ERROR, BUMP_TURN, BUMP_SKID = 0.005, math.radians(3), 0.02
 
 
 @pytest.fixture(scope="module")
@@ -34,22 +37,29 @@ def hidden(fine):
     return bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02))
 
 
-def walker_of(cell, noise, seed):
-    """An emulated robot in a cell, and its body."""
-    body = Body.in_cell(CELLS, cell, noise, np.random.default_rng(seed))
-    strides = space.cell_strides(8, 1.0, 1.0)
-    direction = cell // CELLS.positions
+def emulated(cell, error, rng, *, cells=CELLS, give=None, **bumps):
+    """Return an emulated robot in a cell, and its body."""
+    body = Body.in_cell(cells, cell, error, rng, give=give)
+    body.noise = dataclasses.replace(body.noise, **bumps)
+    strides = space.cell_strides(cells.directions, 1.0, 1.0)
+    direction = cell // cells.positions
     return Walker(DirectBody(body), 1.0, strides=strides, direction=direction), body
 
 
-def run_of_the_emulator(cell, noise, steps, seed):
-    walker, body = walker_of(cell, noise, seed)
-    observed = []
+def emulated_run(cell, error, steps, rng, **options):
+    """Yield each observation of an emulated robot, and its pose."""
+    walker, body = emulated(cell, error, rng, **options)
     for _ in range(steps):
-        observed.append(int(walker.step()))
-        if observed[-1]:
+        bumped = walker.step()
+        if bumped:
             walker.rotate(TURN)
-    return observed, body.pose
+        yield int(bumped), body.pose
+
+
+def run_of_the_emulator(cell, error, steps, seed):
+    run = emulated_run(cell, error, steps, np.random.default_rng(seed))
+    observed, poses = zip(*run, strict=True)
+    return observed, poses[-1]
 
 
 @pytest.mark.parametrize("directions", [8, 24])
@@ -130,7 +140,8 @@ def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
     for angles in ([1], [0, 1]):
         belief = Belief(dataclasses.replace(both, bumps=tuple(both.bumps[i] for i in angles)))
         for seed in range(1, 9):
-            walker, body = walker_of((37 * seed) % CELLS.size, 0.03, seed)
+            rng = np.random.default_rng(seed)
+            walker, body = emulated((37 * seed) % CELLS.size, 0.03, rng)
             outcome = run_follower(
                 walker, BeliefFollower(belief), [bounces[i] for i in angles], limit=40
             )
@@ -257,3 +268,89 @@ def test_headings_drift_no_further_than_fine_cells_reach(error):
         believed = (believed + 3 * bumped) % 8
     off = np.abs((pose[:, 2] - believed * math.pi / 4 + math.pi) % (2 * math.pi) - math.pi)
     assert np.mean(off < (fine.reach + 0.5) * 2 * math.pi / fine.fine.directions) > 0.97
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_bump_turns_toward_the_wall_by_the_sine_of_twice_the_incidence(degrees, side):
+    walls = space.felt_walls(ROOM, 0.0)
+    heading = side * math.radians(degrees)
+    pose = np.array([[3.5, 1.5, heading]])
+    after, bumped = space.slipping_step(
+        pose, np.array([[2.0, 0, 0]]), 0.0, np.zeros((1, 9)), walls, space.Slip(bump_turn=0.05)
+    )
+    assert bumped.all()
+    # A robot that heads to the left of East turns right, toward the wall.
+    expected = -0.05 * math.sin(2 * heading)
+    assert after[0, 2] - heading == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [-60, 0, 30, 45])
+def test_a_robot_whose_wheels_skid_at_a_bump_stands_behind_its_start(degrees):
+    heading = math.radians(degrees)
+    after, _ = space.slipping_step(
+        np.array([[3.5, 1.5, heading]]),
+        np.array([[2.0, 0, 0]]),
+        0.0,
+        np.zeros((1, 9)),
+        space.felt_walls(ROOM, 0.0),
+        space.Slip(bump_skid=BUMP_SKID),
+    )
+    behind = BUMP_SKID * math.cos(heading) ** 2
+    expected = (3.5 - behind * math.cos(heading), 1.5 - behind * math.sin(heading), heading)
+    assert after[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_emulated_robot_is_turned_and_skids_as_the_model_says():
+    cells, give, rng = FINE_HEADINGS, 1e-6, np.random.default_rng(0)
+    bumps = {"bump_turn": BUMP_TURN, "bump_skid": BUMP_SKID}
+    slip = space.Slip(**bumps)
+    walls = space.felt_walls(ROOM, give)
+    pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
+    legs = np.repeat(space.stride_legs(24, 1.0, 1.0), cells.positions, axis=0)
+    after, bumped = space.slipping_step(pose, legs, 0.0, np.zeros((cells.size, 9)), walls, slip)
+    ahead = space.free_ahead(walls, pose[:, :2], pose[:, 2])
+    met = pose[:, :2] + ahead[:, None] * np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
+    to_corner = np.hypot(*(met[:, None] - walls.reshape(-1, 2)).T).min(axis=0)
+    # The model simplifies bumps in the second of two stretches, and near corners.
+    compared = np.flatnonzero(bumped & (ahead < legs[:, 0]) & (to_corner >= 0.01)).tolist()
+    assert len(compared) > 20
+    for cell in compared:
+        walker, body = emulated(
+            cell, 0.0, np.random.default_rng(0), cells=cells, give=give, **bumps
+        )
+        assert walker.step()
+        turned = math.remainder(body.theta - after[cell, 2], 2 * math.pi)
+        assert turned == pytest.approx(0.0, abs=1e-5)
+        assert math.dist(body.pose[:2], after[cell, :2]) < 0.005
+
+
+def test_a_belief_has_to_know_the_turn_at_bumps_to_hold_the_robot():
+    cells, held = FINE_HEADINGS, []
+    for known in (BUMP_TURN, 0.0):
+        slip = space.Slip.of(ERROR, give=0.02, bump_turn=known)
+        belief = Belief(bounce.slip_map(bounce.FineCells.within(cells, slip), [TURN], slip))
+        rng, right = np.random.default_rng(0), []
+        for cell in rng.integers(cells.size, size=30).tolist():
+            state = belief.start()
+            run = emulated_run(cell, ERROR, 20, rng, cells=cells, bump_turn=BUMP_TURN)
+            for observed, pose in run:
+                state = belief.observe(state, observed)
+                right.append(int(cells.index(*pose)) in belief.estimate(state).cells)
+        held.append(np.mean(right))
+    assert held[0] > 0.98
+    assert held[1] < 0.97
+
+
+def test_bounded_sets_hold_a_robot_that_turns_and_skids_at_bumps():
+    cells = FINE_HEADINGS
+    fine = bounce.FineCells.of(cells, squares=1, directions=9, reach=4)
+    bumps = {"bump_turn": BUMP_TURN, "bump_skid": BUMP_SKID}
+    slip = space.Slip.of(3 * ERROR, give=0.02, **bumps)
+    sets = bounce.bounded_map(fine, TURN, slip)
+    rng = np.random.default_rng(1)
+    for cell in rng.integers(cells.size, size=6).tolist():
+        state = sets.start()
+        for observed, pose in emulated_run(cell, ERROR, 12, rng, cells=cells, **bumps):
+            state = sets.observe(state, observed)
+            assert int(cells.index(*pose)) in sets.estimate(state).cells

@@ -173,54 +173,34 @@ def test_robots_never_share_a_position_and_their_order_makes_no_difference(
 EAST, NORTH_EAST, NORTH, NORTH_WEST, WEST, SOUTH = 0, 1, 2, 3, 4, 6
 
 
-@pytest.mark.parametrize(
-    ("robots", "bumped", "collided", "collisions"),
-    [
-        pytest.param([(1, 1, EAST), (3, 1, WEST)], [1, 1], [1, 1], 1, id="same cell"),
-        pytest.param([(1, 1, EAST), (2, 1, WEST)], [1, 1], [1, 1], 1, id="change places"),
-        pytest.param(
-            [(1, 1, NORTH_EAST), (2, 1, NORTH_WEST)], [1, 1], [1, 1], 1, id="cross on diagonals"
-        ),
-        pytest.param([(1, 1, EAST), (2, 1, EAST)], [0, 0], [0, 0], 0, id="one follows another"),
-        pytest.param(
-            [(1, 1, EAST), (2, 1, NORTH), (2, 2, WEST), (1, 2, SOUTH)],
-            [0, 0, 0, 0],
-            [0, 0, 0, 0],
-            0,
-            id="round dance",
-        ),
-        pytest.param(
-            [(4, 0, EAST), (3, 0, EAST), (2, 0, EAST), (0, 0, EAST)],
-            [1, 1, 1, 0],
-            [1, 1, 1, 0],
-            2,
-            id="queue at a wall, and a robot behind the queue",
-        ),
-        pytest.param(
-            [(0, 1, EAST), (1, 1, EAST), (2, 1, WEST)],
-            [1, 1, 1],
-            [1, 1, 1],
-            3,
-            id="behind two robots that change places",
-        ),
-        pytest.param(
-            [(1, 1, EAST), (3, 1, WEST), (2, 0, NORTH)],
-            [1, 1, 1],
-            [1, 1, 1],
-            3,
-            id="three in one cell",
-        ),
-        pytest.param(
-            [(1, 1, EAST), (2, 1, NORTH_EAST)], [0, 0], [0, 0], 0, id="into a cell that is left"
-        ),
-    ],
-)
-def test_robots_that_meet_bump_and_collide(robots, bumped, collided, collisions):
+MEETINGS = {
+    "same cell": ([(1, 1, EAST), (3, 1, WEST)], [1, 1], 1),
+    "change places": ([(1, 1, EAST), (2, 1, WEST)], [1, 1], 1),
+    "cross on diagonals": ([(1, 1, NORTH_EAST), (2, 1, NORTH_WEST)], [1, 1], 1),
+    "one follows another": ([(1, 1, EAST), (2, 1, EAST)], [0, 0], 0),
+    "round dance": ([(1, 1, EAST), (2, 1, NORTH), (2, 2, WEST), (1, 2, SOUTH)], [0, 0, 0, 0], 0),
+    "queue at a wall, and a robot behind the queue": (
+        [(4, 0, EAST), (3, 0, EAST), (2, 0, EAST), (0, 0, EAST)],
+        [1, 1, 1, 0],
+        2,
+    ),
+    "behind two robots that change places": (
+        [(0, 1, EAST), (1, 1, EAST), (2, 1, WEST)],
+        [1, 1, 1],
+        3,
+    ),
+    "three in one cell": ([(1, 1, EAST), (3, 1, WEST), (2, 0, NORTH)], [1, 1, 1], 3),
+    "into a cell that is left": ([(1, 1, EAST), (2, 1, NORTH_EAST)], [0, 0], 0),
+}
+
+
+@pytest.mark.parametrize(("robots", "bumped", "collisions"), MEETINGS.values(), ids=MEETINGS)
+def test_robots_that_meet_bump_and_collide(robots, bumped, collisions):
     cells = CellSpace.of_grid(np.ones((4, 5), bool), 8)
     state = [cells.index(x + 0.5, y + 0.5, k * math.pi / 4) for x, y, k in robots]
     joint = one_step(cells, np.full(len(robots), 3), np.array(state))
-    assert joint.bumped.tolist() == [bool(x) for x in bumped]
-    assert joint.collided.tolist() == [bool(x) for x in collided]
+    np.testing.assert_array_equal(joint.bumped, bumped)
+    np.testing.assert_array_equal(joint.collided, bumped)
     assert joint.collisions == collisions
     for (x, y, k), stays, z in zip(robots, bumped, joint.image.tolist(), strict=True):
         if stays:
