@@ -316,9 +316,7 @@ def test_the_emulated_robot_is_turned_and_skids_as_the_model_says():
     compared = np.flatnonzero(bumped & (ahead < legs[:, 0]) & (to_corner >= 0.01)).tolist()
     assert len(compared) > 20
     for cell in compared:
-        walker, body = emulated(
-            cell, 0.0, np.random.default_rng(0), cells=cells, give=give, **bumps
-        )
+        walker, body = emulated(cell, 0.0, rng, cells=cells, give=give, **bumps)
         assert walker.step()
         turned = math.remainder(body.theta - after[cell, 2], 2 * math.pi)
         assert turned == pytest.approx(0.0, abs=1e-5)
