@@ -37,7 +37,8 @@ from rich.table import Table
 
 from jaxcell.automata import adaptive_choice, homing_sequence
 from jaxcell.automata.adaptive import levels
-from jaxcell.bounce import walls
+from jaxcell.bounce import Roadmap
+from jaxcell.space import CellSpace
 from jaxcell.space.maps.random_rooms import random_room
 
 from ..shared.options import at_least, experiment_parser, read_options
@@ -55,10 +56,12 @@ def named(shifts: tuple[int, ...]) -> str:
 
 def study_room(seed: int, room: int) -> dict[str, Any]:
     """The classes of cells for each set of angles, and the bumps for some."""
-    found = walls(random_room(seed, room, 50, 45, 6)[None], DIRECTIONS)
+    cells = CellSpace.of_grid(random_room(seed, room, 50, 45, 6), DIRECTIONS)
     apart, searched = {}, {}
     for shifts in SETS:
-        images, lengths, behind = found.machine(shifts)
+        roadmap = Roadmap.of(cells, 2 * np.pi * np.array(shifts) / DIRECTIONS)
+        images, lengths = roadmap.wall[roadmap.turned], roadmap.length[roadmap.turned]
+        behind = np.bincount(roadmap.wall) - 1
         label = levels(images, lengths)[-1]
         # Cells are told apart by their walls, and on a line by how far they are from it.
         farthest = np.zeros(label.max() + 1, np.int64)
@@ -66,7 +69,7 @@ def study_room(seed: int, room: int) -> dict[str, Any]:
         apart[named(shifts)] = int((farthest + 1).sum())
         if shifts in SEARCHED:
             searched[named(shifts)] = bumps(images, lengths, behind)
-    return {"room": room, "cells": int((behind + 1).sum()), "apart": apart, "bumps": searched}
+    return {"room": room, "cells": cells.size, "apart": apart, "bumps": searched}
 
 
 def bumps(images: np.ndarray, lengths: np.ndarray, behind: np.ndarray) -> dict[str, Any]:

@@ -1,5 +1,4 @@
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32
@@ -56,29 +55,6 @@ class Walls:
     def slots(self) -> int:
         """Number of slots of a way."""
         return self.behind.shape[-1]
-
-    def machine(
-        self, shifts: Sequence[int], grid: int = 0
-    ) -> tuple[
-        Int[np.ndarray, "shifts walls"], Int[np.ndarray, "shifts walls"], Int[np.ndarray, "walls"]
-    ]:
-        """Make a finite-state machine whose states are the walls of all directions of one grid.
-
-        At a bump the robot may turn by each number of directions in `shifts`. Returns the next wall
-        after each turn, the number of steps to it, and the number of other squares from which the
-        robot runs into each wall.
-        """
-        count = self.count[grid, self.way]
-        first = np.cumsum([0, *count])
-        images, lengths = np.empty((2, len(shifts), first[-1]), np.int64)
-        for i, shift in enumerate(shifts):
-            for d, way in enumerate(self.way.tolist()):
-                after = (d + shift) % self.way.size
-                here = grid, way, self.way[after], slice(count[d])
-                images[i, first[d] : first[d + 1]] = first[after] + self.next[here]
-                lengths[i, first[d] : first[d + 1]] = self.length[here]
-        behind = [self.behind[grid, way, :size] for way, size in zip(self.way, count, strict=True)]
-        return images, lengths, np.concatenate(behind)
 
 
 def walls(

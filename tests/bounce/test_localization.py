@@ -6,17 +6,15 @@ from hypothesis import given, settings, strategies as st
 from random_rooms import grids
 
 from jaxcell import bundled, space
-from jaxcell.automata import adaptive_choice, equivalence
+from jaxcell.automata import equivalence
 from jaxcell.bounce import (
     AdaptivelyLocalized,
-    Walls,
     bounce_map,
     localization_filter,
     localization_policy,
     localize,
 )
-from jaxcell.space import ENDPOINT, CellSpace, Motion
-from jaxcell.space.steps import Steps
+from jaxcell.space import ENDPOINT, CellSpace
 from jaxcell.verify import compare_policy
 
 
@@ -88,18 +86,6 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
     assert best.optimal
     assert best.bumps_needed.sum() == mean
     assert best.mean_bumps <= result.mean_bumps
-
-
-def test_decisions_on_walls_take_as_many_bumps_as_a_policy_of_cells():
-    cells = lab("lab_b")
-    images, lengths, behind = Walls.of(Steps.of(cells, Motion())).machine([1, 3])
-    assert behind.size + behind.sum() == cells.size
-    roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
-    result = localization_policy(cells, np.radians([45, 135]))
-    assert max(adaptive_choice(images, lengths, roots).upper) + 1 == result.worst_bumps
-    mean = localization_policy(cells, np.radians([45, 135]), aim="mean")
-    upper = adaptive_choice(images, lengths, roots, aim="mean").upper
-    assert sum(upper) + cells.size == mean.bumps_needed.sum()
 
 
 def test_a_policy_of_one_angle_remarks_that_cells_stay_indistinguishable():
