@@ -173,8 +173,7 @@ def coverage_policy(
 
     **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.
 
-    **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits; `MemoryError`
-    if the noisy maps do not fit the free memory.
+    **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits.
 
     A room of two by two squares is covered evenly by any policy:
 

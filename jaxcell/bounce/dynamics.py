@@ -41,9 +41,6 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 
     **Arguments:** a cell space and a motion. **Returns:** [`Moves`][], for any bouncing angle.
 
-    **Raises:** `ValueError` for a step that is too short; `MemoryError` if the moves do not fit the
-    free memory.
-
     A corridor of three squares, with the directions East and West:
 
         >>> from jaxcell import bounce, examples
@@ -103,9 +100,6 @@ def bounce_map(
 
     **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion.
     **Returns:** the map; a batch of maps for an array of angles.
-
-    **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError` if
-    the images do not fit the free memory; and the errors of [`moves`][].
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 

@@ -49,7 +49,7 @@ def bounce_groups(
 ) -> PeriodicGroups:
     """Find the periodic groups of a bounce map by its first-return map from bump to bump.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][], with its errors.
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][].
 
     **Returns:** the result of [`jaxcell.mapping.periodic_groups`][] for that map, but many times
     faster (the rows `groups` of the benchmarks).

@@ -45,9 +45,6 @@ def grid_groups(
     **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
     or `[*rooms]` for a single angle.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
-    than a square, and a grid without a free square.
-
     In an open room of two rows of three squares, a robot that turns by 180 degrees stays in its row
     or column:
 

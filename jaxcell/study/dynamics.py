@@ -7,9 +7,9 @@ import tyro
 
 from .. import dynamics, space
 from ..base import memory
-from .loading import load_module
+from .loading import load_object
 from .parameters import WholeNumber
-from .study import Say, Study, silent
+from .study import Say, Study, about, silent
 
 
 # Bytes per cell during the computation, per cell of a result, and of a chunk being mapped.
@@ -116,12 +116,7 @@ class Dynamics(SystemStudy):
 
 def load_system(reference: str) -> "dynamics.System":
     """Load a system from `FILE.py:NAME`, or a system of jaxcell by its name."""
-    module, colon, name = reference.rpartition(":")
-    try:
-        found = getattr(load_module(module), name) if colon else None
-    except (ImportError, AttributeError, SyntaxError) as error:
-        raise ValueError(f"system: {reference}: {error}") from None
-    if not colon:
+    if ":" not in reference:
         # This import takes seconds.
         from ..dynamics import systems
 
@@ -132,9 +127,11 @@ def load_system(reference: str) -> "dynamics.System":
                 f"system: expected FILE.py:NAME or one of {', '.join(ours)}, got {reference!r}"
             )
         return ours[reference]
-    if not isinstance(found, dynamics.System):
-        raise ValueError(f"system: {reference}: expected a jaxcell.dynamics.System, got {found!r}")
-    return found
+    with about("system"):
+        system = load_object(reference)
+        if not isinstance(system, dynamics.System):
+            raise ValueError(f"{reference}: expected a jaxcell.dynamics.System, got {system!r}")
+    return system
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":

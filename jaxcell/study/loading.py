@@ -5,6 +5,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from .study import Study
 
@@ -24,15 +25,22 @@ def load_module(name: str) -> ModuleType:
     return module
 
 
-def load_study(reference: str) -> type[Study]:
-    """Load the class of a user's study from a reference: `FILE.py:CLASS` or `MODULE:CLASS`."""
-    module, colon, name = reference.rpartition(":")
+def load_object(reference: str) -> Any:
+    """Load an object of a module from a reference: `FILE.py:NAME` or `MODULE:NAME`."""
+    module, _, name = reference.rpartition(":")
     try:
-        if not colon:
-            raise ValueError("expected FILE.py:CLASS or MODULE:CLASS")
-        kind = getattr(load_module(module), name)
-        if not (isinstance(kind, type) and issubclass(kind, Study)):
-            raise ValueError(f"expected a class that derives from jaxcell.study.Study, got {kind}")
+        return getattr(load_module(module), name)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
         raise ValueError(f"{reference}: {error}") from None
+
+
+def load_study(reference: str) -> type[Study]:
+    """Load the class of a user's study from a reference: `FILE.py:CLASS` or `MODULE:CLASS`."""
+    if ":" not in reference:
+        raise ValueError(f"{reference}: expected FILE.py:CLASS or MODULE:CLASS")
+    kind = load_object(reference)
+    if not (isinstance(kind, type) and issubclass(kind, Study)):
+        raise ValueError(
+            f"{reference}: expected a class that derives from jaxcell.study.Study, got {kind}"
+        )
     return kind

@@ -125,8 +125,7 @@ class WallFilter:
         - `step`: the length of the steps that the robot counts, in metres; 0 if it measures its
             runs.
 
-        **Raises:** `ValueError` if `headings` or `slices` is odd, or `slices` is not a multiple of
-        `headings`; `MemoryError` if the chords exceed the free memory.
+        `headings` and `slices` are even, and `slices` is a multiple of `headings`.
         """
         errors = errors or Errors()
         if not 0 <= step < math.inf:
@@ -191,10 +190,7 @@ class WallFilter:
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
-        """Turn each robot in place by an angle in radians, counter-clockwise.
-
-        **Raises:** `ValueError` for an angle that is not a whole number of slices of headings.
-        """
+        """Turn each robot in place by whole slices of headings, counter-clockwise, in radians."""
         slices = self.chords.slices
         exact = np.asarray(angle) * slices / (2 * math.pi)
         shift = np.round(exact).astype(int)

@@ -117,10 +117,7 @@ class AllPlans:
         return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plans to a Zarr store, whole or not at all.
-
-        **Raises:** `FileNotFoundError` if the parent folder does not exist.
-        """
+        """Write the plans to a Zarr store, whole or not at all."""
         write_plans(path, self.roadmap, map(self._routes, _blocks(self.roadmap)))
 
     @classmethod
@@ -174,9 +171,6 @@ def all_plans(
     - `progress`: called with the number of solved entries, and the number of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.
-
-    **Raises:** the errors of [`jaxcell.bounce.plan`][]; `MemoryError` if plans without a store do
-    not fit the free memory; `FileNotFoundError` if the parent folder of the store does not exist.
 
     The costs of the plans from all six cells of a corridor to cell 0:
 

@@ -168,9 +168,6 @@ def plan(
 
     **Returns:** the plan. With whole costs its cost is a whole number; without a path it is -1.
 
-    **Raises:** `ValueError` for an invalid cell, angle, cost or motion; `MemoryError` if the
-    roadmap does not fit the free memory.
-
     A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a turn takes one
     bump:
 

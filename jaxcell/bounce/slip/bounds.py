@@ -39,8 +39,6 @@ def bounded_map(
     three matrices, which act one after another: moves along x, also into walls; moves along y, to
     free squares; and changes of the heading.
 
-    **Raises:** `MemoryError` if the map does not fit the free memory.
-
     A robot without errors in a corridor of three cells may go from a point of the first cell to the
     edge of this cell, or to the next cell:
 

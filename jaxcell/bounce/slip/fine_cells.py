@@ -172,8 +172,6 @@ def slip_map(
     length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
     sink, whose robot starts at the centre of any cell.
 
-    **Raises:** `MemoryError` if the map does not fit the free memory.
-
     In a corridor of three cells, a robot in the middle that looks East moves on:
 
         >>> from jaxcell import bounce, examples, space
