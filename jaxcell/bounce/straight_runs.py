@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int, Int32
 
 from ..space import CellSpace
 from ..space.steps import Steps
+from ..walls.meeting import copies
 
 
 AT_ONCE = 2**20
@@ -75,9 +76,9 @@ class Runs:
         way = self.steps.way
         count = np.where(chosen, np.diff(self.begin)[way], 0)
         first = np.cumsum(count) - count
-        direction = np.repeat(np.arange(way.size, dtype=np.int32), count)
-        wall = np.arange(direction.size) + (self.begin[way] - first)[direction]
-        return first.astype(np.int32), direction, wall
+        direction, number = copies(count)
+        wall = self.begin[way[direction]] + number
+        return first.astype(np.int32), direction.astype(np.int32), wall
 
     def followed(
         self, way: int

@@ -154,10 +154,6 @@ def _shifts(
     directions: int,
 ) -> Int[np.ndarray, "robots"]:
     angles = np.asarray(bounces, float)
-    if angles.size == 0:
-        raise ValueError(
-            "bounces: there are no angles; expected one for all robots or one for each"
-        )
     if angles.shape not in ((), (1,), (robots,)):
         raise ValueError(
             f"bounces: got {angles.size} angles for {robots} robots; "

@@ -310,7 +310,7 @@ def test_a_robot_alone_can_run_out_of_turns():
         ([0, 800], 0.0, {}, "robot 1 is in cell 800, which does not exist; cells are 0 to 687"),
         ([-1], 0.0, {}, "robot 0 is in cell -1"),
         ([5, 7, 5 + 86], 0.0, {}, "robots 0 and 2 are both at position 5, in cells 5 and 91"),
-        ([0, 1], [], {}, "bounces: there are no angles"),
+        ([0, 1], [], {}, "bounces: got 0 angles for 2 robots"),
         ([0, 1], [0.0, 0.0, 0.0], {}, "bounces: got 3 angles for 2 robots"),
         ([0, 1], 0.1, {}, "bounce: 5.72958 deg is not a whole number of the 8 directions"),
         ([0, 1], math.nan, {}, "bounce: nan deg"),

@@ -1,6 +1,7 @@
 import numpy as np
 from jaxtyping import Int, UInt64
 
+from ...walls.meeting import copies
 from ..wall_tables import Walls
 
 
@@ -50,8 +51,7 @@ def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.
     bumped = np.zeros(farthest.size, bool)
 
     live = np.maximum(0, behind[walls.way[0]] + 1)
-    slot = np.repeat(np.arange(slots), live)
-    run = np.arange(slot.size) - np.repeat(np.cumsum(live) - live, live)
+    slot, run = copies(live)
     angle_of_set = np.arange(shift.size)
     member = np.repeat(angle_of_set, slot.size), *(np.tile(x, shift.size) for x in (slot, run))
     # Angle, wall ahead and length of the run of single candidates.
@@ -161,8 +161,7 @@ class _Groups:
                 fresh.append(i)
         many = many[fresh]
         size = self.size[many]
-        number = np.repeat(np.arange(many.size), size)
-        within = np.arange(number.size) - np.repeat(np.cumsum(size) - size, size)
+        number, within = copies(size)
         return self.angle[many], number, self.slot[start[many][number] + within]
 
 

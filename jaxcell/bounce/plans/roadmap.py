@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.steps import Steps
+from ...walls.meeting import copies
 from ..dynamics import bounce_shift
 from ..straight_runs import Runs
 
@@ -168,11 +169,9 @@ class Roadmap:
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
         """List all pairs of a cell and a goal on its run, the goal as an index in `goals`."""
-        place = self.place[goals]
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
-        column = np.repeat(np.arange(goals.size), place - first + 1)
-        last = np.cumsum(place - first + 1)
-        return self.order[place[column] - (last[column] - 1 - np.arange(column.size))], column
+        column, number = copies(self.place[goals] - first + 1)
+        return self.order[first[column] + number], column
 
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
         """List the cells after `cell` on its run to `goal`, with the goal."""
