@@ -16,7 +16,6 @@ from jaxcell.bounce import (
     wall_groups,
     walls,
 )
-from jaxcell.bounce.headings import Headings
 from jaxcell.bounce.wall_tables import Walls
 from jaxcell.mapping import periodic_groups
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
@@ -91,22 +90,6 @@ def test_groups_from_walls_are_those_of_all_cells(cells, motion):
 def assert_same_groups(groups, expected):
     for name in ("group", "step", "period", "count"):
         np.testing.assert_array_equal(getattr(groups, name), getattr(expected, name), err_msg=name)
-
-
-@pytest.mark.parametrize("kinds", [1, 2, 3])
-@pytest.mark.parametrize("shift", [0, 1, 3, 4, 6, 8])
-def test_ways_after_a_direction_are_those_after_its_leading_direction(shift, kinds):
-    way = np.random.default_rng(shift).permutation(np.arange(12, dtype=np.int32) % kinds)
-    headings = Headings.of(way, shift)
-
-    def ways(direction):
-        return [way[(direction + bumps * shift) % 12] for bumps in range(12)]
-
-    assert [ways(leading) for leading in headings.alike] == [ways(one) for one in range(12)]
-    np.testing.assert_array_equal(headings.alike[headings.alike], headings.alike)
-    # No two leading cycles have the same ways.
-    cycles = np.unique(headings.like)
-    assert len({way[one :: headings.cycles].tobytes() for one in cycles}) == len(cycles)
 
 
 def test_totals_of_a_summary_are_those_of_walls():

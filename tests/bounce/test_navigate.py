@@ -176,25 +176,6 @@ def test_the_first_bump_costs_no_change_of_angle():
     assert (result.cost, result.angles_used, result.changes) == (107, 2, 1)
 
 
-def test_a_goal_is_reached_on_the_way_to_a_wall():
-    cells = CellSpace.of_grid(np.ones((1, 5), bool), 4)
-    result = plan(cells, [math.pi], 1, 3)
-    assert (result.cost, result.visited.tolist(), result.changes) == (2, [1, 2, 3], 0)
-    result = plan(cells, [math.pi], 3, 1)
-    assert result.cost == 8
-    assert result.actions.tolist() == [0, math.pi, 0, 0, 0, 0, math.pi, 0]
-
-
-def test_there_is_no_path_between_rooms():
-    cells = two_rooms()
-    goal = int(cells.index(4.5, 1.5))
-    result = plan(cells, np.arange(1, 8) * math.pi / 4, int(cells.index(1.5, 1.5)), goal)
-    check(cells, result, 1, 100)
-    assert not result.found
-    x, _, _ = cells.centre(np.arange(cells.size))
-    np.testing.assert_array_equal(result.reaching, x > 4)
-
-
 def test_layers_differ_from_the_exact_search():
     cells = room(9, 13)
     exact, layered = (all_plans(cells, LAB, method=method) for method in ("exact", "layered"))

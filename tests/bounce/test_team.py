@@ -271,17 +271,6 @@ def room():
     return CellSpace.of_grid(free, 8)
 
 
-def test_other_pieces_of_the_free_space_stay_uncovered():
-    free = np.ones((3, 7), bool)
-    free[:, 3] = False
-    cells = CellSpace.of_grid(free, 8)
-    start = [int(cells.index(0.5, 0.5)), int(cells.index(1.5, 1.5))]
-    result = team_trajectory(cells, start, math.pi / 2)
-    assert result.outcome is TeamOutcome.OUT_OF_REACH
-    column = cells.square[result.uncovered_positions] % 7
-    assert sorted(column) == [4] * 3 + [5] * 3 + [6] * 3
-
-
 def test_robots_that_fill_the_map_have_covered_it_at_once():
     cells = CellSpace.of_grid(np.ones((1, 2), bool), 4)
     result = team_trajectory(cells, [0, 1], math.pi / 2)
