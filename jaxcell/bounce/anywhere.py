@@ -165,7 +165,7 @@ class HomeFromAnywhere(Anywhere):
 
 
 def _first_of_the_last(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """Find the bump after which a condition never fails again, `inf` if it fails at the last."""
+    """Find the bump from which a condition holds to the end, `inf` if it fails at the last bump."""
     fails = ~holds[:, ::-1]
     since = holds.shape[1] - fails.argmax(axis=1) + 1.0
     return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

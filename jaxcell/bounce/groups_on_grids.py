@@ -102,7 +102,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for cycles of headings per grid."""
+    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] per grid and cycle of headings."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -189,9 +189,9 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Follow each place of the first layer through all layers, until it is in the first again.
+    """Follow each place of the first layer through all layers, back to the first layer.
 
-    Returns the place there, and the number of mappings on the way.
+    Returns the place where it ends, and the number of mappings on the way.
     """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)

@@ -39,8 +39,8 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles in the order of their smallest cells.
 
-        `leads` is true for one wall (slot) of each group of the leading directions, and `lowest` is
-        the smallest cell of the group of a slot. A direction has `positions` cells.
+        Slots are walls of the leading directions. `leads` is true for the slot that represents a
+        group, and `lowest` is the smallest cell of its group. A direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -65,9 +65,9 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "For each group, the wall (slot) that leads it, or leads the equal group of a leading cycle."
+    "For each group, the slot that represents it or its equal group of a leading direction."
     number: Int[np.ndarray, "groups"]
-    "The group that slot `s` leads has the number `number[begin[d] + place[s]]` in direction `d`."
+    "In direction `d`, slot `s` represents the group `number[begin[d] + place[s]]`."
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
 

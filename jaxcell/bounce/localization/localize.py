@@ -109,7 +109,10 @@ def drive_until_localized(
     bumped: Bool[np.ndarray, "cells"],
     after: Callable[[int, Any], Any],
 ) -> Localization:
-    """Drive a simulated robot; `after` returns the next cell for a cell and the next state."""
+    """Drive a simulated robot until a filter or a policy localizes it.
+
+    `after` returns the next cell for a cell and the next state.
+    """
     cell, state = start, automaton.start()
     path, observations, states = [cell], [], [state.index]
     while not (state.localized or state.refuted):

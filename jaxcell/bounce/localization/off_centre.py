@@ -28,7 +28,7 @@ class Shares(NamedTuple):
     """The shares of robots that a filter or a policy does not locate."""
 
     lost: float
-    "Share of the robots with an observation that the filter excludes."
+    "Share of the robots that make an observation that the filter excludes."
     wrong: float
     "Share of the robots that are not lost, but whose cell is none of the possible cells."
 
@@ -188,7 +188,7 @@ def _shares(
 def _draw(
     cells: CellSpace, count: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
-    """Draw the place in the square, the square, and the direction of robots."""
+    """Draw robots: the place in the square, the square, and the direction."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
     return rng.uniform(size=(count, 2)), squares_of(cells).T[position], direction
 

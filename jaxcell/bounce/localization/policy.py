@@ -169,7 +169,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        The states of the result are those of the policy at the last bump up to each time.
+        At each time, the result has the state of the policy at the last bump.
         """
         start = check_cell(start, self.cells.size)
         return drive_until_localized(
@@ -270,7 +270,7 @@ def localization_policy(
 def _policy(
     cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """Make the policy of decisions about sets of walls, for a start in any cell."""
+    """Make a policy from decisions about sets of walls, for a start in any cell."""
     after = [dict(enumerate(decisions.roots)), *decisions.after]
     members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(

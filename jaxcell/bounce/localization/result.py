@@ -162,7 +162,7 @@ class RunOnMap(Candidates):
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if the robot may be in none of the possible cells, so that this is no failed check."
+    "True if it is no error that the robot is in none of the possible cells."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:

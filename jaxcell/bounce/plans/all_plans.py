@@ -138,7 +138,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to entries in ascending order; entry -1 stands for no route."""
+        """Find the routes to entries, in ascending order; entry -1 has no routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)

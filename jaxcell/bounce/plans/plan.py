@@ -44,7 +44,7 @@ class Plan(Result):
     ]
     "The visited cells; only the start if there is no path."
     reaching: Bool[np.ndarray, "cells"]
-    "A mask of the cells from which the goal can be reached, with the goal."
+    "A mask of the cells from which the goal can be reached, including the goal."
 
     @property
     def answered(self) -> bool:

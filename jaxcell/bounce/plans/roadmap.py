@@ -149,11 +149,11 @@ class Roadmap:
 
     @property
     def small(self) -> np.dtype:
-        """The NumPy type of indices of angles, as small as possible because they are many."""
+        """The smallest NumPy type for indices of angles, because there are many indices."""
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def after(self, cell: Int[np.ndarray, "..."] | int, turn: int) -> Int[np.ndarray, "..."]:
-        """Move robots by a step, or turn robots at walls by angle `turn` (-1 for no turn)."""
+        """Move robots by a step; turn robots at walls by the angle number `turn`, -1 for none."""
         turned = cell if turn < 0 else self.turned[turn, self.wall[cell]]
         ahead = self.order[np.minimum(self.place[cell] + 1, self.size - 1)]
         return np.where(self.length[cell] > 0, ahead, turned)

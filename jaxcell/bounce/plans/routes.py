@@ -40,8 +40,8 @@ def block_size(roadmap: Roadmap) -> int:
 def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
     """Find the cheapest routes to entries, by value iteration over all walls.
 
-    Entry -1 stands for no route. A round looks one bump ahead from every wall in every layer, so
-    there are as many rounds as the longest plan has bumps.
+    Entry -1 has no routes. A round looks one bump ahead from every wall in every layer, so there
+    are as many rounds as the longest plan has bumps.
 
     NumPy was measured to be fastest. For all pairs of 384 to 28,000 cells on two cores, the same
     rounds in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map, and

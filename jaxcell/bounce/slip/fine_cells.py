@@ -81,7 +81,7 @@ class FineCells:
         """Choose the fine cells that locate a robot most precisely.
 
         The size of squares and of fine directions limits the precision of places: a belief does not
-        distinguish places in a square, nor the drifts to the side by headings of a fine direction.
+        distinguish places in a square, nor sideways drifts by headings of one fine direction.
         The fine directions reach as far as the heading is likely to drift, and are no finer than
         half the error of a turn.
 
@@ -241,8 +241,8 @@ def _spread(
 
     If headings were drawn from a whole fine direction but drifted by a small part of it, too many
     of them would leave it. With this share, the variance of the changes equals the variance of the
-    drift. If it is larger, the variance of the sideways displacement in squares, by headings of one
-    fine direction, counts instead.
+    drift, or, if that is larger, the variance of the sideways displacement in squares by headings
+    of one fine direction.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.

@@ -30,7 +30,7 @@ class Slipped(Candidates):
     "The bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The map of the fine cells, which moves the belief."
+    "The map of the fine cells, by which the belief is updated."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
