@@ -296,31 +296,17 @@ def _drive(
     """
 
     def around(middle: Float[Array, "1 3"]) -> tuple[Array, Array]:
-        after, bumped = slipping_step(
-            start,
-            jnp.broadcast_to(leg, start.shape),
-            0.0,
-            errors,
-            walls,
-            slip,
-            ahead_of=lambda walls, place, heading: jax_free_ahead(
-                walls, middle[:, :2] + place, heading
-            ),
-        )
+        # A loop keeps the compiled program small, however many walls there are.
+        def ahead_of(walls, place, heading):  # type: ignore[no-untyped-def]
+            place, ux, uy = middle[:, :2] + place, jnp.cos(heading), jnp.sin(heading)
+
+            def nearer(nearest, wall):  # type: ignore[no-untyped-def]
+                return jnp.minimum(nearest, to_wall(wall, place, ux, uy)), None
+
+            return jax.lax.scan(nearer, jnp.full(place.shape[:-1], jnp.inf), walls)[0]
+
+        legs = jnp.broadcast_to(leg, start.shape)
+        after, bumped = slipping_step(start, legs, 0.0, errors, walls, slip, ahead_of=ahead_of)
         return after + middle, bumped
 
     return jax.vmap(around)(squares[:, None])
-
-
-def jax_free_ahead(
-    walls: Float[Array, "walls 2 2"],
-    place: Float[Array, "*batch 2"],
-    heading: Float[Array, "*batch"],
-) -> Float[Array, "*batch"]:
-    """Compute the distance to the first wall, in a loop that is compiled once for any walls."""
-    ux, uy = jnp.cos(heading), jnp.sin(heading)
-
-    def nearer(nearest, wall):  # type: ignore[no-untyped-def]
-        return jnp.minimum(nearest, to_wall(wall, place, ux, uy)), None
-
-    return jax.lax.scan(nearer, jnp.full(place.shape[:-1], jnp.inf), walls)[0]
