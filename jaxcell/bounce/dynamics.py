@@ -1,13 +1,14 @@
 import dataclasses
 import functools
 import math
+import operator
 from typing import Annotated, Any, TypeAlias
 
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.quantities import quantity
+from ..base.quantities import derived, quantity
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
 from ..space.steps import Steps
@@ -160,6 +161,24 @@ def check_cell(cell: int, size: int, name: str = "start") -> int:
     if not 0 <= cell < size:
         raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {size - 1}")
     return int(cell)
+
+
+def robot_poses(path: str, dims: str) -> tuple[Any, Any, Any]:
+    """Describe x, y and heading of robots as quantities of a result.
+
+    `path` is the attribute of the result with the cells of the robots, of the dimensions `dims`.
+    """
+
+    def centre(result: Any) -> tuple[Any, Any, Any]:
+        return result.cells.centre(operator.attrgetter(path)(result))
+
+    return (
+        derived(dims, "x of the robot", "m")(lambda result: centre(result)[0]),
+        derived(dims, "y of the robot", "m")(lambda result: centre(result)[1]),
+        derived(dims, "heading of the robot", "rad", sense="counter-clockwise")(
+            lambda result: centre(result)[2]
+        ),
+    )
 
 
 def motion_violations(

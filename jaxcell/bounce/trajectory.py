@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
-from .dynamics import motion_violations
+from .dynamics import motion_violations, robot_poses
 
 
 _Flags: TypeAlias = Bool[np.ndarray, "steps robots"]
@@ -130,17 +130,7 @@ class TeamTrajectory(Result):
     def time(self) -> Int[np.ndarray, "times"]:
         return np.arange(len(self.cell), dtype=np.int32)
 
-    @derived("time robot", "place of the robot", "m")
-    def robot_x(self) -> Float[np.ndarray, "times robots"]:
-        return self.cells.centre(self.cell)[0]
-
-    @derived("time robot", "place of the robot", "m")
-    def robot_y(self) -> Float[np.ndarray, "times robots"]:
-        return self.cells.centre(self.cell)[1]
-
-    @derived("time robot", "heading", "rad", sense="counter-clockwise")
-    def robot_theta(self) -> Float[np.ndarray, "times robots"]:
-        return self.cells.centre(self.cell)[2]
+    robot_x, robot_y, robot_theta = robot_poses("cell", "time robot")
 
     @derived("position", "time of the first visit, -1 if there is none", "mappings", kind="index")
     def first_visit(self) -> Int[np.ndarray, "positions"]:

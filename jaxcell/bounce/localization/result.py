@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from ...automata import Filter, Policy, Smallest, minimize
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
-from ..dynamics import bounce_shift
+from ..dynamics import bounce_shift, robot_poses
 from ..group_results import BounceGroups
 from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
@@ -213,17 +213,7 @@ class RunOnMap(Candidates):
     def time(self) -> Int[np.ndarray, "times"]:
         return np.arange(len(self.run.states), dtype=np.int32)
 
-    @derived("time", "x of the robot", "m")
-    def robot_x(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[0]
-
-    @derived("time", "y of the robot", "m")
-    def robot_y(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[1]
-
-    @derived("time", "heading of the robot", "rad", sense="counter-clockwise")
-    def robot_theta(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[2]
+    robot_x, robot_y, robot_theta = robot_poses("run.path", "time")
 
     @derived("time", "cells where the robot may be", "cells", kind="count")
     def belief_size(self) -> Int[np.ndarray, "times"]:

@@ -7,12 +7,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import bounce_shift, check_cell, motion_violations, moves
+from ..dynamics import bounce_shift, check_cell, motion_violations, moves, robot_poses
 from .roadmap import Method, Roadmap
 from .routes import Routes, costs, solve
-
-
-_SENSE = "counter-clockwise"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +31,7 @@ class Plan(Result):
             "move",
             "0 for a step, the angle to turn by at a bump",
             "rad",
-            sense=_SENSE,
+            sense="counter-clockwise",
             source="Alam 2018, section 3.4.1",
         ),
     ]
@@ -85,17 +82,7 @@ class Plan(Result):
     def time(self) -> Int[np.ndarray, "times"]:
         return np.arange(self.visited.size, dtype=np.int32)
 
-    @derived("time", "place of the robot", "m")
-    def robot_x(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.visited)[0]
-
-    @derived("time", "place of the robot", "m")
-    def robot_y(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.visited)[1]
-
-    @derived("time", "heading", "rad", sense=_SENSE)
-    def robot_theta(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.visited)[2]
+    robot_x, robot_y, robot_theta = robot_poses("visited", "time")
 
     @derived("direction position", "whether the goal can be reached from the cell", kind="flag")
     def reaches(self) -> Bool[np.ndarray, "directions positions"]:
