@@ -163,16 +163,20 @@ def check_cell(cell: int, size: int, name: str = "start") -> int:
     return int(cell)
 
 
-def robot_poses(path: str, dims: str) -> tuple[Any, Any, Any]:
-    """Describe x, y and heading of robots as quantities of a result.
+def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
+    """Describe the time, x, y and the heading of robots as quantities of a result.
 
     `path` is the attribute of the result with the cells of the robots, of the dimensions `dims`.
     """
+    visited = operator.attrgetter(path)
 
     def centre(result: Any) -> tuple[Any, Any, Any]:
-        return result.cells.centre(operator.attrgetter(path)(result))
+        return result.cells.centre(visited(result))
 
     return (
+        derived("time", "mappings since the start", "mappings", kind="coordinate")(
+            lambda result: np.arange(len(visited(result)), dtype=np.int32)
+        ),
         derived(dims, "x of the robot", "m")(lambda result: centre(result)[0]),
         derived(dims, "y of the robot", "m")(lambda result: centre(result)[1]),
         derived(dims, "heading of the robot", "rad", sense="counter-clockwise")(

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int
 
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
-from .dynamics import motion_violations, robot_poses
+from .dynamics import motion_violations, robots_over_time
 
 
 _Flags: TypeAlias = Bool[np.ndarray, "steps robots"]
@@ -126,11 +126,7 @@ class TeamTrajectory(Result):
     def ends(self) -> Int[np.ndarray, "robots"]:
         return self.cell[-1]
 
-    @derived("time", "mappings since the start", "mappings", kind="coordinate")
-    def time(self) -> Int[np.ndarray, "times"]:
-        return np.arange(len(self.cell), dtype=np.int32)
-
-    robot_x, robot_y, robot_theta = robot_poses("cell", "time robot")
+    time, robot_x, robot_y, robot_theta = robots_over_time("cell", "time robot")
 
     @derived("position", "time of the first visit, -1 if there is none", "mappings", kind="index")
     def first_visit(self) -> Int[np.ndarray, "positions"]:

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from ...automata import Filter, Policy, Smallest, minimize
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
-from ..dynamics import bounce_shift, robot_poses
+from ..dynamics import bounce_shift, robots_over_time
 from ..group_results import BounceGroups
 from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
@@ -209,11 +209,7 @@ class RunOnMap(Candidates):
     def end_pose(self) -> str:
         return self._pose(self.run.end)
 
-    @derived("time", "mappings", "mappings", kind="coordinate")
-    def time(self) -> Int[np.ndarray, "times"]:
-        return np.arange(len(self.run.states), dtype=np.int32)
-
-    robot_x, robot_y, robot_theta = robot_poses("run.path", "time")
+    time, robot_x, robot_y, robot_theta = robots_over_time("run.path", "time")
 
     @derived("time", "cells where the robot may be", "cells", kind="count")
     def belief_size(self) -> Int[np.ndarray, "times"]:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import bounce_shift, check_cell, motion_violations, moves, robot_poses
+from ..dynamics import bounce_shift, check_cell, motion_violations, moves, robots_over_time
 from .roadmap import Method, Roadmap
 from .routes import Routes, costs, solve
 
@@ -78,11 +78,7 @@ class Plan(Result):
     def actions_deg(self) -> Float[np.ndarray, "steps"]:
         return np.rad2deg(self.actions).round(9)
 
-    @derived("time", "mappings since the start", "mappings", kind="coordinate")
-    def time(self) -> Int[np.ndarray, "times"]:
-        return np.arange(self.visited.size, dtype=np.int32)
-
-    robot_x, robot_y, robot_theta = robot_poses("visited", "time")
+    time, robot_x, robot_y, robot_theta = robots_over_time("visited", "time")
 
     @derived("direction position", "whether the goal can be reached from the cell", kind="flag")
     def reaches(self) -> Bool[np.ndarray, "directions positions"]:
