@@ -255,7 +255,7 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
         height, width = cells.free.shape
         right = (x - cells.origin[0]) / (width * cells.cell)
         up = (y - cells.origin[1]) / (height * cells.cell)
-        # Rounded, so that a centre on an edge between pixels is in the same pixel everywhere.
+        # Rounding puts a centre on the edge between two pixels into the same pixel everywhere.
         column, row = (np.floor(np.round(v, 9)).astype(int) for v in (right * columns, up * rows))
         worth = worth[rows - 1 - row, column]
     if worth.shape != (cells.positions,):
@@ -272,6 +272,6 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
         )
     if not worth.any():
         raise ValueError("target: it is 0 at all positions; expected more at one of them")
-    # Divided by the largest first, so that the sum cannot overflow.
+    # The division by the largest number prevents an overflow of the sum.
     worth = worth / worth.max()
     return worth / worth.sum()

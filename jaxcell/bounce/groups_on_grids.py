@@ -126,7 +126,7 @@ class _Tables:
 
     @classmethod
     def of(cls, walls: Walls) -> "_Tables":
-        # NumPy converts other indices to 64 bits each time.
+        # NumPy converts indices of other types to 64 bits each time.
         tables = walls.next.astype(np.int64), walls.length, walls.behind
         return cls(walls.behind.shape[1], *(x.reshape(-1, walls.slots) for x in tables))
 

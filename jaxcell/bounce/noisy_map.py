@@ -105,7 +105,7 @@ def noisy_chain(
 
     def slot(turn, share, first):  # type: ignore[no-untyped-def]
         turned = (direction + turn) % directions * positions + position
-        # On a run only the first slot is used; the others stay on the cell itself.
+        # If the robot does not bump, only the first branch is used; the others stay on the cell.
         ahead = direction * positions + jnp.where(first, target, position)
         image = jnp.where(bumped, turned, ahead)
         return image.ravel(), jnp.where(bumped, share, first.astype(share.dtype)).ravel()

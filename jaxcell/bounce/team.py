@@ -14,7 +14,8 @@ from .trajectory import TeamOutcome, TeamTrajectory
 
 # Number of steps that are simulated at once; parts are tens to thousands of steps long.
 _CHUNK = 256
-# The least number of lanes: fewer lanes take hardly less time, but another compilation.
+# The least number of joint states that are followed at once: fewer of them take hardly less time,
+# but another compilation.
 _LANES = 8
 # The longest part by default, because all visited joint states are kept in memory.
 _MAX_PART_STEPS = 100_000
@@ -283,7 +284,7 @@ def _simulate(
     """Extend parts, all at once, until each of them has ended."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
-        # A power of two, so that few programs are compiled.
+        # The number of lanes is a power of two, so that few programs are compiled.
         lanes = max(_LANES, 1 << (len(growing) - 1).bit_length())
         states = np.resize(states, (lanes, states.shape[1]))
         joint = jax.device_get(orbits(jax.device_put(states)))

@@ -70,7 +70,7 @@ def costs(
     """
     length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
-    # So far below 0 that no run to the wall makes it positive.
+    # This cost is so far below 0 that no run to the wall makes it positive.
     never = -_never(roadmap.number)
     route_costs = np.where(route_costs < 0, never, route_costs + past_entry[:, None])
     result = np.ascontiguousarray(route_costs.T)[roadmap.wall]
