@@ -79,10 +79,13 @@ def bounce_groups(
             # With mode "raise" NumPy copies the result again.
             np.take(number, wall[way], out=numbers[direction], mode="clip")
             np.maximum(0, length[way] + lead[wall[way]], out=steps[direction])
-    periods = [of_angle.period for of_angle in groups]
-    count = np.array([period.size for period in periods], np.int32)
-    cells_of = (x.reshape(*angles, cells.size) for x in (group, step))
-    return PeriodicGroups(*cells_of, padded(periods).reshape(*angles, -1), count.reshape(angles))
+    shape, periods = (*angles, cells.size), [of_angle.period for of_angle in groups]
+    return PeriodicGroups(
+        group.reshape(shape),
+        step.reshape(shape),
+        padded(periods).reshape(*angles, -1),
+        np.array([period.size for period in periods], np.int32).reshape(angles),
+    )
 
 
 def group_summary(
