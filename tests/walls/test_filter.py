@@ -1,5 +1,6 @@
 """The filter of robots that start anywhere, compared with rays that share no code with it."""
 
+import dataclasses
 import math
 import re
 
@@ -10,6 +11,10 @@ from oracles import rays
 
 from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
+
+
+NO_ERRORS = walls.Errors()
+NOISE = walls.Errors(run=0.02, distance=0.05, turn=np.radians(1))
 
 
 def load(name):
@@ -28,15 +33,16 @@ def followed(filter, runs, bounce, observed):
     return states
 
 
-def drive(workspace, robots, bumps, bounce, seed, headings=None, **errors):
+def drive(workspace, robots, bumps, bounce, seed, headings=None, errors=NO_ERRORS):
     rng = np.random.default_rng(seed)
     place = rays.anywhere(workspace.free_space, robots, rng)
     heading = rng.uniform(0, 2 * np.pi, robots)
     if headings is not None:
         heading = np.floor(heading * headings / (2 * np.pi)) * 2 * np.pi / headings
-    room = rays.Room(workspace.free_space)
+        heading += errors.heading * rng.choice([-1, 1], robots) * 0.9999
+    bounds = {"relative": errors.run, "absolute": errors.distance, "turn": errors.turn}
     turns = [bounce] * (bumps - 1)
-    return room.drive(*place.T, heading, turns, signs=rng, **errors)
+    return rays.Room(workspace.free_space).drive(*place.T, heading, turns, signs=rng, **bounds)
 
 
 @pytest.mark.parametrize(
@@ -67,17 +73,26 @@ def test_a_robot_of_unknown_heading_is_localized(name, bounce):
     assert np.median(filter.extent(states[-1], 12)) < 1.0
 
 
-@pytest.mark.parametrize("displacement", [0.0, 0.03])
 @pytest.mark.parametrize("name", ["lab_b", "complex"])
-def test_errors_at_their_bounds_lose_no_robot(name, displacement):
+@pytest.mark.parametrize(
+    ("headings", "errors"),
+    [
+        (None, NOISE),
+        (None, dataclasses.replace(NOISE, displacement=0.03)),
+        (8, walls.Errors(late=0.04)),
+        (8, walls.Errors(heading=np.radians(3))),
+    ],
+)
+def test_errors_at_their_bounds_lose_no_robot(name, headings, errors):
     workspace, angle = load(name), np.radians(135)
-    bound = np.radians(1)
-    runs = drive(workspace, 15, 15, angle, seed=3, relative=0.02, absolute=0.05, turn=bound)
-    errors = walls.Errors(run=0.02, distance=0.05, turn=bound, displacement=displacement)
-    filter = walls.WallFilter.of(workspace, errors=errors)
-    states = followed(filter, runs, angle, runs.observed)
-    if not displacement:
+    runs = drive(workspace, 15, 15, angle, seed=3, headings=headings, errors=errors)
+    filter = walls.WallFilter.of(workspace, headings=headings, errors=errors)
+    late = np.random.default_rng(5).choice([0.0, errors.late], runs.observed.shape)
+    states = followed(filter, runs, angle, runs.observed + late)
+    if errors == NOISE:
         assert np.median(filter.extent(states[-1], 15)) < 2.0
+    if errors.heading:
+        assert filter.first.sum() == 8 * 8
 
 
 def test_a_run_that_begins_beside_the_wall_loses_no_robot():
@@ -96,25 +111,6 @@ def test_a_run_that_begins_beside_the_wall_loses_no_robot():
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         place = bump - np.minimum(back, length)[:, None] * ahead
         heading, state = heading + angle, filter.turn(state, angle)
-
-
-def test_a_bump_that_is_felt_late_loses_no_robot():
-    workspace, angle = load("lab_b"), np.radians(135)
-    runs = drive(workspace, 30, 10, angle, seed=5, headings=8)
-    filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(late=0.04))
-    felt = runs.length + np.random.default_rng(5).choice([0.0, 0.04], runs.length.shape)
-    followed(filter, runs, angle, felt)
-
-
-def test_a_heading_that_is_off_loses_no_robot():
-    workspace, angle, off = load("complex"), np.radians(135), np.radians(3)
-    rng = np.random.default_rng(6)
-    place = rays.anywhere(workspace.free_space, 20, rng)
-    heading = rng.integers(8, size=20) * np.pi / 4 + off * rng.choice([-1, 1], 20) * 0.9999
-    runs = rays.Room(workspace.free_space).drive(*place.T, heading, [angle] * 9)
-    filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(heading=off))
-    assert filter.first.sum() == 8 * 8
-    followed(filter, runs, angle, runs.length)
 
 
 @pytest.mark.parametrize("name", ["lab_a", "lab_b"])
