@@ -1,6 +1,7 @@
 """Every study answers alike as a library, as a command, in files, in a sweep and in a recording.
 
-A study of `STUDIES` is tested with the example of its page of help, or with smaller arguments here.
+The studies of `STUDIES` and a study of a user are tested with the examples of their pages of help,
+or with smaller arguments here.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from typing import Literal, NamedTuple, get_args, get_origin
 import numpy as np
 import pytest
 import xarray as xr
+from falling_stone import Drop
 from matplotlib import pyplot
 from rerun.chunk import RrdReader
 
@@ -60,10 +62,11 @@ CASES = {
     "patrol map": "@lab_a --range 3 --attack-times 4 9 --runs 50",
     "patrol map at a base": "@lab_a --range 3 --attack-times 4 --runs 50 --base auto",
     "plans": "@lab_a --bounces 45 135",
+    "stone": "--height 20 --winds 3",
     "rooms": "--room 1 --bounce 45 90 --columns 9 --rows 7 --obstacles 2 --directions 8",
     "team": "@lab_a --robots 2 --bounces 135",
 }
-NAMED = {study.command or study.task: study for study in STUDIES}
+NAMED = {**{study.command or study.task: study for study in STUDIES}, "stone": Drop}
 CASES = {**{name: study.example for name, study in NAMED.items() if name not in CASES}, **CASES}
 
 
@@ -121,7 +124,7 @@ def same(one, other):
 
 
 def test_every_study_has_a_case():
-    assert {study_of(name) for name in CASES} == set(STUDIES)
+    assert {study_of(name) for name in CASES} == {*STUDIES, Drop}
     commands = {study.command for study in STUDIES} - {""}
     assert commands <= COMMANDS.keys()
     for study in STUDIES:
