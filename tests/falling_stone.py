@@ -35,15 +35,15 @@ class Drop(Study):
     name = "drop"
 
     height: Annotated[Metres, Limit(gt=0)]
-    """From how high, in metres."""
+    """Height of the start, in metres."""
     lost: float = 0.25
     """Energy that is lost."""
     winds: tuple[Annotated[float, Limit(le=9)], ...] = ()
     """Gusts on the way."""
     stones: AtLeastOne | Literal["all"] | None = None
-    """How many at once."""
+    """Number of stones, or all."""
     kinds: tuple[str, ...] = ("stone",)
-    """What is dropped."""
+    """Kinds of the things that fall."""
     photographs: tuple[Path, ...] = ()
     """Pictures of the fall."""
 
