@@ -27,8 +27,8 @@ heading is known. A robot that chooses among several angles at each bump is loca
 most maps. `localization_policy` finds the choice with the fewest bumps; the results are
 `LocalizationPolicy` and `AdaptivelyLocalized`.
 
-**A robot that slips** is in a fine cell (`FineCells`): a square, the direction in which the robot
-believes to head, and the error of its heading. With random errors the map is a hidden Markov model,
+**A robot that slips** is in a fine cell (`FineCells`): a square, the direction that the robot takes
+for its heading, and the error of this heading. With random errors the map is a hidden Markov model,
 `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`. `slipping_run` drives
 such a robot until its belief is in few cells. At each bump the robot takes the angle that leaves
 the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs of a plan.

@@ -53,7 +53,7 @@ class CoveragePolicy(Result):
     ]
     distance: Annotated[float, quantity("", "Euclidean distance of the mixture from the target")]
     certificate: Certificate
-    "A bound of the relative error of the mixture; see [`jaxcell.optimize.mixture`][]."
+    "A bound on the relative error of the mixture; see [`jaxcell.optimize.mixture`][]."
     groups: tuple[PersistentGroups, ...]
     "The persistent groups of each angle."
     limiting: tuple[LimitingDistribution, ...]

@@ -36,7 +36,7 @@ class Errors:
     distance: float = 0.0
     "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    "The largest distance that a robot counts before it feels that it has met a wall, in metres."
+    "The largest distance that a robot counts between meeting a wall and feeling it, in metres."
     turn: float = 0.0
     "The largest error of the turn at a bump, including turns by the bump itself, in radians."
     heading: float = 0.0
