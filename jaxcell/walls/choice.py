@@ -17,7 +17,7 @@ _FOLLOWED = 96
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
-"""The statistic that a choice of angles minimizes, of the extents of sets after the next bumps."""
+"""The extent to minimize: the worst or the mean of the possible sets after the next bumps."""
 
 
 def choose_angles(

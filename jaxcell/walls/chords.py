@@ -49,7 +49,7 @@ class Chords:
     stretch: Float[np.ndarray, "2 rows"]
     "The smallest and the largest ratio of the length of a run to this distance."
     arc: Float[np.ndarray, "2 2 rows"]
-    "The arc length on the wall `hit` where the run ends; as above, for each end of the slice."
+    "The arc length on `hit` where the run ends: a constant and a slope, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
     "The largest change of this arc length by `displacement`, in metres."
 

@@ -125,7 +125,7 @@ class WallFilter:
         - `step`: the length of the steps that the robot counts, in metres; 0 if it measures its
             runs.
 
-        `headings` and `slices` are even, and `slices` is a multiple of `headings`.
+        `headings` and `slices` must be even, and `slices` must be a multiple of `headings`.
         """
         errors = errors or Errors()
         if not 0 <= step < math.inf:
@@ -190,7 +190,7 @@ class WallFilter:
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
-        """Turn each robot in place by whole slices of headings, counter-clockwise, in radians."""
+        """Turn each robot counter-clockwise by an angle in radians, a multiple of a slice."""
         slices = self.chords.slices
         exact = np.asarray(angle) * slices / (2 * math.pi)
         shift = np.round(exact).astype(int)
@@ -222,7 +222,7 @@ class WallFilter:
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
-        """Find the slices of headings in radians, or the slices nearest to known headings."""
+        """Find the slice of each heading, in radians; the nearest slice if headings are known."""
         place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
         whole = np.floor(place) if self.chords.width else np.round(place)
         return whole.astype(int) % self.chords.slices
