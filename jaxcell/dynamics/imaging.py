@@ -63,7 +63,8 @@ def images_of_each(
 ) -> Int[np.ndarray, "members cells"]:
     """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    `time` is an array for the durations of the mappings, and `within` the range of cells to map.
+    `out` and `time` are arrays for the images and for the durations of the mappings, and `within`
+    is the range of cells to map.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -88,7 +89,8 @@ def images_of_each(
 def check_map(map: Map, box: Box, params: Any) -> None:
     """Trace a map at the middle of a box.
 
-    **Raises:** `ValueError` with the reason, if tracing fails, or if the image is no point.
+    **Raises:** `ValueError` with the reason, if tracing fails, or if the image has another shape or
+    data type than a point.
     """
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
@@ -126,9 +128,9 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """Warn of periodic axes at whose two ends a map differs, judged by 64 points.
+    """Warn of periodic axes along which a map has different values at the two ends.
 
-    Returns these axes for each member.
+    Returns these axes for each member, judged by 64 points.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
@@ -147,7 +149,7 @@ def torn_axes(
 
 
 def remark_of_torn(name: str) -> str:
-    """Return the warning for an axis at whose two ends a map differs."""
+    """Return the warning for a periodic axis along which a map differs at the two ends."""
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
@@ -240,7 +242,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take up to `steps` steps from points, until each is far enough from its first cell."""
+    """Take up to `steps` steps from each point, until it is far enough from its first cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)

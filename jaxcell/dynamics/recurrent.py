@@ -26,7 +26,7 @@ def unstable_set(
 
     **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
     points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in
-    ascending order, with those of the start.
+    ascending order, including the cells of the starting points.
 
     A map that doubles its point:
 

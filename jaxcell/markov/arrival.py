@@ -44,11 +44,11 @@ class Race:
     chains: tuple[Chain, ...]
     "The different chains."
     robot: tuple[int, ...]
-    "The place of the chain of each robot in `chains`."
+    "The index in `chains` of the chain of each robot."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start, or the cells from which distinct starts are drawn."
     there: Bool[np.ndarray, "cells"]
-    "The mask of the target."
+    "The target, as a mask over the cells."
 
     @classmethod
     def of(
@@ -59,13 +59,13 @@ class Race:
     ) -> "Race":
         """Check the arguments of [`first_arrival`][], with its errors, and prepare them."""
         if not chains:
-            raise ValueError("chains: expected one for each robot, got none")
+            raise ValueError("chains: expected a chain for each robot, got none")
         cells = chains[0].cells
         for robot, chain in enumerate(chains):
             if chain.cells != cells:
                 raise ValueError(
-                    f"chains: that of robot {robot} has {chain.cells} cells, and that of robot 0 "
-                    f"has {cells}"
+                    f"chains: the chain of robot {robot} has {chain.cells} cells, and the chain of "
+                    f"robot 0 has {cells}"
                 )
         # Robots that move alike share their chain, for which survival is computed once.
         different = {id(chain): chain for chain in chains}
@@ -84,7 +84,7 @@ class Race:
         else:
             if len(starts) != len(chains):
                 raise ValueError(
-                    f"starts: expected one for each of {len(chains)} robots, got {len(starts)}"
+                    f"starts: expected a start for each of {len(chains)} robots, got {len(starts)}"
                 )
             start = np.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
         return cls(tuple(different.values()), robot_chain, start, cell_mask(cells, target))
@@ -110,8 +110,8 @@ class Race:
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
         """Compute the probability that no robot has arrived, for the next chunks of steps.
 
-        `values` are, for each chain and start, the probabilities now that one robot has not
-        arrived. Returns the joint probability at each step, and `values` at the end.
+        `values` are, for each chain, the current probabilities that one robot has not arrived,
+        by its start. Returns the joint probability at each step, and `values` at the end.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -267,7 +267,7 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Find the possible cells of a robot before it arrives, and whether it can leave the space."""
+    """Find the cells that a robot may visit before it arrives, and whether it may leave."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges from cells outside the target.

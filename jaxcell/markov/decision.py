@@ -59,13 +59,13 @@ class DecisionModel:
         """
         require_x64("DecisionModel")
         if not chains:
-            raise ValueError("chains: expected one for each action, got none")
+            raise ValueError("chains: expected a chain for each action, got none")
         shape = (len(chains), chains[0].cells)
         for action, chain in enumerate(chains):
             if chain.cells != shape[1]:
                 raise ValueError(
-                    f"chains: that of action {action} has {chain.cells} cells, and that of action "
-                    f"0 has {shape[1]}"
+                    f"chains: the chain of action {action} has {chain.cells} cells, and the chain "
+                    f"of action 0 has {shape[1]}"
                 )
         may = np.ones(shape, bool) if allowed is None else np.asarray(allowed)
         gain = np.asarray(reward, np.float64)
@@ -231,9 +231,11 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """Sweep once with the best actions. Returns the values, the policy, the policy that takes
-        the first of equally good actions, the least and the largest change of all later sweeps
-        together, and whether this change is rounding."""
+        """Sweep once with the best actions.
+
+        Returns the values, the policy, the policy with the first of equally good actions, the least
+        and the largest sum of all later changes, and whether the changes are only rounding.
+        """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
             for chain, reward, may in zip(model.chains, model.reward, model.allowed, strict=True)
@@ -253,8 +255,8 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values. If the chain never leaves, bound the error after the
-        middle of the two changes is added."""
+        """Bound the error of the values or, if no action leaves, of the values plus the mean of
+        `low` and `high`."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

@@ -32,9 +32,10 @@ def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
 
 @jax.jit
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
-    """Compute the expected number of steps from cell `i` until first at cell `j`; 0 if `i = j`.
+    """Compute the expected number of steps from each cell to the first visit of each other cell.
 
-    The chain must be irreducible. Times to transient cells are wrong; times from them are right.
+    The entry `i, j` is the time from `i` to `j`. Of a chain with transient cells, the times from
+    these cells are right, and the times to these cells are wrong.
 
     A random walk on a line of three cells:
 
@@ -70,7 +71,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    An entry 0 is no edge: its derivative is 0, although it is infinite in the limit.
+    The derivative by an entry of `P` that is 0 counts as 0, although its limit is infinite.
 
     A random walk on a line of three cells:
 

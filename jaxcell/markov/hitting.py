@@ -105,8 +105,8 @@ def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
     """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
 
     It is the sum of `p (x' - x)` over the steps from a cell. So each row counts as if it summed to
-    exactly 1, although its rounding may be as large as a rare step out of the part. Small
-    differences between nearly equal cells keep all their digits.
+    exactly 1, although its rounding may be as large as a rare step out of the part. Differences
+    between cells with nearly equal values keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -181,7 +181,8 @@ def times_until_left(
 ) -> Solution:
     """Compute the expected number of steps from each cell `inside` until these cells are left.
 
-    It is written into `time`, which has the times of the other cells. `what` names it in errors.
+    The result is written into `time`, which has the times of the other cells. `what` is the name
+    of the calling function, for errors.
     """
     steps, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
@@ -191,7 +192,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and those from which it can fail to.
+    """Find the cells from which a chain can arrive in a set, and the cells from which it can fail.
 
     Returns two masks. `there` is the mask of the set.
     """
@@ -208,7 +209,8 @@ def leaving_times(
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
-    It must be able to leave them from each cell. The residual bounds the relative errors.
+    The chain must be able to leave from each of these cells. The residual bounds the relative
+    errors.
     """
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
@@ -227,14 +229,14 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
         raise ValueError(
-            f"groups: expected those of this chain of {chain.cells} cells, got those of one of "
-            f"{groups.group.shape[0]}"
+            f"groups: expected the groups of this chain of {chain.cells} cells, got the groups of "
+            f"a chain of {groups.group.shape[0]}"
         )
     return np.asarray(groups.group)
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Return the mask of a cell, a list of cells, or a mask; `name` names the argument in errors.
+    """Convert a cell, a list of cells, or a mask to a mask; `name` is the argument, for errors.
 
     **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.
     """

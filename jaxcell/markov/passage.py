@@ -75,8 +75,8 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Compute the probabilities that a chain has not arrived at the target `there`, by start.
 
-    `value` are the probabilities now; at time 0 they are 1 outside the target. Returns the
-    probabilities now and after 1 to `steps - 1` steps, and separately those after `steps` steps.
+    `value` are the current probabilities; at time 0 they are 1 outside the target. Returns the
+    probabilities after 0 to `steps - 1` further steps, and separately those after `steps` steps.
     """
     leaving = chain.leaving
 

@@ -68,7 +68,7 @@ def kemeny_constant(chain: Chain) -> float:
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
     chain, the number of steps is 0; authors who count the steps until it returns obtain 1 more. The
-    constant has nearly all its digits.
+    relative error is close to the rounding of a number.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
 

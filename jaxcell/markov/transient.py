@@ -9,7 +9,7 @@ from .solving.solve import solve_transient
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transient:
-    """A part of a chain that it leaves for good, reduced to the cells at which it branches.
+    """A transient part of a chain, reduced to the cells at which the chain branches.
 
     In some chains most cells have one certain image, such as the cells of a robot between two
     bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
@@ -29,11 +29,11 @@ class Transient:
     jump: scipy.sparse.csr_array
     "The probabilities of the next branching cell after each branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    "The cell after 1, 2, 4, ... steps on the run; the number of cells, after its end."
+    "The cell after 1, 2, 4, ... steps on the run; beyond the end of the run, the number of cells."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Extract the part `inside` of a chain, which the chain can leave from each cell of it.
+        """Extract the part `inside` of a chain, which the chain can leave from each of its cells.
 
         The transition matrix must not store zeros.
 

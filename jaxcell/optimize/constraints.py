@@ -118,7 +118,7 @@ class Room:
     def first_prices(
         self, gain: Float[np.ndarray, "used"], numbers: Float[np.ndarray, "numbers"]
     ) -> Float[np.ndarray, "prices"]:
-        """Return prices that leave a positive pressure on each number."""
+        """Return start prices for the interior-point method, with positive pressures."""
         prices, spare = np.zeros(self.totals.size), self.signs != 0
         prices[spare] = -self.signs[spare] / (self.edges * numbers[self.edges :])
         prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()

@@ -179,9 +179,9 @@ FOUR, FIVE = Chain.from_scipy(complete(4)), Chain.from_scipy(complete(5))
 @pytest.mark.parametrize(
     ("chains", "starts", "message"),
     [
-        ([], [], "chains: expected one for each robot, got none"),
-        ([FOUR, FIVE], [0, 0], "that of robot 1 has 5 cells, and that of robot 0 has 4"),
-        ([FOUR, FOUR], [0], "starts: expected one for each of 2 robots, got 1"),
+        ([], [], "chains: expected a chain for each robot, got none"),
+        ([FOUR, FIVE], [0, 0], "chain of robot 1 has 5 cells, and the chain of robot 0 has 4"),
+        ([FOUR, FOUR], [0], "starts: expected a start for each of 2 robots, got 1"),
         ([FOUR, FOUR], [0, 4], "robot 1: start: cell 4 does not exist"),
         (
             [FOUR, Chain.from_scipy(complete(4))],

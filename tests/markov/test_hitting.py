@@ -105,7 +105,7 @@ def test_groups_of_another_chain_are_refused():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     other = persistent_groups(Chain(np.array([[1, 2, 0]]), np.ones((1, 3))))
     for function in (absorption_probabilities, absorption_times):
-        with pytest.raises(ValueError, match="chain of 2 cells, got those of one of 3"):
+        with pytest.raises(ValueError, match="chain of 2 cells, got the groups of a chain of 3"):
             function(chain, other)
 
 

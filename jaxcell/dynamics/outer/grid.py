@@ -156,7 +156,7 @@ def _check(needed: int) -> None:
 
 
 def _ranks(cells: Int[np.ndarray, "cells"], size: int) -> Callable[[Any], Any]:
-    """Return a function that counts the cells with smaller numbers."""
+    """Return a function that counts the cells whose number is below its argument."""
     if size > max(_TABLE, _TABLE_PER_CELL * cells.size):
         return lambda numbers: np.searchsorted(cells, numbers)
     present = np.zeros(size + 1, np.int32)

@@ -72,13 +72,13 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Images as boxes around the images of some points: usual and fast, but without proof."""
+    """Boxes around the images of some points of a box: the usual, fast method, without proof."""
 
     map: Map
     points: int = 2
     "Number of points along each axis of a box, from face to face; 1 for its centre."
     padding: float = 0.0
-    "Lengths of the box that are added on all sides of its image."
+    "Width that is added on all sides of an image, in widths of the box."
     proof = ""
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
@@ -99,7 +99,7 @@ class Corners:
 
 
 def _joined(part: Callable[[int], Boxes], lower: Any) -> Boxes:
-    """Compute images in parts of one size, on two threads."""
+    """Compute images part by part, with `part(first box)`, on two threads."""
     parts = [(lower[:0], lower[:0]), *in_threads(part, range(0, len(lower), _PART))]
     low, high = (np.concatenate(ends) for ends in zip(*parts, strict=True))
     return low, high
@@ -118,7 +118,7 @@ class Samples:
     values: Float[np.ndarray, "samples axes"]
     "The images of the points."
     lipschitz: Float[np.ndarray, "axes axes"] | float
-    "The bounds of slopes, or one bound for all."
+    "The bound of each slope, or one bound for all slopes."
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:

@@ -312,7 +312,7 @@ class _Search:
 
 
 def _members(values: _Functions, mass: _Mass, level: _PerSet | float) -> _Labels:
-    """Return the set of each cell, that with the largest value, or -1 below its level."""
+    """Assign each cell to the set with the largest value there, or -1 if it is below `level`."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
     return np.where(above & (mass > 0), largest, -1)

@@ -29,7 +29,7 @@ _SEED = 0
 class Window:
     """Several steps of a chain, or of consecutive chains, taken as one step.
 
-    Its matrix, the product of theirs, is never computed, because it would not be sparse.
+    The product of the matrices of all steps is never computed, because it would not be sparse.
     """
 
     matrices: tuple[scipy.sparse.csr_array, ...]
@@ -37,7 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take a number of steps of a chain from the phase `start` on, by default one per phase.
+        """Make a window of steps that begins at the phase `start`, by default one step per phase.
 
         **Raises:** `ValueError` for less than one step.
         """
@@ -131,7 +131,7 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """Multiply outside the span of the basis, whose vectors get the eigenvalue -1."""
+        """Multiply by the matrix with deflation: vectors of the basis get the eigenvalue -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)

@@ -115,7 +115,7 @@ def factor_and_solve(
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
-    """Solve as [`solve_transient`][] by a factorisation of `I - Q`, or roughly if it is large.
+    """Solve as [`solve_transient`][], by a factorisation of `I - Q`, or roughly if `Q` is large.
 
     `leaving` is the probability of leaving from each row, and `order` the order in which rows are
     factored, if it is known. Returns the solution, or `None` if the matrix is singular up to
