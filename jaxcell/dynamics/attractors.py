@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..mapping import PeriodicGroups
-from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import params_of, slices, stacked, with_last
+from .batches import padded, params_of, slices, stacked
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
@@ -269,9 +268,7 @@ def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
     """Map points `settle` times. Returns the orbits of the mappings that follow."""
-    rows, size = len(start), bucket(len(start))
-    filled = (with_last(values, size) for values in (member, start))
-    return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
+    return padded(lambda *rows: _orbits_of(map, box, params, *rows, settle), (member, start))
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

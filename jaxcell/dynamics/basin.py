@@ -210,8 +210,7 @@ def basins(
 
     **Returns:** [`Basins`][], the attractor of each cell.
 
-    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
-    the map differs at the two ends of a periodic axis.
+    Warns, before cells are mapped, if the map differs at the two ends of a periodic axis.
 
     A particle in a double well, from the left and the right:
 

@@ -34,6 +34,13 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
 
 
+def padded(compute: Callable[..., Any], rows: Sequence[np.ndarray], size: int | None = None) -> Any:
+    """Apply a compiled function to arrays, padded to few lengths. Returns arrays without padding."""
+    count = len(rows[0])
+    filled = (with_last(array, size or bucket(count)) for array in rows)
+    return jax.tree.map(lambda array: np.asarray(array)[:count], compute(*filled))
+
+
 def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
     """Stack the parameters of several members into one tree of arrays over the members."""
     kind = jnp.zeros(()).dtype if dtype is None else dtype

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.quantities import Result
-from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, in_stages, in_threads, params_of, stacked, with_last
+from .batches import CHUNK, in_stages, in_threads, padded, params_of, stacked
 from .maps import Flow, Map
 
 
@@ -35,8 +34,6 @@ def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np
         because a transient or an attractor may pass outside.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
-
-    **Raises:** `ValueError` if the map does not return a finite point of the box's dimension.
 
     The doubling map on eight cells:
 
@@ -87,11 +84,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Trace a map at the middle of a box.
-
-    **Raises:** `ValueError` with the reason, if tracing fails, or if the image has another shape or
-    data type than a point.
-    """
+    """Raise `ValueError` if the map fails, or if its image has not the type of a point."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)
@@ -109,10 +102,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Evaluate the map, or its field, at 64 points of a box.
-
-    **Raises:** `ValueError` if the values are finite at none of the points.
-    """
+    """Raise `ValueError` if the map, or its field, is finite at none of 64 points of a box."""
     begin = getattr(map, "velocity", map)
     begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
@@ -229,11 +219,10 @@ def _crossing(
     index, points, taken = in_stages(begun, stage)
     lost = index == box.outside
     if follow and lost.any():
-        rows = members[lost], points[lost]
-        size = bucket(len(rows[0]))
-        filled = (with_last(row, size) for row in rows)
-        ahead = _followed(map, box, params, *filled, follow * map.steps)
-        index[lost] = np.asarray(ahead)[: len(rows[0])]
+        steps = follow * map.steps
+        index[lost] = padded(
+            lambda *rows: _followed(map, box, params, *rows, steps), (members[lost], points[lost])
+        )
     shape = len(each), len(cells)
     return index.reshape(shape), taken.reshape(shape) * map.dt
 

@@ -177,8 +177,6 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     **Arguments:** basins, and the distance in cells within which boundaries count as the same.
     **Returns:** the largest share of cells of one boundary that are farther from another boundary.
 
-    **Raises:** `ValueError` for fewer than three basins.
-
     Three stripes; only the middle one has a boundary with both others:
 
         >>> import jax.numpy as jnp

@@ -148,9 +148,6 @@ def first_arrival(
     **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
     after 0 steps if a robot begins in the target. The running sum is the probability of capture.
 
-    **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
-    for distinct starts, and as [`jaxcell.markov.first_passage`][].
-
     Two random walks on a line of three cells, from its middle to its right end:
 
         >>> from jaxcell import examples, markov
@@ -188,8 +185,6 @@ def mean_first_arrival(
 
     **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
     certificate bounds the relative error, up to rounding.
-
-    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if `max_steps` are not enough.
 
     Two random walks on a line of three cells start in its middle. In every second step, the
     probability that one of them arrives at the right end is 3/4:

@@ -27,8 +27,6 @@ def arrival_probabilities(
     probability of a cell from the mean over its images. If the chain was made of samples, `moved`
     estimates the error that they cause.
 
-    **Raises:** `ValueError` for a wrong target; `RuntimeError` if the residual is too large.
-
     A random walk between two ends, where it stays:
 
         >>> from jaxcell import examples, markov

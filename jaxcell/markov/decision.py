@@ -53,9 +53,6 @@ class DecisionModel:
 
         By default all actions are allowed everywhere. Rewards of actions that are not allowed are
         ignored.
-
-        **Raises:** `ValueError` for chains of different spaces, arrays of another shape, a reward
-        that is not finite, or a cell without an allowed action.
         """
         require_x64("DecisionModel")
         if not chains:
@@ -144,9 +141,6 @@ def value_iteration(
     may be infinite; see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
     reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
 
-    **Raises:** `RuntimeError` if rounding or `max_sweeps` ends the iteration before the tolerance
-    is met.
-
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> from jaxcell import examples, markov
@@ -172,8 +166,6 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     """Return the chain of a policy: in each cell it moves by the action of the policy.
 
     **Arguments:** a model, and an action for each cell. **Returns:** the chain.
-
-    **Raises:** `ValueError` for an action that does not exist or is not allowed.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 

@@ -7,6 +7,16 @@ matrix that keep the sums of its rows.
 All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
 even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a generalized
 inverse of `I - P` with `G 1 = 1`. The stationary distribution is `u' G` (Hunter 1982).
+
+A random walk on a line of three cells:
+
+    >>> from jaxcell import examples
+    >>> from jaxcell.markov import dense
+    >>> P = examples.walk().to_scipy().toarray()
+    >>> dense.stationary(P).round(6).tolist(), float(dense.kemeny(P).round(6))
+    ([0.25, 0.5, 0.25], 1.5)
+    >>> dense.hitting(P).round(6).tolist()
+    [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
 """
 
 import jax
@@ -16,16 +26,7 @@ from jaxtyping import Array, Float
 
 @jax.jit
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
-    """Compute the stationary distribution, `pi P = pi`.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> dense.stationary(P).round(6).tolist()
-        [0.25, 0.5, 0.25]
-    """
+    """Compute the stationary distribution, `pi P = pi`."""
     cells = P.shape[-1]
     return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
 
@@ -36,14 +37,6 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
 
     The entry `i, j` is the time from `i` to `j`. Of a chain with transient cells, the times from
     these cells are right, and the times to these cells are wrong.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> dense.hitting(P).round(6).tolist()
-        [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     inverse = jnp.linalg.inv(_shifted(P))
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
@@ -55,14 +48,6 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 
     The cell is drawn from the stationary distribution. If the chain starts there, the number of
     steps is 0. It is the same for all starts.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> float(dense.kemeny(P).round(6))
-        1.5
     """
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 
@@ -72,14 +57,6 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
     The derivative by an entry of `P` that is 0 counts as 0, although its limit is infinite.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> round(float(dense.entropy_rate(P)), 4)
-        0.3466
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

@@ -48,9 +48,6 @@ def absorption_probabilities(
     the certificate is the largest difference of the probability of a cell from the mean over its
     images, or of the sum of its probabilities from 1.
 
-    **Raises:** `RuntimeError` if the residual is too large; `ValueError` if the groups are of
-    another chain.
-
     A random walk between two ends, where it stays:
 
         >>> from jaxcell import examples, mapping, markov
@@ -145,8 +142,6 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     error of every finite time. If the chain was made of samples, `moved` estimates the error that
     they cause.
 
-    **Raises:** `RuntimeError` if the residual is too large; `ValueError` for a wrong target.
-
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
@@ -221,11 +216,7 @@ def leaving_times(
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """Return the persistent group of each cell, on the host.
-
-    **Raises:** `ValueError` if the groups are of another chain; `RuntimeError` if JAX is set to 32
-    bits.
-    """
+    """Return the persistent group of each cell, on the host."""
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
         raise ValueError(
@@ -236,10 +227,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Convert a cell, a list of cells, or a mask to a mask; `name` is the argument, for errors.
-
-    **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.
-    """
+    """Convert a cell, a list of cells, or a mask to a mask; `name` is the argument, for errors."""
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):

@@ -31,8 +31,6 @@ def first_passage(
     **Returns:** the probability that the chain is first there after `0, 1, ..., steps` steps. The
     rest, up to 1, is the probability that it has not arrived or has left the space.
 
-    **Raises:** `ValueError` for a wrong target, start or number of steps.
-
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov

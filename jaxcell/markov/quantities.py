@@ -26,13 +26,9 @@ _SQUARINGS = 50
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    **Arguments:** an irreducible chain; for other chains, and for one target of a large chain, use
-    [`jaxcell.markov.hitting_times`][]. **Returns:** the times, a row per start. The residual of the
-    certificate bounds the relative error of every time.
-
-    **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
-    matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, for example if two
-    parts of the chain are hardly connected.
+    **Arguments:** an irreducible chain of at most 10,000 cells; for other chains, use
+    [`jaxcell.markov.hitting_times`][] of one target. **Returns:** the times, a row per start. The
+    residual of the certificate bounds the relative error of every time.
 
     A random walk on a line of three cells:
 
@@ -71,8 +67,6 @@ def kemeny_constant(chain: Chain) -> float:
     relative error is close to the rounding of a number.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
-
-    **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
     A random walk on a line of three cells:
 
@@ -147,11 +141,8 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     `distance`. The matrix is squared until a power is that close. Then `t` is found between the
     last two powers by bisection, because the distance never grows.
 
-    **Arguments:** an irreducible chain, and a distance of more than 0 and less than 1/2.
+    **Arguments:** an irreducible chain of at most 2,000 cells, and a distance between 0 and 1/2.
     **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
-
-    **Raises:** `ValueError` if the chain is not irreducible or has more than 2,000 cells;
-    `RuntimeError` if it mixes so slowly that rounding hides it.
 
     Two cells, with a step between them one time in four:
 

@@ -64,9 +64,6 @@ def stochastic_shortest_path(
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
     in the goal do not matter. **Returns:** probabilities, times and the policy.
 
-    **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
-    1000 rounds, or if the residual of a solve is too large.
-
     A robot on three cells in a row goes right or left, and right fails half the time:
 
         >>> import numpy as np

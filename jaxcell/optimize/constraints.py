@@ -148,9 +148,6 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
     One linear program finds which numbers can be positive: multiplied by a large enough `t`, these
     numbers can be 1 or more. A second program finds a point far from all bounds.
-
-    **Raises:** `RuntimeError` for constraints that contradict each other, which the message names;
-    `ValueError` for a constraint on another number of edges.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:

@@ -81,10 +81,6 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
     """
     box = basins.box
     ends = _starts(basins)
-    if not len(ends):
-        nothing = np.zeros((0, box.dimensions))
-        none = np.zeros(0, np.int64)
-        return EdgeStates(none, none, nothing, none, nothing + 0j, nothing[:, None])
     owner = attractor_owners(box, basins.attractor_cells)
     kind = jnp.zeros(()).dtype
     narrow, wide = (float(jnp.finfo(kind).eps) ** power for power in (_NARROW, _WIDE))
@@ -95,7 +91,7 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
         reached, _ = orbit_ends(map, box, basins.params, owner, flat, follow=basins.follow)
         return reached.reshape(points.shape[:-1])
 
-    labels = label(ends)
+    labels = label(ends) if len(ends) else np.zeros((0, 2), int)
     differ = (labels[:, 0] != labels[:, 1]) & (labels >= 0).all(axis=1)
     ends, labels = ends[differ], labels[differ]
     orbit = np.zeros((len(ends), _ROUND, box.dimensions))

@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int
 from ...space.box import Box
 from ...space.cells import TOLERANCE
 from ..basin import Basins
-from ..batches import slices, with_last
-from ..imaging import check_begin, check_map, mapped_points
+from ..batches import slices
+from ..imaging import check_begin, check_map
 from ..maps import Map
 from ..orbits import VISITS, attractor_owners, orbit_ends
+from ..recurrent import grid_images
 
 
 # Number of points per level that sample cells without cuts, divided by those of a neighbourhood.
@@ -136,16 +137,12 @@ def relative_attractor(
     """
     check_map(map, box, params)
     check_begin(map, box, params)
-    place = np.linspace(-0.5, 0.5, samples)
-    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
     keys = np.arange(box.size)
     for level in range(levels + 1):
         keys = _halved(box, keys, level) if level else keys
-        points = _centres(box, keys, level)[:, None] + offsets / 2**level
-        hit = []
-        for k in range(0, keys.size, _PART):
-            part = with_last(points[k : k + _PART], _PART)
-            hit.append(_keys_of(box, np.asarray(mapped_points(map, params, part)), level))
+        width, centres = box.width / 2**level, _centres(box, keys, level)
+        images = grid_images(map, params, centres, width, samples, _PART)
+        hit = [_keys_of(box, points, level) for points in images]
         keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
     return _centres(box, keys, levels)
 

@@ -15,10 +15,7 @@ class Folder:
     """
 
     def __init__(self, path: str | Path, made_from: str) -> None:
-        """Create the folder; `made_from` is a digest of the map, the box and the options.
-
-        **Raises:** `ValueError` if the folder has arrays with another digest.
-        """
+        """Create or open a folder; `made_from` is a digest of the map, the box and the options."""
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)
         self._record = self.path / "work.json"

@@ -35,8 +35,6 @@ def groups_in_passes(
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in a folder.
 
     Memory holds one byte per cell, and 16 bytes per cell that remains after the passes.
-
-    **Raises:** `MemoryError` if too many cells remain, as for a map that preserves volumes.
     """
     size = image.size
     level = folder.array("level", np.uint8, size)

@@ -103,9 +103,6 @@ def stored_basins(
     durations differ between cells. `numpy.load("basin.npy", mmap_mode="r")` opens an array of the
     folder.
 
-    **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
-    room; `MemoryError` if too many cells remain.
-
     A box of few cells:
 
         >>> import tempfile

@@ -39,10 +39,7 @@ class Grid:
 
     @property
     def faces(self) -> list[Float[np.ndarray, "faces"]]:
-        """The faces between cells along each axis.
-
-        **Raises:** `ValueError` if cells are smaller than the distance of two 64-bit numbers.
-        """
+        """The faces between cells along each axis."""
         each = []
         for axis, count in enumerate(self.counts):
             low, high = self.box.lower[axis], self.box.upper[axis]
@@ -115,8 +112,6 @@ class Grid:
         """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
 
         `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
-
-        **Raises:** `MemoryError` for more edges than fit into memory.
         """
         # A block is a set of rows along the last axis, each of which is a range of cells.
         *leading, count = self.counts

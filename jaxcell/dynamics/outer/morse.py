@@ -166,9 +166,6 @@ def morse_sets(
     **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets]; sets that lead to no other set come
     first.
 
-    **Raises:** `ValueError` for a primitive without a rule for intervals; `RuntimeError` without
-    64-bit numbers; `MemoryError` for too many boxes.
-
     A saddle in the middle leads to both ends:
 
         >>> from jaxcell import dynamics, space

@@ -39,8 +39,6 @@ def enclose(
 
     **Returns:** the lower and upper corners of the image.
 
-    **Raises:** `ValueError` that names a primitive without a rule.
-
     The sine has a crest in this interval:
 
         >>> import jax.numpy as jnp

@@ -94,9 +94,6 @@ def almost_invariant_sets(
     **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
     2-norm by which the matrix moves a unit vector out of the span of the eigenvectors.
 
-    **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
-    eigenvalues do not converge.
-
     Two pairs of cells, with a step between them one time in ten:
 
         >>> import numpy as np

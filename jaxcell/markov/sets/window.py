@@ -37,10 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Make a window of steps that begins at the phase `start`, by default one step per phase.
-
-        **Raises:** `ValueError` for less than one step.
-        """
+        """Make a window of steps that begins at phase `start`, by default one step per phase."""
         period = 1 if isinstance(chain, Chain) else chain.phases
         count = period if steps is None else steps
         if count < 1:
@@ -107,8 +104,6 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
 
     `product` multiplies the matrix by columns. There is one more vector if the last eigenvalues are
     conjugate.
-
-    **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
         matrix, products = product(np.eye(rows)), rows
