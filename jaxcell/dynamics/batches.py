@@ -35,7 +35,7 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
 
 
 def padded(compute: Callable[..., Any], rows: Sequence[np.ndarray], size: int | None = None) -> Any:
-    """Apply a compiled function to arrays, padded to few lengths. Returns arrays without padding."""
+    """Apply a compiled function to arrays, padded to few lengths; return arrays without padding."""
     count = len(rows[0])
     filled = (with_last(array, size or bucket(count)) for array in rows)
     return jax.tree.map(lambda array: np.asarray(array)[:count], compute(*filled))

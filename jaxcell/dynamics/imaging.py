@@ -122,13 +122,14 @@ def torn_axes(
 
     Returns these axes for each member, judged by 64 points.
     """
-    points = _anywhere(box)
+    points, params, each = _anywhere(box), stacked(members), np.arange(len(members))
     torn: list[tuple[int, ...]] = [()] * len(members)
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
         ends = np.stack([points, points])
         ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
-        params, each = stacked(members), np.arange(len(members))
-        image = np.asarray(_mapped_by_each(map, params, each, ends))
+        image = np.asarray(
+            jax.vmap(lambda k, ends=ends: mapped_points(map, params_of(params, k), ends))(each)
+        )
         apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
         # The median ignores points from which orbits separate by rounding.
         differs = np.median(apart, axis=1) > 1e-3
@@ -174,11 +175,6 @@ class OnBox(Result):
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
     """Map points, an array `[points, corners, axes]`."""
     return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
-
-
-@functools.partial(jax.jit, static_argnames="map")
-def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
-    return jax.vmap(lambda member: mapped_points(map, params_of(params, member), points))(members)
 
 
 def changed_by_half_step(

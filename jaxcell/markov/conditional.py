@@ -39,7 +39,7 @@ def arrival_probabilities(
     value, certificate = probabilities(chain.to_scipy(), there)
     certificate.check("arrival_probabilities", throw)
     solution = Solution(jax.device_put(value), certificate)
-    return with_moved(solution, chain, lambda half: arrival_probabilities(half, there, throw=False))
+    return with_moved(solution, chain, arrival_probabilities, there)
 
 
 def conditional_hitting_times(
@@ -66,17 +66,10 @@ def conditional_hitting_times(
     matrix = chain.to_scipy()
     arrives, certificate = probabilities(matrix, there)
     certificate.check("conditional_hitting_times", throw)
-    time = np.where(arrives > 0, 0.0, np.inf)
-    times = times_until_left(
-        conditioned(matrix, arrives),
-        (arrives > 0) & ~there,
-        time,
-        "conditional_hitting_times",
-        throw,
-    )
-    return with_moved(
-        times, chain, lambda half: conditional_hitting_times(half, there, throw=False)
-    )
+    time, inside = np.where(arrives > 0, 0.0, np.inf), (arrives > 0) & ~there
+    under = conditioned(matrix, arrives)
+    times = times_until_left(under, inside, time, "conditional_hitting_times", throw)
+    return with_moved(times, chain, conditional_hitting_times, there)
 
 
 def probabilities(

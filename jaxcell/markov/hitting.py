@@ -155,14 +155,16 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     _, may_fail = prospects(matrix, there)
     time = np.where(may_fail, np.inf, 0.0)
     times = times_until_left(matrix, ~may_fail & ~there, time, "hitting_times", throw)
-    return with_moved(times, chain, lambda half: hitting_times(half, there, throw=False))
+    return with_moved(times, chain, hitting_times, there)
 
 
-def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Solution]) -> Solution:
+def with_moved(
+    solution: Solution, chain: Chain, solve: Callable[..., Solution], there: Cells
+) -> Solution:
     """Add `moved` to a solution: the change of each value if half of the samples are used."""
     if chain.half is None:
         return solution
-    value, other = solution.value, solve(chain.half).value
+    value, other = solution.value, solve(chain.half, there, throw=False).value
     moved = jnp.where(value == other, 0.0, jnp.abs(value - other))
     return dataclasses.replace(solution, moved=moved)
 

@@ -21,7 +21,7 @@ _DEPENDENT = 1e-9
 _NO_PRICE = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Linear:
     """Bounds on a linear function of the weights of a walk, which sum to 1.
 
@@ -37,33 +37,20 @@ class Linear:
     label: str
     "The name in messages and results."
     coefficients: Float[np.ndarray, "edges"]
-    lower: float = -math.inf
-    upper: float = math.inf
+    lower: float | int = -math.inf
+    upper: float | int = math.inf
+    "The bounds; equal bounds fix the value of the function."
 
-    def __init__(
-        self,
-        label: str,
-        coefficients: Any,
-        lower: float | int = -math.inf,
-        upper: float | int = math.inf,
-    ) -> None:
-        """**Arguments:**
-
-        - `label`: the name.
-        - `coefficients`: array `[edges]`.
-        - `lower`, `upper`: the bounds; equal bounds fix the value of the function.
-        """
-        row = np.array(coefficients, np.float64)
+    def __post_init__(self) -> None:
+        row, lower, upper = np.array(self.coefficients, np.float64), self.lower, self.upper
         if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
-            raise ValueError(f"{label}: expected finite coefficients, one per edge, not all 0")
+            raise ValueError(f"{self.label}: expected finite coefficients, one per edge, not all 0")
         if not lower <= upper or lower == math.inf or upper == -math.inf:
             raise ValueError(
-                f"{label}: expected a lower bound up to the upper one, got {lower:g} and {upper:g}"
+                f"{self.label}: expected a lower bound up to the upper one, got {lower:g} and "
+                f"{upper:g}"
             )
-        object.__setattr__(self, "label", label)
         object.__setattr__(self, "coefficients", row)
-        object.__setattr__(self, "lower", float(lower))
-        object.__setattr__(self, "upper", float(upper))
 
     @classmethod
     def on_visits(
@@ -79,8 +66,8 @@ class Linear:
         In a walk with weights that sum to 1, the share of time at a vertex is half the sum of the
         weights of its edges.
         """
-        given = np.asarray(coefficients, np.float64)
-        return cls(label, given[graph.edges].mean(axis=1), lower, upper)
+        of_ends = np.asarray(coefficients, np.float64)[graph.edges]
+        return cls(label, of_ends.mean(axis=1), lower, upper)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

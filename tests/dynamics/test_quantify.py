@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
-from jaxcell.dynamics.imaging import images_of_each
 from jaxcell.space import Box
 
 
@@ -71,19 +70,6 @@ def test_crossing_times_equal_cell_by_cell_times():
     assert np.unique(np.diff(found.time).round(4)).size > 4
     np.testing.assert_allclose(found.mean_time, expected.mean(), rtol=1e-5)
     assert dynamics.basin_stability(found, within=2.0)[0] == np.mean(expected <= 2)
-
-
-def test_return_times_equal_those_of_turns():
-    spiral = dynamics.section(
-        lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
-        lambda x, p: x[1],
-        lift=lambda u, p: jnp.array([u[0], 0.0]),
-        project=lambda x, p: x[:1],
-        dt=0.1,
-    )
-    time = np.empty((1, 20), np.float32)
-    images_of_each(spiral, Box([0.01], [1.01], [20]), [None], time=time)
-    np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
 
 
 def test_newtons_method_has_basins_of_wada():

@@ -5,15 +5,11 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import complete
+from random_chains import complete, random_chain
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
 from jaxcell.markov.simulation import alias, simulate_arrival
-
-
-def random_chain(cells, seed):
-    return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
 
 
 def leaving():

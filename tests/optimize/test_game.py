@@ -155,11 +155,6 @@ def test_payoffs_are_those_of_the_table():
         np.testing.assert_allclose(by_place, np.tile(expected, (10, 1)), atol=5.1e-5)
 
 
-def test_stakes_of_another_number_are_refused():
-    with pytest.raises(ValueError, match="costs: expected 8 finite numbers, one per vertex"):
-        payoffs(TABLE_4_2, Stakes(costs=np.ones(3)))
-
-
 @pytest.mark.parametrize(
     ("leader", "follower", "prior", "message"),
     [
@@ -194,15 +189,16 @@ def test_jax_arrays_are_taken():
 
 
 @pytest.mark.parametrize(
-    ("order", "message"),
+    ("order", "stakes", "message"),
     [
-        ([[0, 1, 2], [0, 1, 1]], r"order\[1\]: expected each vertex from 0 to 2 once"),
-        ([[1, 2, 3]], r"order\[0\]"),
+        ([[0, 1, 2], [0, 1, 1]], None, r"order\[1\]: expected each vertex from 0 to 2 once"),
+        ([[1, 2, 3]], None, r"order\[0\]"),
+        (TABLE_4_2, Stakes(costs=np.ones(3)), "costs: expected 8 finite numbers, one per vertex"),
     ],
 )
-def test_bad_orders_are_refused(order, message):
+def test_bad_orders_and_stakes_are_refused(order, stakes, message):
     with pytest.raises(ValueError, match=message):
-        payoffs(np.array(order))
+        payoffs(np.array(order), stakes)
 
 
 def larger(types, strategies, targets, seed=0):

@@ -328,24 +328,19 @@ def _rotation(
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root
     _, pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
-    rotation = _orthogonal(basis[pivots[: basis.shape[1]]].T)
+    rotation, _ = scipy.linalg.polar(basis[pivots[: basis.shape[1]]].T)
     for _ in range(_MAX_ROUNDS):
         turned = basis @ rotation
         small = turned - turned.clip(-shrink, shrink)
         before = rotation
-        rotation = _orthogonal(
+        # The first factor is the nearest orthogonal matrix.
+        rotation, _ = scipy.linalg.polar(
             basis.T @ (small / np.maximum(np.linalg.norm(small, axis=0), _STILL))
         )
         if np.abs(rotation - before).max() <= _STILL:
             break
     sign = np.where(np.sum(root * small, axis=0) < 0, -1.0, 1.0)
     return rotation * sign
-
-
-def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "rows rows"]:
-    """Return the orthogonal matrix nearest to a matrix."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ right
 
 
 def _densest(mass: _Functions) -> np.ndarray:
