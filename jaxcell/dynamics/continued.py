@@ -103,8 +103,8 @@ def continuation(
     matched first. A vanished attractor keeps its name, and gets it again if it reappears in its old
     place; until then it counts as merged with the attractor in whose basin it lies.
 
-    **Arguments:** as for [`jaxcell.dynamics.basins`][], with its errors; but `params` has numbers,
-    and arrays of one length for the parameters that vary. **Returns:** the basins of all members,
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that `params` has numbers, and
+    arrays of one length for the parameters that vary. **Returns:** the basins of all members,
     and the names of their attractors.
 
     A second attractor appears, and takes half of the box:

@@ -12,7 +12,7 @@ from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain
-from .hitting import cell_mask, hitting_times
+from .hitting import cell_mask, common_cells, hitting_times
 from .passage import check_steps, start_distribution, survivals
 
 
@@ -57,16 +57,8 @@ class Race:
         starts: Sequence[npt.ArrayLike | int] | Distinct,
         target: npt.ArrayLike | int,
     ) -> "Race":
-        """Check the arguments of [`first_arrival`][], with its errors, and prepare them."""
-        if not chains:
-            raise ValueError("chains: expected a chain for each robot, got none")
-        cells = chains[0].cells
-        for robot, chain in enumerate(chains):
-            if chain.cells != cells:
-                raise ValueError(
-                    f"chains: the chain of robot {robot} has {chain.cells} cells, and the chain of "
-                    f"robot 0 has {cells}"
-                )
+        """Check and prepare the arguments of [`first_arrival`][]."""
+        cells = common_cells(chains, "robot")
         # Robots that move alike share their chain, for which survival is computed once.
         different = {id(chain): chain for chain in chains}
         number = {key: k for k, key in enumerate(different)}

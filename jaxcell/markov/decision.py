@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
+from .hitting import common_cells
 
 
 # Number of sweeps with a fixed policy between two choices of a policy. The fastest number is 5 for
@@ -55,15 +56,7 @@ class DecisionModel:
         ignored.
         """
         require_x64("DecisionModel")
-        if not chains:
-            raise ValueError("chains: expected a chain for each action, got none")
-        shape = (len(chains), chains[0].cells)
-        for action, chain in enumerate(chains):
-            if chain.cells != shape[1]:
-                raise ValueError(
-                    f"chains: the chain of action {action} has {chain.cells} cells, and the chain "
-                    f"of action 0 has {shape[1]}"
-                )
+        shape = (len(chains), common_cells(chains, "action"))
         may = np.ones(shape, bool) if allowed is None else np.asarray(allowed)
         gain = np.asarray(reward, np.float64)
         for name, array, dtype in (("allowed", may, bool), ("reward", gain, np.float64)):

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import jax
@@ -116,9 +116,8 @@ def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
-    **Arguments:** as for [`absorption_probabilities`][], with its errors. **Returns:** the time for
-    each start, 0 in the groups. The residual of the certificate bounds the relative error of every
-    time.
+    **Arguments:** as for [`absorption_probabilities`][]. **Returns:** the time for each start, 0 in
+    the groups. The residual of the certificate bounds the relative error of every time.
 
     A random walk between two ends, where it stays:
 
@@ -226,6 +225,20 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
             f"a chain of {groups.group.shape[0]}"
         )
     return np.asarray(groups.group)
+
+
+def common_cells(chains: Sequence[Chain], owner: str) -> int:
+    """Return the number of cells of chains, one per `owner`; raise `ValueError` if it differs."""
+    if not chains:
+        raise ValueError(f"chains: expected a chain for each {owner}, got none")
+    cells = chains[0].cells
+    for number, chain in enumerate(chains):
+        if chain.cells != cells:
+            raise ValueError(
+                f"chains: the chain of {owner} {number} has {chain.cells} cells, and the chain of "
+                f"{owner} 0 has {cells}"
+            )
+    return cells
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:

@@ -43,8 +43,7 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
 def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    **Arguments:** as for [`hitting_matrix`][], with its errors. **Returns:** the times of Alam
-    2018, Eq. 4.3.
+    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the times of Alam 2018, Eq. 4.3.
 
     A random walk on a line of three cells:
 

@@ -36,7 +36,8 @@ class Linear:
 
     label: str
     "The name in messages and results."
-    coefficients: Float[np.ndarray, "edges"]
+    coefficients: Any
+    "The coefficient of each weight, which becomes an array `[edges]`."
     lower: float | int = -math.inf
     upper: float | int = math.inf
     "The bounds; equal bounds fix the value of the function."

@@ -104,9 +104,14 @@ def test_one_basin_has_no_critical_shock_and_no_entropy():
     assert np.isnan(dynamics.uncertainty_exponent(found)[0])
 
 
+def halves(cells):
+    """The basins of a map of both halves of a square to one point each."""
+    box = Box([-1, -1], [1, 1], [cells, cells])
+    return dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+
+
 def test_entropy_of_a_straight_boundary_is_that_of_halves():
-    box = Box([-1, -1], [1, 1], [40, 40])
-    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+    found = halves(40)
     # No box of 4 x 4 cells has both basins; the middle column of boxes of 8 x 8 cells has both.
     assert dynamics.basin_entropy(found, 4) == (0, 0)
     whole, mixed = dynamics.basin_entropy(found, 8)
@@ -115,9 +120,7 @@ def test_entropy_of_a_straight_boundary_is_that_of_halves():
 
 
 def test_smooth_boundary_has_exponent_1():
-    box = Box([-1, -1], [1, 1], [200, 200])
-    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
-    exponent, share = dynamics.uncertainty_exponent(found)
+    exponent, share = dynamics.uncertainty_exponent(halves(200))
     assert exponent == pytest.approx(1, abs=0.01)
     np.testing.assert_allclose(share[:3], [0.01, 0.02, 0.03])
 

@@ -1,13 +1,12 @@
-"""Solves on two levels, compared with dense solves, and aggregates, with shortest paths."""
+"""Solves on two levels, compared with dense solves."""
 
-import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
 from random_chains import dense_solution
 
 from jaxcell.markov.solving.solve import Limits
-from jaxcell.markov.solving.two_level import TwoLevel, aggregates
+from jaxcell.markov.solving.two_level import TwoLevel
 
 
 STEPS = Limits().rough_steps
@@ -47,25 +46,3 @@ def test_aggregates_take_half_the_products_or_less():
     # One aggregate is as good as none.
     _, alone = TwoLevel.of(matrix, STEPS, fill=1.0, most=1)(right)
     assert 2 * products <= alone
-
-
-def test_each_state_is_with_the_nearest_drawn_state():
-    random = np.random.default_rng(1)
-    step = np.triu(random.random((70, 70)) < 0.06) * random.random((70, 70))
-    # No step leads to the last five states, or from them.
-    step[-5:] = step[:, -5:] = 0
-    member = aggregates(scipy.sparse.csr_array(step)).toarray()
-    middles = np.sort(np.random.default_rng(0).choice(70, 3, replace=False))
-    graph = nx.Graph()
-    graph.add_nodes_from(range(70))
-    graph.add_weighted_edges_from(
-        (i, j, 1 / step[i, j]) for i, j in zip(*np.nonzero(step), strict=True)
-    )
-    lengths = [nx.single_source_dijkstra_path_length(graph, m) for m in middles]
-    far = np.array([[each.get(i, np.inf) for each in lengths] for i in range(70)])
-    for row, lengths in zip(member, far, strict=True):
-        nearest = np.zeros(3)
-        if np.isfinite(lengths).any():
-            nearest[lengths.argmin()] = 1
-        assert row.tolist() == nearest.tolist()
-    assert np.isfinite(far).any(axis=1).sum() > 30

@@ -124,8 +124,8 @@ def coherent_sets(
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and
     the right singular vectors are rotated by the same matrix, and cut at the same threshold.
 
-    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the sets and
-    the singular values.
+    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the sets and the singular
+    values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 
@@ -157,8 +157,8 @@ def attracting_regions(
     (Froyland, Stuart and van Sebille 2014). A region is the fewest cells with nine tenths of this
     mass.
 
-    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the basins as
-    `begin`, and the regions in them as `end`.
+    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the basins as `begin`, and
+    the regions in them as `end`.
 
     Cells 0 and 3 gather the mass of cells 1 and 2, and lose a little to each other:
 
