@@ -76,7 +76,7 @@ def attractors(
     """Find the attractors that the periodic groups of cell maps represent.
 
     A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes a group that
-    attracts nothing. So orbits of the map itself, which visit any points, start in a few cells of
+    attracts nothing. So orbits of the map itself, not of the map of cells, start in a few cells of
     each group and are followed until they have settled. Orbits that approach each other within half
     a cell are on one attractor. (The second stage of Hsu 1987 is a generalized map of cells near
     the groups. With small steps, it would spread over the whole neighbourhood of an attractor.)

@@ -82,7 +82,7 @@ class Basins(OnBox):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "`None` unless mappings differ in duration between cells. Time outside the box is not counted."
+    "Without time outside the box; `None` if the mappings of all cells have the same duration."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0

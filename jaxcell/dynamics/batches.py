@@ -30,7 +30,7 @@ def slices(size: int) -> Iterator[slice]:
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:
-    """Pad rows to a number of `size` rows, with copies of the last row."""
+    """Pad an array to `size` rows with copies of its last row."""
     return np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
 
 

@@ -42,8 +42,8 @@ def chain(
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights. By default at least 4, and
-        otherwise as many as give 16 images per cell with all nodes.
+    - `samples`: number of points of each cell, with equal weights. By default as many as give 16
+        images per cell, one per point and node, and at least 4.
     - `noise`: standard deviation of the noise, one number for all axes or one per axis.
     - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise. Each
         node is added to each image, with its weight. With `n` nodes, polynomials up to degree

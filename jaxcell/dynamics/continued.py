@@ -35,7 +35,7 @@ class Continuation(Result):
     members: list[Basins]
     "The basins for each set of parameters; a list, because a tuple adds tables to the summary."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "The name of each attractor of each member, a number; an attractor keeps its name."
+    "The name of each attractor in each member, a number that stays the same along the list."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),

@@ -84,7 +84,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if the map fails, or if its image has not the type of a point."""
+    """Raise `ValueError` if the map fails, or if its image is not a point of the same space."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)

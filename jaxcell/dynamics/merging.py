@@ -69,7 +69,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Find the half parts of cells that orbits visit. Returns their orbits and coordinates."""
+    """Find the halves of parts that orbits visit. Returns the orbit and place of each visit."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

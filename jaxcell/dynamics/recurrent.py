@@ -20,7 +20,7 @@ _PART = 1 << 8
 def grid_images(
     map: Map, params: Any, centres: np.ndarray, width: np.ndarray, samples: int, part: int
 ) -> Iterator[Float[np.ndarray, "part points axes"]]:
-    """Yield images of a grid of points of cells, from face to face, for `part` cells at a time."""
+    """Map a grid of points of cells, from face to face. Yields images of `part` cells at a time."""
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=width.size))) * width
     for k in range(0, len(centres), part):

@@ -50,8 +50,8 @@ def conditional_hitting_times(
     It is the mean over the paths that arrive. If all paths arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
-    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** the time for each start, 0 in the
-    target, and `inf` if the chain cannot arrive. The residual of the certificate bounds the
+    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** the time for each start, 0 in
+    the target, and `inf` if the chain cannot arrive. The residual of the certificate bounds the
     relative error of every finite time.
 
     A random walk between two ends, where it stays:

@@ -105,8 +105,8 @@ class Optimum:
 
     @property
     def gap(self) -> float:
-        """A bound of the error of every value, up to rounding. The policy is worth at most twice
-        this bound less than the best policy."""
+        """A bound of the error of every value, up to rounding. The value of the policy is less than
+        the largest possible value by at most twice this bound."""
         return self.certificate.residual
 
 
@@ -205,7 +205,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Iterate. Returns the value, the policy, the bound of the error, and the number of sweeps."""
+    """Sweep repeatedly. Returns values, the policy, a bound of the error, and a count of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,

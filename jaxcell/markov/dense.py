@@ -47,7 +47,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute Kemeny's constant: the expected number of steps to a random cell.
 
     The cell is drawn from the stationary distribution. If the chain starts there, the number of
-    steps is 0. It is the same for all starts.
+    steps is 0. The constant is the same for all starts.
     """
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 

@@ -188,7 +188,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and the cells from which it can fail.
+    """Find the cells from which a chain can arrive in a set, and from which it can fail to arrive.
 
     Returns two masks. `there` is the mask of the set.
     """
@@ -228,7 +228,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the number of cells of chains, one per `owner`; raise `ValueError` if it differs."""
+    """Return the number of cells of chains, one per `owner`; raise `ValueError` if they differ."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

@@ -45,7 +45,7 @@ class ShortestPath:
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
     """The certificate. Its residual is the larger of the gain in probability and the relative gain
-    in time that a change of one action would give; its iterations improve the policy."""
+    in time that a change of one action would give; its iterations are changes of the policy."""
 
 
 def stochastic_shortest_path(
@@ -164,8 +164,8 @@ class _Moves:
 def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
-    These actions stay among these cells. The cells are what is left after the repeated removal of
-    cells from which the target cannot be reached by actions that stay among the remaining cells.
+    These actions stay among these cells. The cells are found by repeated removal of cells from
+    which the target cannot be reached by actions that stay among the remaining cells.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)

@@ -15,7 +15,7 @@ class Transient:
     bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
     image in the part is not certain. A sum over the run then gives the value of the cell from that
     of the branching cell, so that only the branching cells are solved for, one in six cells of a
-    bouncing robot. Arrays and numbers of cells are those of the part.
+    bouncing robot. Except in `cells`, cells have their numbers in the part.
     """
 
     cells: Int[np.ndarray, "part"]

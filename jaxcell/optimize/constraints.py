@@ -40,7 +40,7 @@ class Linear:
     "The coefficient of each weight, which becomes an array `[edges]`."
     lower: float | int = -math.inf
     upper: float | int = math.inf
-    "The bounds; equal bounds fix the value of the function."
+    "The upper bound; if it equals the lower bound, the value of the function is fixed."
 
     def __post_init__(self) -> None:
         row, lower, upper = np.array(self.coefficients, np.float64), self.lower, self.upper
@@ -62,10 +62,10 @@ class Linear:
         lower: float | int = -math.inf,
         upper: float | int = math.inf,
     ) -> "Linear":
-        """Bound a linear function of the shares of time at the vertices, array `[vertices]`.
+        """Bound a linear function of the shares of time at vertices.
 
-        In a walk with weights that sum to 1, the share of time at a vertex is half the sum of the
-        weights of its edges.
+        `coefficients` is an array `[vertices]`. In a walk with weights that sum to 1, the share of
+        time at a vertex is half the sum of the weights of its edges.
         """
         of_ends = np.asarray(coefficients, np.float64)[graph.edges]
         return cls(label, of_ends.mean(axis=1), lower, upper)
@@ -115,7 +115,7 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints; 0 for those without effect."""
+        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
         owned = (self.owner >= 0) & (self.owner < count)
         # Without any weight it would count in whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0

@@ -194,7 +194,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
 def _balance(
     problem: SpectralProblem, forces: _Pair, pressure: _Forces
 ) -> Float[np.ndarray, "unknowns"]:
-    """Sum the forces along each edge, and on the level; if they balance, the sums are 0, and 1."""
+    """Sum the forces along each edge, 0 if they balance, and on the level, 1 if they balance."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 

@@ -161,7 +161,7 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Return the parts, after `level` halvings, of cells after one halving less."""
+    """Halve cells along each axis. Returns the numbers of the parts, after `level` halvings."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
@@ -210,7 +210,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basin at places of the finest level: that of the finest known cell around each."""
+    """Return the basin at each place: the basin of the finest known cell that contains it."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):

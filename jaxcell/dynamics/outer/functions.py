@@ -5,9 +5,9 @@ here are short series of sums, products and quotients. The number of their round
 error, whether or not a compiler merges products and sums. The ends move outward by more than this
 bound, in units of the distance to the next 64-bit number (ulp):
 
-    exp    8 ulp: errors of 2 in the remainder by log 2, and of 4 in the series of degree 14
-    log    8 ulp: errors of 2 in the quotient, of 4 in the series of degree 25, 2 in the exponent
-    sin    2^-49: errors of 3 x 2^-53 in the remainder by pi, of 2^-52 in the series of degree 21
+    exp    8 ulp: errors of 2 from the reduction by log 2, and of 4 from the series of degree 14
+    log    8 ulp: errors of 2 from the quotient, 4 from the series of degree 25, 2 from the exponent
+    sin    2^-49: errors of 3 x 2^-53 from the reduction by pi, 2^-52 from the series of degree 21
 """
 
 import math

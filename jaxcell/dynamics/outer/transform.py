@@ -1,4 +1,4 @@
-"""The interval transform: a program of JAX becomes one that encloses its values on a box.
+"""The interval transform: a program of JAX becomes a program that encloses its values on a box.
 
 The program is traced, and each of its primitives is replaced by a rule for intervals. Boxes are
 batched by `jax.vmap`, and the result is compiled by `jax.jit`, as the program itself.

@@ -87,8 +87,8 @@ def almost_invariant_sets(
         are in no set.
     - `steps`, `start`: the number of steps of the window, by default one per phase of a sequence of
         chains; the phase of the first step.
-    - `blur`: a chain of steps to neighbouring cells, for example, which follows the window in the
-        search. Without it, a single cell that is mapped to itself is a set. The leakage does not
+    - `blur`: a chain that follows the window in the search, for example of steps to neighbouring
+        cells. Without it, a single cell that is mapped to itself is a set. The leakage does not
         contain the blur.
 
     **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
