@@ -61,7 +61,7 @@ class Basins(OnBox):
         Float[np.ndarray, "attractors"],
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
-    "A check of `fraction` that does not depend on cells."
+    "The share of orbits from `starts` that end on each attractor, a check of `fraction`."
     starts: Float[np.ndarray, "starts axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "starts"]

@@ -122,14 +122,13 @@ def torn_axes(
 
     Returns these axes for each member, judged by 64 points.
     """
-    points, params, each = _anywhere(box), stacked(members), np.arange(len(members))
+    points, params = _anywhere(box), stacked(members)
+    each = [params_of(params, k) for k in range(len(members))]
     torn: list[tuple[int, ...]] = [()] * len(members)
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
         ends = np.stack([points, points])
         ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
-        image = np.asarray(
-            jax.vmap(lambda k, ends=ends: mapped_points(map, params_of(params, k), ends))(each)
-        )
+        image = np.stack([mapped_points(map, own, ends) for own in each])
         apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
         # The median ignores points from which orbits separate by rounding.
         differs = np.median(apart, axis=1) > 1e-3

@@ -1,4 +1,4 @@
-"""The attractor of each cell by the orbit of its centre, instead of by the images of cells."""
+"""The attractor of each cell, found from the orbit of its centre instead of the images of cells."""
 
 import functools
 from collections.abc import Sequence

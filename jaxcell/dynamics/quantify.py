@@ -1,4 +1,4 @@
-"""Measures of basins: stability, least fatal shocks, entropy and uncertainty exponents."""
+"""Measures of basins: stability, distances to the boundary, entropy, uncertainty exponents."""
 
 import math
 from collections.abc import Callable, Iterator

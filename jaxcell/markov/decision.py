@@ -145,7 +145,7 @@ def value_iteration(
     if not 0 < discount < 1:
         raise ValueError(
             f"discount: expected more than 0 and less than 1, got {discount}; "
-            "stochastic_shortest_path asks for the quickest arrival without a discount"
+            "without a discount, use stochastic_shortest_path, for the quickest arrival"
         )
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")

@@ -54,7 +54,7 @@ class Transient:
             if len(hops) > count.bit_length():
                 raise RuntimeError(
                     f"cell {cells[np.flatnonzero(hop < count)[0]]} is on a circuit that the chain "
-                    "never leaves: what led here was lost in rounding"
+                    "never leaves: the steps out of it were lost in rounding"
                 )
             hops.append(hop[:-1])
             hop, end = hop[hop], end[end]

@@ -90,7 +90,7 @@ class Emphasis(NamedTuple):
         return weights * np.where(self.on_tour, more, less)
 
     def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
-        """Return equal weights, multiplied twice by the square root of the gain.
+        """Return first numbers: equal weights, multiplied twice by the square roots of their gains.
 
         In trees without an emphasis, these weights are optimal.
         """

@@ -40,9 +40,8 @@ def test_rough_solve_is_near_the_dense_one(adjoint):
     assert 0 < products < 4 * STEPS
 
 
-def test_aggregates_take_half_the_products_or_less():
+def test_aggregates_keep_products_few():
     matrix, right = scipy.sparse.csr_array(eddies(60, 30)), np.ones(1800)
-    _, products = TwoLevel.of(matrix, STEPS, fill=1.0)(right)
-    # One aggregate is as good as none.
-    _, alone = TwoLevel.of(matrix, STEPS, fill=1.0, most=1)(right)
-    assert 2 * products <= alone
+    _, products = TwoLevel.of(matrix, STEPS)(right)
+    # Without aggregates, BiCGSTAB would take more than 200.
+    assert products < 100

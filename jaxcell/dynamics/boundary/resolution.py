@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate the numbers of cells along the axes at which the share `wrong` is `AGREE`."""
+    """Extrapolate the shares `wrong` to the numbers of cells along the axes for a share `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

@@ -26,7 +26,7 @@ class Folder:
             if record["made_from"] != made_from:
                 raise ValueError(
                     f"folder: {self.path} has arrays of another map, box or options; give another "
-                    "folder, or remove it"
+                    "folder, or remove this one"
                 )
             self.done = record["done"]
         self._made_from = made_from

@@ -161,6 +161,6 @@ class Samples:
             row = int(np.argmax((low > high).any(axis=1)))
             raise ValueError(
                 f"lipschitz: the samples near {at[row, 0].tolist()} contradict the bound; give a "
-                "larger one"
+                "larger bound"
             )
         return low, high
