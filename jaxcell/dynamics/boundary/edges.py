@@ -45,7 +45,7 @@ class EdgeStates:
     period: Int[np.ndarray, "edges"]
     "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
     multipliers: Complex[np.ndarray, "edges axes"]
-    "The eigenvalues of the derivative after a period, the largest first; NaN if there is no period."
+    "The eigenvalues of the derivative after a period, the largest first; NaN if the period is 0."
     orbit: Float[np.ndarray, "edges window axes"]
     "An orbit near each edge state."
 
