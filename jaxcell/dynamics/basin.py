@@ -280,7 +280,7 @@ def with_trial(map: Map, basins: Basins) -> Basins:
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Sum the durations `lasts` of mappings from each cell until it is on its group."""
+    """Sum the durations `lasts` of the mappings from each cell to its group."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))

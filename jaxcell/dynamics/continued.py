@@ -98,10 +98,10 @@ def continuation(
 ) -> Continuation:
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
-    Attractors of consecutive parameters are matched if the second lies in the basin of the first,
-    or if both are near each other, by the Hausdorff distance of their orbits. The nearest pairs are
-    matched first. A vanished attractor keeps its name, and gets it again if it reappears in its old
-    place; until then it counts as merged with the attractor in whose basin it lies.
+    An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
+    Hausdorff distance of both orbits is small. The matching with the least distances is taken. A
+    vanished attractor keeps its name, and gets it again if it reappears in its old place; until
+    then it counts as merged with the attractor in whose basin it lies.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], except that `params` has numbers, and
     arrays of one length for the parameters that vary. **Returns:** the basins of all members,
