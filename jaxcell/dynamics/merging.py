@@ -22,7 +22,7 @@ def merged(
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
     label = _linked(box, place, 2)
-    # Attractors within that distance separate at half of it, if there are enough orbits to decide.
+    # Attractors within half a cell separate at a quarter of it, if enough orbits can decide this.
     # Orbits on one large attractor are still linked.
     for k in np.flatnonzero(np.bincount(label) >= 2 * _MIN_APART):
         own = np.flatnonzero(label == k)

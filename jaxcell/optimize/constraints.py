@@ -117,7 +117,7 @@ class Room:
     ) -> Float[np.ndarray, "constraints"]:
         """Return the price of each of the first `count` constraints, 0 if it has no effect."""
         owned = (self.owner >= 0) & (self.owner < count)
-        # Without any weight it would count in whole numbers.
+        # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
 
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:

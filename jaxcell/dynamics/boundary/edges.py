@@ -154,7 +154,7 @@ def _cut(
         reached[:, 0], reached[:, -1] = labels[:, 0], labels[:, 1]
         before, after = reached[:, :-1], reached[:, 1:]
         changes = before != after
-        # A change between the same two attractors is preferred to others.
+        # A change between the same two attractors is preferred to other changes.
         same = changes & np.isin(before, labels) & np.isin(after, labels)
         changes = np.where(same.any(axis=1, keepdims=True), same, changes)
         at = changes.argmax(axis=1)

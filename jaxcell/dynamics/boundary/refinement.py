@@ -86,7 +86,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     for level in range(1, levels + 1):
         new = _halved(box, keys[-1][edge], level)
         label = _ends(map, basins, owner, visits, _centres(box, new, level))
-        # The volume of the cells is replaced by that of their parts.
+        # The volume of the parts replaces the volume of their cells.
         share = 0.5 ** (level * box.dimensions)
         volume -= share * parts * np.bincount(labels[-1][edge] + 1, minlength=volume.size)
         volume += share * np.bincount(label + 1, minlength=volume.size)
