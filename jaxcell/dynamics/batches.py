@@ -81,6 +81,6 @@ def _coarse(rows: int) -> int:
 
 
 def in_threads(compute: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
-    """Compute parts on two threads, because XLA leaves cores idle between them."""
+    """Compute parts on two threads, because XLA leaves cores idle between two parts."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(compute, parts)
