@@ -111,9 +111,9 @@ def bump_gains(
 
     `heading` is the heading of the run to the wall, and `bump_turn` the turn at 45 degrees of
     incidence. At an incidence `i` the turn is `bump_turn sin(2 i)`. A robot that grazes its wall,
-    at more than 80 degrees, slides along it, and turns by this up to `bump_turn`.
+    at more than 80 degrees, slides along it, and turns by this angle or more, up to `bump_turn`.
 
-    Returns the turn by the sine, and the largest turn.
+    Returns the turn by this formula, and the largest turn.
     """
     into = np.arctan2(-boundary.normal[wall, 1], -boundary.normal[wall, 0])
     incidence = np.remainder(into - heading + np.pi, 2 * np.pi) - np.pi

@@ -13,7 +13,7 @@ from .sets import WallSet
 
 # The largest number of stretches of a set that a trial follows. Larger sets are sampled.
 _FOLLOWED = 96
-# The length in metres that each stretch of a set counts beside its own, since it may have none.
+# The length in metres that is added to each stretch of a set, because a stretch may be a point.
 _POINT = 0.05
 # The largest number of trials that are computed together.
 _AT_ONCE = 20_000

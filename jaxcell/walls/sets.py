@@ -153,7 +153,7 @@ def turned(
     count: Int[np.ndarray, "stretches"],
     slices: int,
 ) -> WallSet:
-    """Turn robots counter-clockwise, to each of `count` slices from their slice plus `first`."""
+    """Turn robots counter-clockwise by each of `count` numbers of slices, from `first` on."""
     copy, number = copies(count)
     after = (state.slice + first)[copy] + number
     return state.take(copy)._replace(slice=after % slices).joined()
