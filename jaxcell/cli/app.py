@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _of_options(message: str, command: Any) -> str:
-    """Replace parameters by options in a message: the first word, and names in backquotes."""
+    """Replace parameters by options in a message: the first word, and words in backquotes."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _of_options(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions for which all angles are multiples of the step."""
+    """Find the least number of directions with which all angles of a command agree."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

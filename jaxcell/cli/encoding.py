@@ -11,7 +11,7 @@ _ASCII = str.maketrans({"°": " deg", "▀": "'", "▄": ".", "█": "#"})
 
 
 def allow_any_encoding() -> None:
-    """Replace characters that standard output or standard error cannot encode."""
+    """Let standard output and standard error replace the characters that they cannot encode."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors != _HANDLER:
             stream.reconfigure(errors=_HANDLER)

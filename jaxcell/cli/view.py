@@ -58,9 +58,9 @@ class View:
 
 @contextlib.contextmanager
 def shown_live(viewer: str) -> Iterator[str]:
-    """Open a viewer for a recording that is being made.
+    """Open a viewer for a recording that is being made, and yield its address.
 
-    Without a display, `here` is a web page, which is served until Ctrl-C.
+    `viewer` is an address or `here`: a window or, without a display, a page served until Ctrl-C.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")

@@ -16,9 +16,10 @@ _LEAST, _MOST = 0.5, 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """The true distance and angle of a robot per metre and radian of its encoders.
+    """Factors that correct the distances and the angles of the encoders of a robot.
 
-    Wheels wear and sink into carpets, and robots of one kind differ by a few percent.
+    They are needed because wheels wear and sink into carpets, and robots of one kind differ by a
+    few percent.
 
     A robot drove 0.98 m for 1 m, and turned by 365 degrees for 360:
 
@@ -40,7 +41,7 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Make a calibration of two measured ratios, rounded to four digits.
+        """Make a calibration from two measured ratios, rounded to four digits.
 
         **Raises:** `ValueError` for a ratio that is not from 0.5 to 2.
         """
@@ -48,7 +49,7 @@ class Calibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read a calibration from a file of `save`.
+        """Read a calibration from a file that `save` wrote.
 
         **Raises:** `ValueError`, with the file and the field; `FileNotFoundError`.
         """
@@ -64,7 +65,7 @@ class Calibration:
             raise ValueError(f"{path}: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the calibration to a file, and make the folder of the file."""
+        """Write the calibration to a file, and create the folder of the file if necessary."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
@@ -94,12 +95,10 @@ class Calibrated:
         self._robot, self._calibration = robot, calibration
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         ratio = self._calibration.distance
         return self._truly(self._robot.forward(distance / ratio, tolerance=tolerance / ratio))
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise."""
         ratio = self._calibration.angle
         return self._truly(self._robot.turn(angle / ratio, tolerance=tolerance / ratio))
 
@@ -109,9 +108,9 @@ class Calibrated:
 
 
 def calibration_file() -> Path:
-    """Get the default path of the calibration of a user's robot.
+    """Return the default path of the calibration file.
 
-    **Returns:** a path in the folder `XDG_CONFIG_HOME` of the environment, by default `~/.config`.
+    **Returns:** a path in `$XDG_CONFIG_HOME/jaxcell`, by default in `~/.config/jaxcell`.
 
         >>> from jaxcell import robot
         >>> robot.calibration_file().name

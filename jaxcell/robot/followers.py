@@ -10,18 +10,18 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The end of the run of a filter: `"cycle"` in a knowledge cycle, `"known"` there or as soon as one
-configuration is left."""
+"""The condition that ends the run of a filter: `"cycle"` for a knowledge cycle, `"known"` for a
+knowledge cycle or a single possible configuration."""
 
 
 class Follower(abc.ABC):
-    """The possible cells of a robot, updated by its observations from an unknown cell."""
+    """The possible cells of a robot that starts in an unknown cell, updated by its observations."""
 
     kind: ClassVar[str]
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     colors: list[int]
-    "The colour after each observation; empty for a belief."
+    "The colour of the filter or policy after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
     "The result of the run, or `None` before its end."
 
@@ -40,7 +40,7 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def turn(self) -> int | None:
-        """The number of the angle by which the robot must turn now, or `None`."""
+        """The index of the bouncing angle by which the robot must turn now, or `None`."""
 
     @property
     @abc.abstractmethod
@@ -50,16 +50,16 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields that the log has for the last observation."""
+        """The fields that describe the state after the last observation in the log."""
 
     @property
     def localized(self) -> str:
-        """The reason of an outcome "localized", as a sentence."""
+        """A sentence that explains the result `"localized"`."""
         return f"localized to {self.places} after {len(self.observations)} observations"
 
     @property
     def refuted(self) -> str:
-        """The reason of an outcome "refuted", as a sentence."""
+        """A sentence that explains the result `"refuted"`."""
         return (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
             f"occur in the map of the {self.kind} after those before it: the map is another, or "
@@ -94,7 +94,7 @@ class FilterFollower(Follower):
     kind = "filter"
 
     def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """Put the filter at its start; `until` is the end of the run, `"known"` or `"cycle"`."""
+        """Start the filter; `until` is the condition that ends the run."""
         super().__init__()
         self._filter, self._state, self._until = filter, filter.start(), until
 
@@ -135,7 +135,7 @@ class FilterFollower(Follower):
 
 
 class PolicyFollower(Follower):
-    """The state of a localization policy, which chooses the angle at each bump, during a run."""
+    """The state of a localization policy during a run; it chooses the angle at each bump."""
 
     kind = "policy"
 
@@ -173,7 +173,7 @@ class PolicyFollower(Follower):
 
 
 class BeliefFollower(Follower):
-    """The belief of a robot that slips, during a run.
+    """The belief about the configuration of a slipping robot during a run.
 
     The robot is localized when the credible set has at most four configurations. The map is refuted
     when the probability that the robot is nowhere on it exceeds 0.99.
@@ -242,9 +242,9 @@ def run_follower(
 
     - `walker`: a robot at the centre of an unknown cell.
     - `follower`: a follower without observations.
-    - `bounces`: the bouncing angles that it chooses from, or the angle of a filter, in radians
-        counter-clockwise.
-    - `log`: the log.
+    - `bounces`: the bouncing angles that the follower chooses from, or the angle of a filter, in
+        radians counter-clockwise.
+    - `log`: the log, to which each observation is written at once.
     - `limit`: the largest number of observations.
 
     **Returns:** the outcome.

@@ -17,7 +17,7 @@ class PatrolOutcome(RunOutcome):
     """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
-    "The drawn positions that the robot reached, in order."
+    "The positions that were drawn as goals and reached, in order."
     obstacles: tuple[tuple[int, int], ...] = ()
     "The position and direction, 0 East to 3 South, of each bump where the map has free space."
     position: int = -1
@@ -29,9 +29,9 @@ class PatrolOutcome(RunOutcome):
 class Patrol:
     """The state of a robot on its patrol, updated by its steps.
 
-    The policy draws the next cell, and the robot goes there by wave routing. A way on which it
-    bumps is closed, and the robot takes another way. Because the obstacle may have been another
-    robot, all ways are opened again when none of the cells to draw can be reached. The number of
+    The policy draws the next cell, and the robot goes there by wave routing. After a bump, the step
+    is closed, and the robot takes another path. Because the obstacle may have been another robot,
+    all steps are opened again when none of the possible next cells can be reached. The number of
     bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
 
     A patrol between the ends of a corridor without obstacles:
@@ -98,7 +98,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Update the patrol by a step in the direction `way`, which bumped or not."""
+        """Update the patrol by a step in the direction `way`, and whether it bumped."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -126,7 +126,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, with the state of the memory, among the cells in reach."""
+        """Draw the next cell, and the next state of the memory, among the cells in reach."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0
@@ -180,8 +180,8 @@ def run_patrol(
 
     - `walker`: the robot, at the centre of its first cell, with 4 directions and steps of one cell.
     - `patrol`: the patrol, which chooses each step.
-    - `look`: called with each position that the robot reaches, also on its way. It returns `None`,
-        or a JSON value, which is reported as an intruder and ends the patrol.
+    - `look`: a function of each position that the robot reaches. It returns `None`, or a JSON value
+        that is reported as an intruder and ends the patrol.
     - `log`: the log, to which each observation is written at once.
 
     **Returns:** the outcome.
@@ -224,8 +224,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
     **Returns:** the outcome of the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
-    because it is the log of another policy.
+    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere than
+    the policy, because it is the log of another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 

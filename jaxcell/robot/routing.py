@@ -85,10 +85,10 @@ def next_way(
     position: int,
     ahead: int,
 ) -> int:
-    """Choose the direction of the next step toward the goal of a wave.
+    """Choose the direction of the next step on a shortest path.
 
-    The robot goes straight ahead if this leads nearer to the goal, because turns take time and cost
-    precision; else in the first of the four directions that leads nearer. It must not be at the
+    `distance` is the result of [`wave`][] for the goal. If several steps lead nearer to the goal,
+    the robot goes straight ahead, because turns take time and cost precision. It must not be at the
     goal, and a path to the goal must exist.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
@@ -101,7 +101,7 @@ def route(
     """Find a shortest path through a grid (Lee 1961).
 
     **Arguments:** the steps of [`grid_steps`][], the positions of the start and the goal, and the
-    direction of the robot at the start. The robot goes straight ahead where this leads nearer.
+    direction of the robot at the start. The robot goes straight ahead if this leads nearer.
     **Returns:** the direction of each step, 0 East, 1 North, 2 West or 3 South.
 
     **Raises:** `ValueError` if a position does not exist, or no path leads to the goal.

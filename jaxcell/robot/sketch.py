@@ -21,11 +21,11 @@ from .tasks.files import FilterTask, PolicyTask
 
 
 FLASH = 32256
-"""The bytes of flash of an Arduino Uno for a sketch and its libraries."""
+"""The flash memory of an Arduino Uno that is free for a program, in bytes."""
 
 PROGRAM_BYTES = 15_000
-"""The bytes of flash of a sketch without its tables: 12 to 14 kB by GCC 5.4 and the Arduino core
-1.8.7."""
+"""An upper bound of the size of a program without its tables, in bytes. GCC 5.4 and the Arduino
+core 1.8.7 make 12 to 14 kB of it."""
 
 _TEMPLATE = Path(__file__).with_name("sketch.ino.in")
 
@@ -52,14 +52,14 @@ def filter_sketch(
     - `task`: the filter, with its cells and bouncing angle.
     - `direction`: the number of the direction of the robot at the start; `None` if it is unknown.
         See [`jaxcell.robot.Walker`][].
-    - `flash`: the bytes of flash of the board.
+    - `flash`: the flash memory of the board, in bytes.
     - `machine`: a smaller machine with the default output of the filter or policy, which runs in
         its place; see [`jaxcell.automata.fewest_bytes`][].
 
     **Returns:** the text of the program.
 
-    **Raises:** `ValueError` if the tables are too large; or, with a direction, if it does not exist
-    or a bouncing angle is not a whole number of directions.
+    **Raises:** `ValueError` if the tables are too large, if the direction does not exist, or if the
+    direction is known and a bouncing angle leads between two directions.
 
     The filter of a robot that goes to cell 0 of three cells and stays there:
 
@@ -233,7 +233,7 @@ def policy_table_bytes(policy: Policy) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise `ValueError` if a direction does not exist, or an angle leads between directions."""
+    """Raise if a known direction does not exist, or a bouncing angle leads between directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
@@ -311,7 +311,7 @@ def _fill(
 
 
 def _float(value: float) -> str:
-    """Write a literal of C, as a float because an AVR has no doubles."""
+    """Write a number as a `float` literal of C, because an AVR has no doubles."""
     return f"{float(value)!r}f"
 
 

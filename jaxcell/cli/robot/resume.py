@@ -21,7 +21,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 def run_before(log: Path, task: AnyTask) -> LoggedRun:
-    """Read the log of the run to resume."""
+    """Read the log of the run to resume, and check that it is an unfinished run of the task."""
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)

@@ -28,7 +28,7 @@ def runner_of(
     direction: int | None,
     before: LoggedRun | None,
 ) -> Runner:
-    """Choose the function that runs a task, and write the header of its log."""
+    """Return the header of the log of a task, and the function that runs the task."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
         if getattr(options, name) not in (None, "known") and header["kind"] != kind:

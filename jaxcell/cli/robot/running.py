@@ -203,7 +203,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Give the robot its source of distances: encoders, calibration, or clock."""
+        """Wrap a robot by its source of distances: encoders, calibrated encoders, or a clock."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":

@@ -144,7 +144,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """Return all parameters of a member, including those that all members share."""
+    """Return all parameters of a member, including the parameters that all members share."""
     own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
     return {**spec.fixed, **own}
 

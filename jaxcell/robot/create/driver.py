@@ -29,11 +29,11 @@ _D = TypeVar("_D", bound="Driver")
 _UNARMED = "it is not armed"
 
 TICK = 0.1
-"""The seconds between two repetitions of the speeds by a driver."""
+"""The seconds after which a driver sends the speeds of the wheels again."""
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
-    """The error that reports that the driver has stopped the wheels, and why."""
+    """Raised because the driver has stopped the wheels; the message has the reason."""
 
 
 class Driver:
@@ -86,7 +86,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot: a device, or an address of pySerial such as `socket://host:port`.
+        """Open the line to a robot: a device, or a URL of pySerial such as `socket://host:port`.
 
         **Raises:** `OSError` if the line does not exist, or another process uses it.
         """
@@ -186,7 +186,7 @@ class Driver:
             self._write(_STILL)
 
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        """Wait for a newer reading. The caller will not change the speeds for `steady` seconds."""
+        """Wait for a newer reading. The speeds will not change for the next `steady` seconds."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
@@ -226,7 +226,7 @@ class Driver:
         )
 
     def _greet(self) -> bool:
-        """Open the interface in mode Passive, and start the stream. Returns true if it works."""
+        """Open the interface in mode Passive, and start the stream. Returns true if it arrives."""
         # The robot needs a moment to change its mode.
         for command in (_HALT + STOP, START):
             with self._news:

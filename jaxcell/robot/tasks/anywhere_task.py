@@ -16,20 +16,20 @@ KIND = "anywhere"
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereTask(Task):
-    """The task of a robot that starts anywhere, and is localized or comes to a goal."""
+    """The task of a robot that starts at an unknown pose, to localize itself or reach a goal."""
 
     workspace: Workspace
     bounces: tuple[float, ...]
-    "The angles to choose from, in radians."
+    "The bouncing angles to choose from, in radians."
     headings: int | None
-    "The number of headings that the robot may start with; `None` for any heading."
+    "The number of equally spaced headings that are possible at the start; `None` for any heading."
     slices: int
-    "The number of slices of headings of the filter."
+    "The number of intervals into which the filter divides the headings."
     errors: Errors
     counted: float
-    "The length of the steps that the robot counts, in metres; 0 if it measures its runs."
+    "The length of a step, in metres, if the robot counts its steps; 0 if it measures its runs."
     known: float
-    "The radius of the possible places within which the robot is localized, in metres."
+    "The robot counts as localized if its possible places lie within this radius, in metres."
     goal: tuple[float, float] | None
     "The centre of the goal region in metres; `None` without a goal."
     goal_radius: float
@@ -40,7 +40,7 @@ class AnywhereTask(Task):
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
-        """The filter of the room, the bouncing angles and the goal of the robot."""
+        """The settings of this task for [`jaxcell.robot.run_anywhere`][]."""
         filter = WallFilter.of(
             self.workspace,
             headings=self.headings,
@@ -63,7 +63,7 @@ class AnywhereTask(Task):
 
 
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
-    """Write the task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
+    """Write the task of a robot that starts at an unknown pose to a file.
 
     `fields` are `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
     `counted_m` and `known_m`; with a goal `goal_m` and `goal_radius_m`, else `aim` and `ahead`.
@@ -80,7 +80,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts anywhere.
+    """Read the task of a robot that starts at an unknown pose.
 
     **Raises:** `ValueError`, with the file and the field.
     """

@@ -32,7 +32,7 @@ class FilterTask(Task):
         return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
-        """Put the filter at its start."""
+        """Start the filter."""
         return FilterFollower(self.filter, until)
 
 
@@ -42,7 +42,7 @@ class _Choice(Task):
 
     kind: ClassVar[str]
     bounces: tuple[float, ...]
-    "The angles to choose from, in radians."
+    "The bouncing angles to choose from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
@@ -58,19 +58,19 @@ class PolicyTask(_Choice):
     policy: Policy
 
     def follower(self) -> Follower:
-        """Put the policy at its start."""
+        """Start the policy."""
         return PolicyFollower(self.policy)
 
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """The task of a robot that slips, and is localized by a belief with one or more angles."""
+    """The task of a slipping robot that is localized by a belief."""
 
     kind: ClassVar[str] = "belief"
     belief: Belief
 
     def follower(self) -> Follower:
-        """Put the belief at its start."""
+        """Start the belief."""
         return BeliefFollower(self.belief)
 
 
@@ -104,6 +104,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Arguments:**
 
     - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
+        `anywhere.json` of `jaxcell localize` or `navigate` with `--anywhere --out`, the
         `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
         `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: the number of the robot in a team or patrol, by default the first robot.
@@ -113,7 +114,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Raises:** `ValueError`, with the file and the field, if the file is not a task or has no such
     robot or no plan; `FileNotFoundError`.
 
-    The part of a robot of a team:
+    The task of the only robot of a team:
 
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot

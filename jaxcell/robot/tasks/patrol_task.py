@@ -22,16 +22,16 @@ class PatrolTask(Task):
     """The task of a robot that patrols the cells of a map by a random walk."""
 
     robot: int
-    "The number of the robot."
+    "The index of this robot."
     robots: int
-    "The number of robots."
+    "The number of robots on patrol."
     cells: CellSpace
     "The squares of the map, with the four directions in which the robot drives."
     closed: tuple[tuple[int, int], ...]
     "The steps that a wall between two free squares blocks: a position, and 0 East to 3 South."
     image: Int[np.ndarray, "branches states"]
-    """The possible next states of each state. A state is a position; or for a robot with memory a
-    state of the memory and a position, in which the position varies fastest."""
+    """The possible next states of each state. A state is a position or, for a robot with memory,
+    `memory * positions + position`."""
     probability: Float[np.ndarray, "branches states"]
     "The probability of each next state."
     start: int
@@ -57,14 +57,13 @@ def save_patrols(
     reach: float,
     **about: Any,
 ) -> None:
-    """Write the walks of robots on a map, for [`jaxcell.robot.load_task`][].
+    """Write the random walks of robots on a map to a file for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 
     - `path`: the file, which is replaced if it exists.
     - `cells`: the cell space of a map; its directions have no effect.
-    - `walks`: the `image` and `probability` of the chain of each robot, as of a
-        `jaxcell.mapping.Chain`, on positions, or on pairs as in
+    - `walks`: the `image` and `probability` of the walk of each robot, as in
         [`PatrolTask`][jaxcell.robot.PatrolTask].
     - `starts`: the position of each robot at the start.
     - `reach`: the range of sight of a robot, in metres.

@@ -20,7 +20,7 @@ _MAX_DIRECTIONS = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """The task of a robot from a file, with the sizes of its map."""
+    """Base class of the tasks of robots, which are read from files."""
 
     path: Path
     cell: float
@@ -34,7 +34,7 @@ class Task:
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
-        """The ends of steps; see [`jaxcell.robot.cell_strides`][]. `None` without cells."""
+        """The [`jaxcell.robot.cell_strides`][] of the map; `None` for a task without cells."""
         return cell_strides(self.directions, self.cell, self.step)
 
     @property
