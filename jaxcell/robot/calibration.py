@@ -41,18 +41,12 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Make a calibration from two measured ratios, rounded to four digits.
-
-        **Raises:** `ValueError` for a ratio that is not from 0.5 to 2.
-        """
+        """Make a calibration from two measured ratios, rounded to four digits."""
         return cls(round(distance, 4), round(angle, 4))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read a calibration from a file that `save` wrote.
-
-        **Raises:** `ValueError`, with the file and the field; `FileNotFoundError`.
-        """
+        """Read a calibration from a file that `save` wrote."""
         path = Path(path)
         check_file(path, "a calibration")
         try:
@@ -74,22 +68,7 @@ class Calibration:
 
 
 class Calibrated:
-    """A robot whose distances and angles are corrected by a calibration.
-
-    A robot whose wheels slip by 2 %:
-
-        >>> from jaxcell import robot
-        >>> class Slipping:
-        ...     def forward(self, distance, *, tolerance):
-        ...         print(f"by its encoders {distance:.3f} m")
-        ...         return robot.Moved(distance, 0.0, False)
-        ...     def turn(self, angle, *, tolerance):
-        ...         return robot.Moved(0.0, angle, False)
-        >>> calibrated = robot.Calibrated(Slipping(), robot.Calibration(distance=0.98))
-        >>> calibrated.forward(0.5, tolerance=0.004).distance
-        by its encoders 0.510 m
-        0.5
-    """
+    """A robot whose distances and angles are corrected by a calibration."""
 
     def __init__(self, robot: Drivable, calibration: Calibration) -> None:
         self._robot, self._calibration = robot, calibration

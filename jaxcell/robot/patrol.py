@@ -33,17 +33,6 @@ class Patrol:
     is closed, and the robot takes another path. Because the obstacle may have been another robot,
     all steps are opened again when none of the possible next cells can be reached. The number of
     bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
-
-    A patrol between the ends of a corridor without obstacles:
-
-        >>> from jaxcell import examples, robot
-        >>> task = examples.patrol_task()
-        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
-        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
-        >>> while (way := patrol.next()) is not None:
-        ...     patrol.observe(way, bumped=False)
-        >>> patrol.outcome().visited, patrol.outcome().result
-        ((2, 0), 'patrolled')
     """
 
     def __init__(
@@ -61,8 +50,6 @@ class Patrol:
 
         The patrol ends after `visits` visits to drawn cells, `most_bumps` bumps, or `limit` steps.
         With the same seed, the robots of a team still draw different cells.
-
-        **Raises:** `ValueError` for a number out of range.
         """
         for name, value in (("visits", visits), ("most_bumps", most_bumps), ("limit", limit)):
             if value < 1:

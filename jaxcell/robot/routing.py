@@ -20,8 +20,6 @@ def grid_steps(
     **Returns:** a row for each of the four directions. The positions are the free squares, counted
     row by row, as in [`jaxcell.space.CellSpace`][].
 
-    **Raises:** `ValueError` if a position or a direction does not exist.
-
     Two free squares, one above the other:
 
         >>> import numpy as np
@@ -56,8 +54,6 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
     A wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
     [`grid_steps`][], and the position of the goal. **Returns:** the number of steps; -1 if the goal
     cannot be reached.
-
-    **Raises:** `ValueError` if the goal does not exist.
 
     A row of four squares; between the last two there is a wall:
 
@@ -104,7 +100,7 @@ def route(
     direction of the robot at the start. The robot goes straight ahead if this leads nearer.
     **Returns:** the direction of each step, 0 East, 1 North, 2 West or 3 South.
 
-    **Raises:** `ValueError` if a position does not exist, or no path leads to the goal.
+    **Raises:** `ValueError` if no path leads to the goal.
 
     Around the blocked middle of three times three squares, for a robot that faces North:
 

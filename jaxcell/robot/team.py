@@ -131,10 +131,7 @@ def save_team(
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """Read the task of a robot from the file of a team.
-
-    **Raises:** `ValueError`, with the file and the field.
-    """
+    """Read the task of a robot from the file of a team."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     x, y, heading = own.numbers("start", (3,), whole=False).tolist()

@@ -79,9 +79,6 @@ class Walker:
         - `tolerance`, `turn_tolerance`: the largest errors by the encoders that are not corrected,
             in metres and in radians. The default `tolerance` is 4 mm, or 0.4 % of a step below 1 m,
             but at least 1 mm, the shortest drive of the wheels.
-
-        **Raises:** `ValueError` for a step or a tolerance that is not positive, or for a direction
-        that does not exist.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)

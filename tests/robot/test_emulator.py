@@ -11,7 +11,7 @@ import pytest
 from waiting import wait_until as until
 
 from jaxcell.robot.create import open_interface as oi
-from jaxcell.robot.create.packets import METRES_PER_COUNT, Contact, Mode, decode, size
+from jaxcell.robot.create.packets import METRES_PER_COUNT, Contact, Mode, layout, members
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.space import Workspace
@@ -52,10 +52,11 @@ class Host:
         def whole() -> bool:
             nonlocal answer
             answer += self.read()
-            return len(answer) >= size(ids)
+            return len(answer) >= layout(ids).size
 
         until(whole)
-        return decode(ids, answer)
+        names = (packet.name for packet in members(ids))
+        return dict(zip(names, layout(ids).unpack(answer), strict=True))
 
     def frames(self, count: int) -> list[dict[str, int]]:
         parser, frames = oi.StreamParser(IDS), []
@@ -240,7 +241,7 @@ def test_time_waits_for_a_host_that_does_not_read():
         # 0.3 s of the clock would be 300 s of the robot.
         assert robot.seconds < 30
         # A frame has three bytes, the numbers of its packets and their data.
-        assert len(host.read()) == 3 + len(IDS) + size(IDS)
+        assert len(host.read()) == 3 + len(IDS) + layout(IDS).size
         assert host.frames(200)
 
 

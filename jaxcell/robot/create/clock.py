@@ -51,8 +51,6 @@ class ByClock:
         - `clock`, `sleep`: functions that return the time and wait, in seconds. An emulated robot
             has its own time.
         - `pause`: the seconds for which the robot stands still after each motion.
-
-        **Raises:** `ValueError` for a speed that is not positive, or that the wheels cannot reach.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
             if not 0 < value <= most:

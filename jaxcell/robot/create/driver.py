@@ -86,10 +86,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot: a device, or a URL of pySerial such as `socket://host:port`.
-
-        **Raises:** `OSError` if the line does not exist, or another process uses it.
-        """
+        """Open the line to a robot: a device, or a URL of pySerial such as `socket://host:port`."""
         return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
@@ -143,10 +140,7 @@ class Driver:
         raise RobotStopped("it does not go to mode Safe")
 
     def sensors(self) -> Reading:
-        """Get the latest reading.
-
-        **Raises:** [`RobotStopped`][] if it is older than `patience`.
-        """
+        """Get the latest reading. Raises [`RobotStopped`][] if it is older than `patience`."""
         with self._news:
             reading = self._reading
             if reading is None or self._now() - reading.time > self._patience:
@@ -164,8 +158,7 @@ class Driver:
 
         **Returns:** whether the robot drives: `False` after a bump.
 
-        **Raises:** [`RobotStopped`][] if the robot is not armed; `ValueError` for a speed out of
-        range.
+        **Raises:** [`RobotStopped`][] if the robot is not armed.
         """
         wheels = wheel_speeds(right=right, left=left)
         with self._news:

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from .packets import chosen, codes, members, size
+from .packets import chosen, layout, members
 
 
 BAUD = 115200
@@ -49,10 +49,7 @@ _DATA_BYTES = {
 
 
 def drive_direct(*, right: int, left: int) -> bytes:
-    """Encode the command that sets the speed of each wheel, from -500 to 500 mm/s.
-
-    **Raises:** `ValueError` for a speed out of range.
-    """
+    """Encode the command that sets the speed of each wheel, from -500 to 500 mm/s."""
     for name, speed in (("right", right), ("left", left)):
         if not -MAX_SPEED <= speed <= MAX_SPEED:
             raise ValueError(f"{name} = {speed}: expected -{MAX_SPEED} to {MAX_SPEED}")
@@ -164,14 +161,6 @@ class CommandParser:
 
     Like the robot, it waits for missing bytes of data, so that a truncated command takes the bytes
     of the next command. A byte that is not an opcode is skipped.
-
-    A command that arrives in two pieces:
-
-        >>> from jaxcell import robot
-        >>> from jaxcell.robot.create.open_interface import drive_direct
-        >>> parser, data = robot.CommandParser(), drive_direct(right=200, left=-100)
-        >>> parser.feed(data[:2]), [command.words for command in parser.feed(data[2:])]
-        ([], [(200, -100)])
     """
 
     def __init__(self) -> None:
@@ -223,7 +212,8 @@ class _FrameLayout:
     @functools.lru_cache
     def of(cls, ids: tuple[int, ...]) -> "_FrameLayout":
         members(ids)
-        sizes = [size([id_]) for id_ in ids]
+        layouts = [layout([id_]) for id_ in ids]
+        sizes = [each.size for each in layouts]
         length = sum(sizes) + len(ids)
         if not 0 < length <= 169:
             raise ValueError(
@@ -232,7 +222,7 @@ class _FrameLayout:
             )
         body = b"".join(bytes([id_, *[0] * n]) for id_, n in zip(ids, sizes, strict=True))
         known = b"".join(bytes([255, *[0] * n]) for n in sizes)
-        values = "".join(f"x{codes([id_])}" for id_ in ids)
+        values = "".join(f"x{each.format[1:]}" for each in layouts)
         return cls(
             bytes([HEADER, length]) + body + bytes(1),
             bytes([255, 255]) + known + bytes(1),

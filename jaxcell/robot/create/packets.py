@@ -145,10 +145,7 @@ GROUPS: Mapping[int, range] = {
 
 @functools.lru_cache
 def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
-    """List the packets in the answer to a request for packets and groups, in order.
-
-    **Raises:** `ValueError` for a number that is neither a packet nor a group.
-    """
+    """List the packets in the answer to a request for packets and groups, in order."""
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -159,14 +156,9 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
     return tuple(packets)
 
 
-def size(ids: Iterable[int]) -> int:
-    """Count the bytes of data in the answer to a request for packets and groups."""
-    return sum(packet.size for packet in members(tuple(ids)))
-
-
-def codes(ids: Iterable[int]) -> str:
-    """Return the format of the answer for the module `struct`, without the byte order."""
-    return "".join(packet.code for packet in members(tuple(ids)))
+def layout(ids: Iterable[int]) -> struct.Struct:
+    """Return the format of the data in the answer to a request for packets and groups."""
+    return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
@@ -177,7 +169,7 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
     **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
     ids = tuple(ids)
-    return struct.pack(">" + codes(ids), *chosen(ids, values))
+    return layout(ids).pack(*chosen(ids, values))
 
 
 def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:

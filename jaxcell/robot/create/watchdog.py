@@ -71,8 +71,6 @@ class Watchdog:
 
         The watchdog writes the bytes `pause` whenever the driver is silent for `patience` seconds,
         and `farewell` when the driver has ended.
-
-        **Raises:** `OSError` if the process does not start.
         """
         command = (sys.executable, "-I", "-S", os.path.abspath(__file__))
         words = (str(line), pause.hex(), farewell.hex(), str(patience))

@@ -80,8 +80,6 @@ class Body:
 
         The radius of the body is the `robot_radius` of the map, 0 for a point. The bumper is pushed
         in by `give` metres before the wall stops the body.
-
-        **Raises:** `ValueError` if the body would be in a wall, or for a negative `give`.
         """
         if not (math.isfinite(give) and give >= 0):
             raise ValueError(f"give: expected a finite number from 0, got {give!r}")

@@ -62,9 +62,6 @@ class PhysicsBody:
         - `rng`: the random generator for the radii of the wheels.
         - `leaps`: if true, a robot that rolls steadily far from walls is moved in closed form,
             instead of by many steps of the engine.
-
-        **Raises:** `ValueError` if the body would be in a wall; `ModuleNotFoundError` without
-        MuJoCo.
         """
         self.physics = physics or Physics()
         place, free = shapely.Point(pose[:2]), workspace.environment

@@ -80,10 +80,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts at an unknown pose.
-
-    **Raises:** `ValueError`, with the file and the field.
-    """
+    """Read the task of a robot that starts at an unknown pose."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     errors, bounces = fields.get("errors"), angles(path, fields, "bounces_deg", "anywhere", 1)

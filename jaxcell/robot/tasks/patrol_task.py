@@ -108,10 +108,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read the task of a robot from the file of a patrol.
-
-    **Raises:** `ValueError` that names the field.
-    """
+    """Read the task of a robot from the file of a patrol."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     common = common_fields(path, fields)
