@@ -2,7 +2,6 @@ import json
 import math
 import re
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from rerun.chunk import RrdReader
 from robot_files import LAB, SPEC, run, simulated
 from wheels import bounce_filter, bounce_tables, map_cells, pose_of
 
-from jaxcell.cli import app, main
+from jaxcell.cli import app
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
 from jaxcell.cli.robot.outcome import show
@@ -194,47 +193,6 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     shown = capsys.readouterr().out
     assert "0 (0.5 m, 0.5 m, 0°)" in shown
     assert "5000, of another map" in shown
-
-
-def test_a_stopped_run_can_be_resumed(filter_file, tmp_path, capsys, monkeypatch):
-    _, whole = run(simulated(filter_file, start="70", heading=135.0), capsys)
-    assert len(whole["observations"]) > 4
-
-    def lifted(robot, distance, forward=Create.forward, **fields):
-        lifted.left -= 1
-        if lifted.left < 0:
-            raise RobotStopped("a wheel hangs in the air")
-        return forward(robot, distance, **fields)
-
-    lifted.left = 3
-    with monkeypatch.context() as patched:
-        patched.setattr(Create, "forward", lifted)
-        code = simulated(filter_file, start="70", heading=135.0, out=tmp_path / "one").run()
-    said = capsys.readouterr()
-    log = tmp_path / "one" / "run.jsonl"
-    command = said.err.splitlines()[-1]
-    assert said.err.splitlines()[-2] == "To resume:"
-    before = json.loads(said.out)
-    assert (code, before["result"]) == (1, "stopped")
-    count = len(before["observations"])
-    assert 0 < count < len(whole["observations"])
-
-    words = shlex.split(command)
-    assert Path(words[0]).name == "jaxcell"
-    code = main(words[1:])
-    said = capsys.readouterr()
-    found = json.loads(said.out)
-    assert code == 0
-    for name in ("result", "observations", "colors", "cells", "reason"):
-        assert found[name] == whole[name]
-    # It stands where the model has it after the last whole step.
-    assert found["emulated"]["start"] == model_run(45, 70, count)[0]
-    assert found["emulated"]["truth_is_a_candidate"] is True
-    assert "The robot must stand " in said.err
-    first, second = (read_log(tmp_path / name / "run.jsonl").header for name in ("one", "one-2"))
-    assert second["resumed"]["log"] == str(log)
-    assert second["resumed"]["observations"] == count
-    assert second["pose"] == first["pose"]
 
 
 def test_logs_of_another_task_cannot_be_resumed(filter_file, tmp_path):

@@ -262,13 +262,6 @@ def test_wrong_speeds_and_distances_are_refused(robot):
                 call()
 
 
-def test_a_motion_that_takes_too_long_is_stopped(robot):
-    with armed(robot) as create:
-        with pytest.raises(RobotStopped, match="are left after"):
-            create.forward(0.5, timeout=0.2)
-        eventually(lambda: robot.wheels == (0, 0))
-
-
 # A shell ignores signals in processes that it starts in the background, unlike a terminal.
 DRIVING = """
 import signal, sys, time
