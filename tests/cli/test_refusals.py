@@ -160,12 +160,16 @@ robot run a.jxf
     expected one of --port, --ros or --simulate
 robot run a.jxf --simulate @lab_a --physics --noise 0.1
     --noise: it has an effect only with --simulate and without --physics
+robot run a.jxf --ros base --steps clock
+    --steps: it has an effect only without --ros
+robot run a.jxf --ros base --port x
+    --ros: it has an effect only without --port
+robot run a.jxf --port x --remap a
+    --remap: it has an effect only with --ros
 robot run a.jxf --simulate @lab_a --speed 0.7
     --speed: expected more than 0 and at most 0.5, got 0.7
 robot run filter.jxf --simulate @lab_a
     ...because the steps of filter.jxf differ between directions...
-robot run plan.json --port none
-    ...because the steps of plan.json differ between directions...
 robot run filter.jxf --simulate @lab_a --heading 30
     --heading 30: expected a multiple of the 45 degrees...
 robot run filter.jxf --simulate @lab_a --heading inf
@@ -186,10 +190,6 @@ robot run patrol.json --simulate @lab_b --camera . --intruder 1,1
     --camera: it has an effect only without --intruder
 robot sketch
     expected one of FILE or --bounce
-robot sketch filter.jxf --heading 10
-    --heading 10: expected a multiple of the 45 degrees...
-robot sketch filter.jxf
-    ...because the steps of filter.jxf differ between directions...
 robot sketch plan.json
     plan.json: expected a filter...
 robot sketch --bounce 90

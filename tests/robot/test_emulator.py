@@ -170,21 +170,16 @@ def test_danger_ends_mode_safe(danger):
         assert host.ask(7, 12, 34)[danger]
 
 
-def test_mode_full_ignores_danger():
+@pytest.mark.parametrize(
+    ("mode", "speed"), [(FULL, 50), (oi.SAFE, -50)], ids=["mode full", "a cliff behind"]
+)
+def test_danger_is_ignored_in_mode_full_and_a_cliff_in_a_backward_drive(mode, speed):
     with emulated() as (robot, host):
         robot.cliffs.add("cliff_left")
-        robot.charger = True
-        host.send(oi.START, FULL, oi.drive_direct(right=50, left=50))
-        until(lambda: robot.pose[0] > 1.01)
-        assert robot.mode is Mode.FULL
-
-
-def test_a_cliff_behind_is_not_seen():
-    with emulated() as (robot, host):
-        robot.cliffs.add("cliff_left")
-        host.send(oi.START, oi.SAFE, oi.drive_direct(right=-50, left=-50))
-        until(lambda: robot.pose[0] < 0.99)
-        assert robot.mode is Mode.SAFE
+        robot.charger = mode == FULL
+        host.send(oi.START, mode, oi.drive_direct(right=speed, left=speed))
+        until(lambda: abs(robot.pose[0] - 1) > 0.01)
+        assert robot.mode is (Mode.FULL if mode == FULL else Mode.SAFE)
 
 
 def test_the_battery_drains_and_dies():

@@ -344,13 +344,6 @@ def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind
     assert int(LAB.index(*world.body.pose)) in result["cells"]
     assert len(world.published["candidates"]) == len(result["observations"])
     assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
-    assert main([*words, "--steps", "clock"]) == 2
-    assert main([*words, "--port", "/dev/ttyUSB0"]) == 2
-    assert main(["robot", "run", str(path), "--port", "x", "--remap", "a"]) == 2
-    errors = capsys.readouterr().err
-    assert "--steps: it has an effect only without --ros" in errors
-    assert "--ros: it has an effect only without --port" in errors
-    assert "--remap: it has an effect only with --ros" in errors
 
 
 def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
