@@ -29,7 +29,7 @@ class AnywhereSettings:
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot counts as localized if its extent is at most twice this radius, in metres."
+    "The robot is localized if its possible places have an extent of at most twice this radius."
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"

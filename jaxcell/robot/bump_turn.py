@@ -72,7 +72,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Minimize the squared error of the runs over their start, for each turn, in square metres."""
+    """Minimize the error of each turn over the start of the runs. The error is in square metres."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]

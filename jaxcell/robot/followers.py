@@ -274,7 +274,8 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through its filter, policy or belief.
 
-    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run so far.
+    **Arguments:** a log, and a follower without observations. **Returns:** the outcome of the run
+    so far.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
     continues after the end of the run, because it is the log of another filter, policy or belief.

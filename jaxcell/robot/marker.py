@@ -142,7 +142,7 @@ class CrossLook:
     """The `look` of a [`jaxcell.robot.run_patrol`][] that searches frames for the marker."""
 
     source: Callable[[], Frame]
-    "The function that returns a frame of the view ahead, as `camera()` or `pictures(folder)`."
+    "A function that returns a frame of the view ahead, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
         """Take a frame, and describe the marker in it, if any."""

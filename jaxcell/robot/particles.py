@@ -54,7 +54,7 @@ class Particles:
     "The number of particles."
     seed: int = 0
     share: float = 0.95
-    "The probability that the credible set of an estimate has at least."
+    "The least probability of the credible set of an estimate."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -76,7 +76,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles by a step, and resample them by an observation, 0 or 1."""
+        """Move the particles by a step, and resample them by the observation, 0 or 1."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]

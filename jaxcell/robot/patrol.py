@@ -85,7 +85,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Update the patrol by a step in the direction `way`, and whether it bumped."""
+        """Update the patrol by a step in the direction `way`, which may have bumped."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -167,8 +167,8 @@ def run_patrol(
 
     - `walker`: the robot, at the centre of its first cell, with 4 directions and steps of one cell.
     - `patrol`: the patrol, which chooses each step.
-    - `look`: a function of each position that the robot reaches. It returns `None`, or a JSON value
-        that is reported as an intruder and ends the patrol.
+    - `look`: a function that is called with each position that the robot reaches. It returns
+        `None`, or a JSON value that is reported as an intruder and ends the patrol.
     - `log`: the log, to which each observation is written at once.
 
     **Returns:** the outcome.

@@ -170,7 +170,7 @@ class Member:
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
-        """Update the state by the step of the next action, and whether it bumped."""
+        """Update the state by the step of the next action, which may have bumped."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0

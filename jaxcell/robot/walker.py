@@ -21,7 +21,7 @@ class Drivable(Protocol):
 
 
 class Walker:
-    """Drives a robot through the cells of a map, step by step, by the odometry of its wheels.
+    """A controller that drives a robot from cell to cell of a map by the odometry of its wheels.
 
     In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
     cell. A step goes straight along the heading. After a free step the robot is at the centre of
@@ -98,7 +98,7 @@ class Walker:
 
     @property
     def estimate(self) -> tuple[float, float, float]:
-        """The pose by the encoders: metres ahead and left of the start, and the turn in radians."""
+        """The pose by the encoders: metres ahead and left of the start, and turn in radians."""
         return self._at.real, self._at.imag, self._facing
 
     @property

@@ -53,8 +53,8 @@ class Driver:
 
     **Arguments:**
 
-    - `port`: the open line at 115200 baud. It is closed together with the robot.
-    - `patience`: seconds, from 0.2 to 10.
+    - `port`: the open line at 115200 baud, which the driver closes at its end.
+    - `patience`: the longest silence that is allowed, from 0.2 to 10 seconds.
 
     **Raises:** `ValueError` for a `patience` outside of this range. The `with` statement raises
     `OSError` if the line fails, and `ConnectionError` if no robot answers.
@@ -236,7 +236,7 @@ class Driver:
             return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
 
     def _wake(self) -> None:
-        """Pull the wake line (BRC) of the robot, on cables that connect it to RTS or DTR."""
+        """Wake the robot by a pulse on its pin BRC, if the cable connects it to RTS or DTR."""
         for line in ("rts", "dtr"):
             # A pseudo-terminal has no such lines, and raises OSError 25.
             with contextlib.suppress(OSError, AttributeError):

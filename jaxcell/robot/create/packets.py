@@ -46,7 +46,7 @@ class Packet:
     id: int
     "The number that requests the packet."
     name: str
-    "The key of the value in dictionaries of values."
+    "The name of the packet, which is the key of its value."
     size: int
     "The size of the packet in bytes."
     low: int

@@ -140,4 +140,4 @@ class Reading:
 
 
 LOW_BATTERY = 0.1
-"""The fraction of the capacity of the battery below which its charge is low."""
+"""The battery is low if its charge is below this fraction of its capacity."""

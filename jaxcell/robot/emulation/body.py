@@ -31,7 +31,7 @@ class Noise:
     rotation: float = 0.0
     "The standard deviation of the relative error of a turn in place, drawn once per turn."
     veer: float = 0.0
-    "The standard deviation of the random change of heading per metre, in radians."
+    "The standard deviation of the random change of heading along a straight metre, in radians."
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
@@ -61,8 +61,8 @@ def bumper_give(cell: float) -> float:
 class Body:
     """The body of a robot with two driven wheels and a bumper, among the walls of a map.
 
-    Time advances in steps of any length. In each, the body moves along the chord of the arc of its
-    wheels. At a wall the body and its wheels stop, so that the encoders count the true distance.
+    Time advances in steps of any length. In each step the body moves along the chord of the arc of
+    its wheels. At a wall the body and its wheels stop, so that encoders count the true distance.
     The half of the bumper on the side of the wall is pressed while the body is at the wall. The
     bumper faces forward, so that a body which backs into a wall stops without a bump.
     """
@@ -121,7 +121,7 @@ class Body:
     ) -> "Body":
         """Put a body at the centre of a cell.
 
-        `error` is the `distance`, `rotation` and `veer` of its noise. The bumper is pushed in by
+        `error` is the `distance`, `rotation` and `veer` of the noise. The bumper is pushed in by
         `give` metres, by default by `bumper_give` of the side of a cell.
         """
         x, y, theta = map(float, cells.centre(cell))

@@ -60,7 +60,7 @@ class SimulatedCreate(Create):
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Connect to an emulator, which has a `speedup`, or to a body at the highest speed."""
+        """Connect to an emulator, or to a body, which is emulated as fast as possible."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

@@ -56,7 +56,7 @@ class PhysicsBody:
     ) -> None:
         """**Arguments:**
 
-        - `workspace`: the map. Its `robot_radius` has no effect, because the robot has its own.
+        - `workspace`: the map. Its `robot_radius` has no effect, because a Create 2 has `RADIUS`.
         - `pose`: x and y in metres, and the heading in radians.
         - `physics`: the assumptions about the robot, the floor and the walls.
         - `rng`: the random generator for the radii of the wheels.
@@ -157,7 +157,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The rate of `lag_rate`; `None` soon after a change of the commanded speeds."""
+        """The result of `lag_rate`; `None` soon after a change of the commanded speeds."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 

@@ -24,7 +24,7 @@ class Base(RosRobot):
     the bumper is pressed. A short node can publish it by a contact sensor, or by a laser that sees
     a wall close ahead.
 
-    [`jaxcell.robot.ros`][] describes what stops the base.
+    [`jaxcell.robot.ros`][] describes the events that stop the base.
     """
 
     kind, contact = "base", "bumper"

@@ -32,7 +32,7 @@ class FilterTask(Task):
         return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
-        """Start the filter."""
+        """Make a follower of the filter, without observations."""
         return FilterFollower(self.filter, until)
 
 
@@ -58,7 +58,7 @@ class PolicyTask(_Choice):
     policy: Policy
 
     def follower(self) -> Follower:
-        """Start the policy."""
+        """Make a follower of the policy, without observations."""
         return PolicyFollower(self.policy)
 
 
@@ -70,7 +70,7 @@ class BeliefTask(_Choice):
     belief: Belief
 
     def follower(self) -> Follower:
-        """Start the belief."""
+        """Make a follower of the belief, without observations."""
         return BeliefFollower(self.belief)
 
 
@@ -95,7 +95,7 @@ class PlanTask(Task):
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
-"""A task of a robot."""
+"""Any task that [`load_task`][] returns."""
 
 
 def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask:

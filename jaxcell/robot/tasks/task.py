@@ -50,7 +50,7 @@ class Task:
 
     @property
     def header(self) -> dict[str, Any]:
-        """The header of the log of a run of this task."""
+        """The description of the task in the header of a log."""
         return {
             "file": str(self.path.absolute()),
             "sha256": digest(self.path),
