@@ -23,7 +23,7 @@ def save(kind, path):
     elif kind == "team":
         save_team(path, SPEC, [(0.5, 0.5, 0.0)], [math.pi / 2], ["01"])
     elif kind == "anywhere":
-        fields = {"bounces_deg": [70.0], "headings": None, "slices": 360, "errors": BOUNDS}
+        fields = {"bounces_deg": [70.0], "headings": None, "slices": 8, "errors": BOUNDS}
         save_anywhere(path, LAB.workspace, **SIZES, **fields, counted_m=0.0, known_m=0.5)
     else:
         image = np.arange(LAB.positions)[None].repeat(3, 0)
