@@ -237,7 +237,7 @@ def _robot_task(path: Path) -> dict[str, Any]:
     task = load_task(path)
     return {
         "what": "a task of robots; to run it: jaxcell robot run",
-        "kind": task.header["kind"],
+        "kind": task.kind,
         "robots": getattr(task, "robots", 1),
         "cell_m": task.cell,
         "directions": task.directions,

@@ -19,8 +19,6 @@ from .walker import Walker
 # The actions of a robot of a team, as `member_actions` describes them.
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
 
-KIND = "team"
-
 TRIES = 3
 """The number of times that a robot of a team tries a blocked step."""
 
@@ -29,6 +27,7 @@ TRIES = 3
 class MemberTask(Task):
     """The part of one robot of a team in a joint trajectory."""
 
+    kind = "team"
     robot: int
     "The index of this robot."
     robots: int
@@ -47,7 +46,6 @@ class MemberTask(Task):
     @property
     def header(self) -> dict[str, Any]:
         return {
-            "kind": KIND,
             **super().header,
             "robot": self.robot,
             "bounce_deg": math.degrees(self.bounce),
@@ -127,7 +125,7 @@ def save_team(
         }
         for (x, y, theta), bounce, own in zip(starts, bounces, actions, strict=True)
     ]
-    write_task(path, KIND, **(common | {"robots": robots}))
+    write_task(path, MemberTask.kind, **(common | {"robots": robots}))
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:

@@ -30,7 +30,7 @@ def run_before(log: Path, task: AnyTask) -> LoggedRun:
             continue
         if name == "sha256":
             raise ValueError(
-                f"--resume {log}: it is the log of another {task.header['kind']} than {task.path}"
+                f"--resume {log}: it is the log of another {task.kind} than {task.path}"
             )
         raise ValueError(f"--resume {log}: {name}: the log has {theirs}, {task.path} has {ours}")
     if "direction" not in run.header:

@@ -31,7 +31,7 @@ def runner_of(
     """Return the header of the log of a task, and the function that runs the task."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
-        if getattr(options, name) not in (None, "known") and header["kind"] != kind:
+        if getattr(options, name) not in (None, "known") and task.kind != kind:
             raise ValueError(f"--{name}: it has an effect only for a {kind}")
     match task:
         case FilterTask():

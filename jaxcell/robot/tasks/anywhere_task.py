@@ -12,13 +12,11 @@ from ..anywhere import AnywhereSettings
 from .task import Task, angles, common_fields, write_task
 
 
-KIND = "anywhere"
-
-
 @dataclasses.dataclass(frozen=True)
 class AnywhereTask(Task):
     """The task of a robot that starts at an unknown pose, to localize itself or reach a goal."""
 
+    kind = "anywhere"
     headings: int | None
     "The number of equally spaced headings that are possible at the start; `None` for any heading."
     build: Callable[[], AnywhereSettings]
@@ -33,10 +31,6 @@ class AnywhereTask(Task):
     def strides(self) -> None:
         return None
 
-    @property
-    def header(self) -> dict[str, Any]:
-        return {"kind": KIND, **super().header}
-
 
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
     """Write the task of a robot that starts at an unknown pose to a file.
@@ -46,7 +40,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     """
     write_task(
         path,
-        KIND,
+        AnywhereTask.kind,
         boundary=workspace.boundary.tolist(),
         obstacles=[ring.tolist() for ring in workspace.obstacles],
         robot_radius_m=workspace.robot_radius,

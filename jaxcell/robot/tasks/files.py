@@ -2,16 +2,16 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, decode_json, read_text
 from ...space.cells import MAX_CELLS
 from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
-from ..team import KIND as TEAM, MemberTask, read_member
-from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
-from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
+from ..team import MemberTask, read_member
+from .anywhere_task import AnywhereTask, read_anywhere
+from .patrol_task import PatrolTask, read_patrol
 from .task import Task, angles, common_fields, digest as digest
 
 
@@ -19,6 +19,7 @@ from .task import Task, angles, common_fields, digest as digest
 class FilterTask(Task):
     """The task of a robot that runs a localization filter."""
 
+    kind = "filter"
     filter: Filter
     bounce: float
     "The bouncing angle of the filter, in radians."
@@ -29,7 +30,7 @@ class FilterTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
+        return {**super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
         """Make a follower of the filter, without observations."""
@@ -40,21 +41,19 @@ class FilterTask(Task):
 class _Choice(Task):
     """A task in which the robot chooses among bouncing angles."""
 
-    kind: ClassVar[str]
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
-        angles = [math.degrees(bounce) for bounce in self.bounces]
-        return {"kind": self.kind, **super().header, "bounces_deg": angles}
+        return {**super().header, "bounces_deg": [*map(math.degrees, self.bounces)]}
 
 
 @dataclasses.dataclass(frozen=True)
 class PolicyTask(_Choice):
     """The task of a robot that runs a localization policy."""
 
-    kind: ClassVar[str] = "policy"
+    kind = "policy"
     policy: Policy
 
     def follower(self) -> Follower:
@@ -66,7 +65,7 @@ class PolicyTask(_Choice):
 class BeliefTask(_Choice):
     """The task of a slipping robot that is localized by a belief."""
 
-    kind: ClassVar[str] = "belief"
+    kind = "belief"
     belief: Belief
 
     def follower(self) -> Follower:
@@ -78,6 +77,7 @@ class BeliefTask(_Choice):
 class PlanTask(Task):
     """The task of a robot that follows a navigation plan."""
 
+    kind = "plan"
     start: int
     "The cell where the plan starts."
     actions: tuple[float, ...]
@@ -91,7 +91,7 @@ class PlanTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
+        return {**super().header, "start": self.start, "actions": self.actions}
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
@@ -135,11 +135,11 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         )
     values = _json(path) if path.suffix == ".json" else {}
     kind = values.get("kind") if values.get("format") == "jaxcell-robot-task" else None
-    if kind == TEAM:
+    if kind == MemberTask.kind:
         return read_member(path, values, robot or 0)
-    if kind == PATROL:
+    if kind == PatrolTask.kind:
         return read_patrol(path, values, robot or 0)
-    if kind == ANYWHERE:
+    if kind == AnywhereTask.kind:
         return read_anywhere(path, values)
     if robot is not None:
         raise ValueError(f"{path}: it is for one robot, so that robot {robot} cannot be chosen")

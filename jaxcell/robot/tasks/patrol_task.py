@@ -14,13 +14,11 @@ from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields, write_task
 
 
-KIND = "patrol"
-
-
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
     """The task of a robot that patrols the cells of a map by a random walk."""
 
+    kind = "patrol"
     robot: int
     "The index of this robot."
     robots: int
@@ -46,7 +44,7 @@ class PatrolTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": KIND, **super().header, "robot": self.robot, "start": self.start}
+        return {**super().header, "robot": self.robot, "start": self.start}
 
 
 def save_patrols(
@@ -86,7 +84,7 @@ def save_patrols(
     way, position = np.nonzero(open_ != grid)
     write_task(
         path,
-        KIND,
+        PatrolTask.kind,
         **about,
         cell_m=cells.cell,
         directions=4,

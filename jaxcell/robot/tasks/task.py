@@ -4,7 +4,7 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,7 @@ _MAX_DIRECTIONS = 1_000_000
 class Task:
     """Base class of the tasks of robots, which are read from files."""
 
+    kind: ClassVar[str]
     path: Path
     cell: float
     "The side of a cell, in metres."
@@ -52,6 +53,7 @@ class Task:
     def header(self) -> dict[str, Any]:
         """The description of the task in the header of a log."""
         return {
+            "kind": self.kind,
             "file": str(self.path.absolute()),
             "sha256": digest(self.path),
             "cell_m": self.cell,
