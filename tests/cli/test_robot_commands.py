@@ -6,8 +6,8 @@ import shlex
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from robot_files import LAB, SPEC, run, simulated
-from wheels import bounce_filter, bounce_tables, map_cells, pose_of
+from robot_files import LAB, SPEC, run, save_filter, simulated
+from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli import app
 from jaxcell.cli.robot.check import RobotCheck
@@ -27,8 +27,9 @@ from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
-def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
-    out = tmp_path / "out"
+def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
+    filter_file = save_filter(tmp_path, map=str(MAPS / "lab_a.json"), name=LAB.workspace.name)
+    out, seen = tmp_path / "out", tmp_path / "seen"
     code, found = run(simulated(filter_file, start="70", heading=135.0, out=out), capsys)
     assert code == 0
     assert found["result"] == "localized"
@@ -36,23 +37,31 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert found["emulated"]["end"] in found["cells"]
     assert found["emulated"]["truth_is_a_candidate"] is True
     assert json.loads((out / "summary.json").read_text()) == found
-    entities = {chunk.entity_path for chunk in RrdReader(out / "run.rrd").stream().to_chunks()}
-    assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= entities
-
-    code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
-    assert code == 0
-    for name in ("result", "observations", "colors", "cells", "reason"):
-        assert again[name] == found[name]
-    assert RobotReplay(log=out / "run.jsonl").run() == 0
-    assert found["observations"] in capsys.readouterr().out
 
     recorded = (out / "run.rrd").read_bytes()
     with pytest.raises(FileExistsError, match=r"^--out .*: it has the run\.jsonl of another run"):
         simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
+
+    # Elsewhere, the log and the filter make the recording.
+    log, moved = out / "run.jsonl", filter_file.rename(tmp_path / "moved.jxf")
+    code, again = run(RobotReplay(log=log, file=moved, out=seen, json=True), capsys)
+    assert code == 0
+    for name in ("result", "observations", "colors", "cells", "reason"):
+        assert again[name] == found[name]
+    chunks = [RrdReader(folder / "run.rrd").stream().to_chunks() for folder in (out, seen)]
+    here, there = ({chunk.entity_path for chunk in each} for each in chunks)
+    assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= here <= there
+    rows = [
+        sum(c.to_record_batch().num_rows for c in each if c.entity_path == "/filter/uncertainty")
+        for each in chunks
+    ]
+    assert rows[0] == rows[1] > 5
+    assert RobotReplay(log=log, file=moved).run() == 0
+    assert found["observations"] in capsys.readouterr().out
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
     with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
-        RobotReplay(log=out / "run.jsonl").run()
+        RobotReplay(log=log).run()
 
 
 PLAN_START = 20
