@@ -18,6 +18,7 @@ class Follower(abc.ABC):
     """The possible cells of a robot that starts in an unknown cell, updated by its observations."""
 
     kind: ClassVar[str]
+    _state: Any
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     colors: list[int]
@@ -43,9 +44,9 @@ class Follower(abc.ABC):
         """The index of the bouncing angle by which the robot must turn now, or `None`."""
 
     @property
-    @abc.abstractmethod
     def cells(self) -> list[int]:
         """The possible cells of the robot."""
+        return self._state.cells.tolist()
 
     @property
     @abc.abstractmethod
@@ -121,10 +122,6 @@ class FilterFollower(Follower):
         return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
 
     @property
-    def cells(self) -> list[int]:
-        return self._state.cells.tolist()
-
-    @property
     def fields(self) -> dict[str, Any]:
         refuted = self.result == "refuted"
         return {
@@ -155,10 +152,6 @@ class PolicyFollower(Follower):
     @property
     def turn(self) -> int | None:
         return self._state.turn
-
-    @property
-    def cells(self) -> list[int]:
-        return self._state.cells.tolist()
 
     @property
     def fields(self) -> dict[str, Any]:

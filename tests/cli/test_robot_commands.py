@@ -1,6 +1,5 @@
 import json
 import math
-import re
 import shlex
 
 import numpy as np
@@ -159,26 +158,6 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
     code, found = run(simulated(filter_file, start="70", heading=135.0), capsys)
     assert (code, found["result"], found["observations"]) == (1, "stopped", "")
     assert found["reason"] == "the robot was stopped: it is on the charger"
-
-
-@pytest.mark.parametrize(
-    ("port", "message"),
-    [
-        ("nothing", "nothing: could not open port {port}: No such file or directory"),
-        ("folder", "folder: could not open port {port}: Is a directory"),
-        ("file", "file: Could not configure port: Inappropriate ioctl for device"),
-    ],
-)
-@pytest.mark.parametrize("firmware", [False, True])
-def test_a_line_that_does_not_open_is_refused_without_error_numbers(
-    tmp_path, port, message, firmware
-):
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").touch()
-    port = str(tmp_path / port)
-    with pytest.raises(OSError, match=re.escape(message.format(port=port))) as caught:
-        RobotCheck(port=port, firmware=firmware).run()
-    assert "rrno" not in str(caught.value)
 
 
 def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_path):

@@ -33,6 +33,8 @@ def test_a_robot_goes_as_far_as_commanded():
     assert moved.distance == pytest.approx(4.02 - x, abs=1e-3)
     # The bumper is still pressed.
     assert robot.forward(0.1) == (0.0, 0.0, True, 0.0)
+    assert not robot.turn(0.1).bumped
+    robot.turn(-0.1)
     began = robot.robot.seconds
     with pytest.raises(RobotStopped, match=r"-1 are left|are left after"):
         robot.forward(-2.5, timeout=3.0)
