@@ -34,5 +34,5 @@ def _address() -> str:
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []
     urls = dict(one.split(", ", 1) for one in named)
     if "Documentation" not in urls:
-        raise FileNotFoundError("no documentation is built; in a checkout `make docs` does")
+        raise FileNotFoundError("there is no documentation; in a checkout `make docs` builds it")
     return urls["Documentation"]

@@ -10,7 +10,8 @@ from .run_log import LoggedRun
 
 # The turns toward the wall that are compared, in radians.
 _TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
-# A window begins at a set of at most this extent in metres, and has this number of runs.
+# Whenever the possible places have at most this extent in metres, the turns are compared by this
+# number of the following runs.
 _EXTENT, _RUNS = 1.5, 3
 # The number of places that are drawn from a set, and of the best ones among them. Around the best
 # places, others are drawn with these standard deviations, in metres along the wall and in radians.
@@ -57,7 +58,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
             )
     if not windows:
         raise ValueError(
-            f"the robot is never known to within {_EXTENT:g} m with {_RUNS} runs after that: "
+            f"the robot is never localized to {_EXTENT:g} m and then drives {_RUNS} straight runs: "
             "expected a longer run"
         )
     return float(_TURNS[error.argmin()])

@@ -63,8 +63,8 @@ class Follower(abc.ABC):
         """A sentence that explains the result `"refuted"`."""
         return (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
-            f"occur in the map of the {self.kind} after those before it: the map is another, or "
-            "the robot slipped"
+            f"occur in the map of the {self.kind} after the observations before it: the robot is "
+            "on another map, or it slipped"
         )
 
     @property
@@ -217,7 +217,7 @@ class BeliefFollower(Follower):
     def refuted(self) -> str:
         return (
             f"the belief is nowhere on the map after {len(self.observations)} observations, with "
-            f"probability {self.estimate.nowhere:.3g}: the map is another, or the robot slips more"
+            f"probability {self.estimate.nowhere:.3g}: the robot is on another map, or slips more"
         )
 
 

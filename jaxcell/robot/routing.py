@@ -36,7 +36,7 @@ def grid_steps(
     for at, way in closed:
         _check(steps, at, "closed")
         if not 0 <= way < 4:
-            raise ValueError(f"closed: expected a way from 0 to 3, got {way}")
+            raise ValueError(f"closed: expected a direction from 0 to 3, got {way}")
         close(steps, at, way)
     return steps
 
@@ -114,7 +114,7 @@ def route(
     distance = wave(steps, goal)
     _check(steps, start, "start")
     if distance[start] < 0:
-        raise ValueError(f"goal: no way leads from position {start} to {goal}")
+        raise ValueError(f"goal: no path leads from position {start} to {goal}")
     ways = []
     while start != goal:
         ahead = next_way(steps, distance, start, ahead)

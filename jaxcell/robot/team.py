@@ -197,7 +197,9 @@ class Member:
             reason = f"action {self.index} of {count}: {self._refuted}"
             return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self.action is not None:
-            return RunOutcome("unfinished", self.observations, f"{self.index} of {count} are done")
+            return RunOutcome(
+                "unfinished", self.observations, f"{self.index} of {count} actions are done"
+            )
         return RunOutcome("arrived", self.observations, f"all {count} actions are done")
 
 

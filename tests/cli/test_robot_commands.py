@@ -59,7 +59,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
     assert RobotReplay(log=log, file=moved).run() == 0
     assert found["observations"] in capsys.readouterr().out
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: the log is of another filter"):
         RobotReplay(log=log).run()
 
 

@@ -193,5 +193,5 @@ def test_wrong_settings_of_an_emulator_are_refused():
         Line(dropped=1.0)
     with pytest.raises(ValueError, match="speedup: expected a finite number above 0"):
         Line(speedup=0.0)
-    with pytest.raises(ValueError, match="charge: expected above 0"):
+    with pytest.raises(ValueError, match="charge: expected more than 0"):
         Emulator(Body(ROOM, (1.0, 1.0, 0.0)), charge=0.0)

@@ -108,7 +108,9 @@ def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, logged):
     assert seen[0] == 0
     assert len(seen) == length + 1
     other = task_of(LAB, round_tour(LAB, np.array([0, 7, 18])))
-    with pytest.raises(ValueError, match=r"observation 0: the log has way .* of another policy"):
+    with pytest.raises(
+        ValueError, match=r"observation 0: the log has direction .* of another policy"
+    ):
         replay_patrol(run, other)
 
 

@@ -104,7 +104,7 @@ def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
     assert run.observed == host.observations
     assert run.colors == host.colors
     assert run.colors[-1] == (filter.color[-1] if open_world else 0)
-    assert run.end == "refuted: the map is another, or the robot slipped"
+    assert run.end == "refuted: the robot is on another map, or it slipped"
     assert stands_still(robot)
     # It blinks fast: 4 times a second.
     states = [on for _, on in run.led[-300:]]

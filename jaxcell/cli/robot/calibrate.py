@@ -64,7 +64,7 @@ class RobotCalibrate(Printing):
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
-                    note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
+                    note("jaxcell robot calibrate: the robot bumped; it needs 1 m of free floor")
                     return 1
                 distance = _asked("How far did the robot go, in metres? ") / went.distance
                 # A robot that was lifted for the measurement is disarmed.

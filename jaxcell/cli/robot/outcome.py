@@ -66,7 +66,7 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
         return replay_member(run)
     path = Path(run.header["file"]) if file is None else file
     if digest(path) != run.header["sha256"]:
-        raise ValueError(f"it is of another {kind} than {path} is now")
+        raise ValueError(f"the log is of another {kind} than {path}")
     match load_task(path, run.header["robot"] if kind == "patrol" else None):
         case FilterTask() as task:
             return replay_follower(run, task.follower(run.header.get("until", "known")))

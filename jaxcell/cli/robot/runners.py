@@ -46,7 +46,7 @@ def runner_of(
         case AnywhereTask():
             if before is not None:
                 raise ValueError(
-                    "--resume: a robot that starts anywhere needs none; start another run"
+                    "--resume: a robot that starts anywhere cannot resume a run; start another run"
                 )
             return header, lambda walker, log: run_anywhere(
                 walker, task.settings, log=log, limit=limit

@@ -115,7 +115,7 @@ class Emulator:
         The seed determines the lost bytes.
         """
         if not 0 < charge <= _CAPACITY:
-            raise ValueError(f"charge: expected above 0, to the capacity {_CAPACITY}, got {charge}")
+            raise ValueError(f"charge: expected more than 0 and at most {_CAPACITY}, got {charge}")
         self.line = line or Line()
         self.contact, self.cliffs, self.charger = Contact(0), set(), False
         self.overcurrent = 0

@@ -21,8 +21,8 @@ LATENCY = 0.015
 DAMPING = 60.0
 """The damping of the springs of the bumper, in N s/m."""
 
-# The distance in metres by which the shell can be pushed in from the front, until the chassis stops
-# it; from the sides half of it.
+# The distance in metres by which the shell can be pushed in from the front until the chassis stops
+# it. From the sides it is half of this.
 _TRAVEL = 0.008
 # Half the thickness of a wall in metres. The side toward the robot lies on the map.
 _THIN = 1e-4

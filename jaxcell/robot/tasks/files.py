@@ -142,7 +142,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     if kind == AnywhereTask.kind:
         return read_anywhere(path, values)
     if robot is not None:
-        raise ValueError(f"{path}: it is for one robot, so that robot {robot} cannot be chosen")
+        raise ValueError(f"{path}: the task is for one robot, and has no robot {robot}")
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
     if path.suffix == ".jxb":
