@@ -234,8 +234,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
             logged = event.get("way"), event.get("goal")
             if way is None or logged != (way, patrol.goal):
                 raise ValueError(
-                    f"observation {index}: the log has direction {logged[0]} and goal {logged[1]}, the "
-                    f"policy {way} and {patrol.goal}; the log is of another policy"
+                    f"observation {index}: the log has direction {logged[0]} and goal {logged[1]}, "
+                    f"the policy {way} and {patrol.goal}; the log is of another policy"
                 )
             patrol.observe(way, event["observation"] == 1)
     patrol.next()

@@ -110,24 +110,14 @@ class Body:
         return 0.0
 
     @classmethod
-    def in_cell(
-        cls,
-        cells: CellSpace,
-        cell: int,
-        error: float,
-        rng: np.random.Generator,
-        *,
-        give: float | None = None,
-    ) -> "Body":
-        """Put a body at the centre of a cell.
+    def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
+        """Put a body at the centre of a cell, with the `bumper_give` of the cells.
 
-        `error` is the `distance`, `rotation` and `veer` of the noise. The bumper is pushed in by
-        `give` metres, by default by `bumper_give` of the side of a cell.
+        `error` is the `distance`, `rotation` and `veer` of the noise.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
-        give = bumper_give(cells.cell) if give is None else give
-        return cls(cells.room, (x, y, theta), give=give, noise=noise, rng=rng)
+        return cls(cells.room, (x, y, theta), give=bumper_give(cells.cell), noise=noise, rng=rng)
 
     @property
     def pose(self) -> tuple[float, float, float]:
