@@ -11,8 +11,6 @@ from .packets import WHEEL_BASE
 # wheels has little effect, and the driver does not change them.
 _SPEED = 0.18
 _TURNING = 0.69
-# The seconds for which the robot stands still after each motion.
-_PAUSE = 0.1
 
 
 @runtime_checkable
@@ -43,6 +41,7 @@ class ByClock:
         turning: float = _TURNING,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
+        pause: float = 0.1,
     ) -> None:
         """**Arguments:**
 
@@ -51,12 +50,13 @@ class ByClock:
             [`jaxcell.robot.Driver.drive`][] does not slow down.
         - `clock`, `sleep`: functions that return the time and wait, in seconds. An emulated robot
             has its own time.
+        - `pause`: the seconds for which the robot stands still after each motion.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
             if not 0 < value <= most:
                 raise ValueError(f"{name}: expected more than 0 and at most {most}, got {value}")
         self._robot, self._speed, self._turning = robot, speed, turning
-        self._clock, self._sleep = clock, sleep
+        self._clock, self._sleep, self._pause = clock, sleep, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         wheel = math.copysign(self._speed, distance)
@@ -83,5 +83,5 @@ class ByClock:
         finally:
             took = self._clock() - began
             self._robot.stop()
-        self._sleep(_PAUSE)
+        self._sleep(self._pause)
         return took, not free
