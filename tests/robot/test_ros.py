@@ -16,12 +16,10 @@ from waiting import wait_until, when
 from wheels import MAPS, bounce_filter, map_cells, pose_of
 
 from jaxcell.cli import main
-from jaxcell.robot import RobotStopped, Walker, cell_strides
+from jaxcell.robot import RobotStopped
 from jaxcell.robot.create.watchdog import Watchdog
 from jaxcell.robot.emulation.body import Body
-from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.ros import Base, Candidates, Create3, node
-from jaxcell.robot.run_log import RunLog
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.space import Workspace
@@ -271,33 +269,6 @@ def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind):
-    world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata=SPEC).save(path)
-    task = load_task(path)
-    with KINDS[kind]() as robot, RunLog(tmp_path / "run.jsonl", task.header) as log:
-        robot.arm()
-        log.on_event = Candidates(robot, task, LAB).event
-        walker = Walker(
-            robot, 1.0, strides=cell_strides(8, 1.0, 1.0), direction=70 // LAB.positions
-        )
-        outcome = run_follower(walker, FilterFollower(task.filter), [task.bounce], log=log)
-    assert outcome.result == "localized"
-    assert int(LAB.index(*world.body.pose)) in outcome.cells
-    arrays, grids = world.published["candidates"], world.published["candidate_squares"]
-    assert len(arrays) == len(grids) == len(outcome.observations)
-    cells = {int(LAB.index(*plane(pose))) for pose in arrays[-1].poses}
-    assert cells == set(outcome.cells)
-    grid = np.array(grids[-1].data).reshape(grids[-1].info.height, grids[-1].info.width)
-    assert grids[-1].info.resolution == 1.0
-    assert (grid >= 0).tolist() == LAB.free.tolist()
-    here = {int(cell) % LAB.positions for cell in outcome.cells}
-    assert set(np.flatnonzero(grid[LAB.free] == 100)) == here
-    assert arrays[-1].header.frame_id == grids[-1].header.frame_id == "map"
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
     log = tmp_path / "said"
@@ -324,7 +295,7 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind):
+def test_the_command_line_drives_a_robot_and_publishes_candidates(world_of, tmp_path, capsys, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
     path = tmp_path / "filter.jxf"
     about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
@@ -334,8 +305,17 @@ def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind
     result = json.loads(capsys.readouterr().out)
     assert (result["result"], result["port"]) == ("localized", f"ROS 2, {kind}")
     assert int(LAB.index(*world.body.pose)) in result["cells"]
-    assert len(world.published["candidates"]) == len(result["observations"])
     assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
+    arrays, grids = world.published["candidates"], world.published["candidate_squares"]
+    assert len(arrays) == len(grids) == len(result["observations"])
+    cells = {int(LAB.index(*plane(pose))) for pose in arrays[-1].poses}
+    assert cells == set(result["cells"])
+    grid = np.array(grids[-1].data).reshape(grids[-1].info.height, grids[-1].info.width)
+    assert grids[-1].info.resolution == 1.0
+    assert (grid >= 0).tolist() == LAB.free.tolist()
+    here = {cell % LAB.positions for cell in cells}
+    assert set(np.flatnonzero(grid[LAB.free] == 100)) == here
+    assert arrays[-1].header.frame_id == grids[-1].header.frame_id == "map"
 
 
 def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
