@@ -110,7 +110,7 @@ def _navigated(result: Any) -> list[str]:
 def _covered(result: Any) -> list[str]:
     import numpy as np
 
-    shares = ", ".join(f"{one:.0%}" for one in np.asarray(result.alpha).tolist())
+    shares = ", ".join(f"{share:.0%}" for share in np.asarray(result.alpha).tolist())
     apart = np.asarray(result.coverage) - np.asarray(result.target)
     alone = np.abs(apart).sum(axis=1).min() / 2
     return [
