@@ -42,7 +42,7 @@ def grid_steps(
 
 
 def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
-    """Close a step from a position and the step back, in place."""
+    """Block the step from a position in the direction `way`, and the step back, in place."""
     there = int(steps[way, position])
     if there != position:
         steps[way, position], steps[(way + 2) % 4, there] = position, there
@@ -84,8 +84,8 @@ def next_way(
     """Choose the direction of the next step on a shortest path.
 
     `distance` is the result of [`wave`][] for the goal. If several steps lead nearer to the goal,
-    the robot goes straight ahead, because turns take time and cost precision. It must not be at the
-    goal, and a path to the goal must exist.
+    the robot prefers the direction `ahead`, because turns take time and cost precision. The robot
+    must not be at the goal, and a path to the goal must exist.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())

@@ -35,7 +35,7 @@ def speed_type(node: Any) -> str | None:
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
     """Make a function that sets the speeds of a base, in metres and radians per second.
 
-    `kind` is the type of the messages, by [`speed_type`][jaxcell.robot.ros.halt.speed_type].
+    `kind` is the message type that [`speed_type`][jaxcell.robot.ros.halt.speed_type] returns.
     """
     messages = import_module("geometry_msgs.msg")
     publisher = node.create_publisher(getattr(messages, kind), "cmd_vel", 1)

@@ -177,7 +177,7 @@ class RosRobot(abc.ABC):
             raise RobotStopped(self._reason)
 
     def _stop(self, reason: str) -> None:
-        """Stop the wheels for a reason, with which motions are refused until the robot is armed."""
+        """Stop the wheels, and refuse motions for this reason until the robot is armed again."""
         if self._reason is None:
             self._reason = reason
             self._halt()
