@@ -62,11 +62,15 @@ from ..shared.report import Rows, emit
 
 SLIP, BUMP_TURN, BUMP_SKID = 0.003, 2.0, 0.012
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
+KNOWN_BOUNDS = f"run=0.01 distance=0.05 turn=1 bump_turn={BUMP_TURN} displacement=0.06"
 FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
-FINE = "belief, calibrated, fine"
+FINE, KNOWING = "belief, calibrated, fine", "sets, from anywhere, calibrated"
 ANGLES = ["--bounces", "45", "135"]
 CALIBRATED = f"--slip {SLIP} --bump-turn {BUMP_TURN} --bump-skid {BUMP_SKID}".split()
+FROM_ANYWHERE = (
+    "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5"
+)
 ESTIMATORS = {
     FILTER: (["--bounce", "135"], "filter.jxf"),
     PARTICLES: (["--bounce", "135"], "filter.jxf"),
@@ -74,14 +78,11 @@ ESTIMATORS = {
     PLAIN: ([*ANGLES, "--slip", str(SLIP)], "belief.jxb"),
     BELIEF: ([*ANGLES, *CALIBRATED], "belief.jxb"),
     FINE: ([*ANGLES, *CALIBRATED, "--max-fine-cells", "1600000"], "belief.jxb"),
-    ANYWHERE: (
-        "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5 "
-        f"--errors {BOUNDS}".split(),
-        "anywhere.json",
-    ),
+    ANYWHERE: (f"{FROM_ANYWHERE} --errors {BOUNDS}".split(), "anywhere.json"),
+    KNOWING: (f"{FROM_ANYWHERE} --errors {KNOWN_BOUNDS}".split(), "anywhere.json"),
 }
 # The estimators of one robot: those that do not choose angles.
-TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,)
+TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,), (KNOWING,)
 SHARE = 0.95
 ENDS = ("right", "wrong", "lost", "unfinished")
 
@@ -171,8 +172,9 @@ def problem(path: Path, name: str) -> tuple[Any, CellSpace]:
 
 def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
     """Localize one robot by one estimator, or by several that choose no angles."""
-    if ANYWHERE in paths:
-        return [run_anywhere(paths[ANYWHERE], name, seed, limit)]
+    for by in (ANYWHERE, KNOWING):
+        if by in paths:
+            return [run_anywhere(paths[by], name, by, seed, limit)]
     tasks = {by: problem(path, name)[0] for by, path in paths.items()}
     _, cells = problem(next(iter(paths.values())), name)
     rng = np.random.default_rng([23, seed])
@@ -225,7 +227,7 @@ def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
     return PolicyFollower(task.policy) if hasattr(task, "policy") else FilterFollower(task.filter)
 
 
-def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
+def run_anywhere(path: Path, name: str, by: str, seed: int, limit: int) -> Run:
     """Localize one robot that starts anywhere at any heading."""
     task, cells = problem(path, name)
     rng = np.random.default_rng([29, seed])
@@ -248,14 +250,16 @@ def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
                 walker.rotate(turn)
     except RobotStopped:
         stopped = True
-    return listener.run(name, ANYWHERE, seed, stopped=stopped)
+    return listener.run(name, by, seed, stopped=stopped)
 
 
 def is_held(follower: SetFollower, pose: tuple[float, float, float], reach: float) -> bool:
     """Check that a robot which has backed off is as near to its set as its errors allow."""
     state, filter = follower.state, follower.settings.filter
     boundary = filter.boundary
-    slices = np.unique(filter.slice_of(pose[2] + filter.errors.turn * np.linspace(-1, 1, 61)))
+    # The set has the heading before the bump, which turned the robot.
+    turn = filter.errors.turn + filter.errors.bump_turn
+    slices = np.unique(filter.slice_of(pose[2] + turn * np.linspace(-1, 1, 61)))
     near = state.take(np.isin(state.slice, slices))
     begin, end = (boundary.point(near.wall, arc) for arc in (near.begin, near.end))
     along = end - begin

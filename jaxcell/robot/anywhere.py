@@ -33,7 +33,7 @@ class AnywhereSettings:
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "Without a goal, an angle is chosen to minimize the worst or the mean extent after it."
+    "Without a goal, an angle is chosen to minimize the worst or the mean size of the next sets."
     ahead: int = 1
     "The number of bumps that the choice of an angle looks ahead."
     seed: int = 0
