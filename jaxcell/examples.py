@@ -1,4 +1,4 @@
-"""Small cases for examples: a corridor, a lab, a sea, a patrol, and others.
+"""Small objects for the examples in docstrings: a corridor, a lab, a sea, a patrol, and others.
 
 >>> from jaxcell import examples
 >>> examples.corridor().size, examples.lab().size
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def corridor(directions: int = 2) -> "CellSpace":
-    """Make three cells of 1 m in a row from West to East, with a wall around them."""
+    """Make a corridor of three squares of 1 m from West to East, with a wall around it."""
     from .space import CellSpace, Workspace
 
     return CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
@@ -50,7 +50,7 @@ def ring() -> "Filter":
 
 
 def walker(x: float = 0.5, direction: int = 0) -> "Walker":
-    """Put an emulated robot in the middle of the corridor, in one of 4 directions."""
+    """Put an emulated robot into the corridor at `x` metres, in one of 4 directions."""
     from .robot import Walker, cell_strides
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
@@ -83,12 +83,12 @@ def ruin() -> "Chain":
 
 
 def stream() -> "Chain":
-    """Make a chain of four cells of water: 0 flows into 1, and 1 flows into 2 and 3."""
+    """Make a chain of four cells of the sea: 0 flows into 1, and 1 flows into 2 and 3."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def line_model() -> "DecisionModel":
-    """Model a robot on three cells in a row that goes right or left, and gains 1 at the right."""
+    """Model a robot on three cells in a row that goes right or left, and gains 1 in the last."""
     from .markov import DecisionModel
 
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
@@ -102,7 +102,7 @@ def _chain(matrix: Any) -> "Chain":
 
 
 def sea() -> "Sea":
-    """Make two layers of three cells in a row: the upper flows East, the lower flows West."""
+    """Make a sea of two layers of three cells: the upper flows East, the lower flows West."""
     from .drift import Sea
     from .mapping import Chain
 
@@ -112,7 +112,7 @@ def sea() -> "Sea":
 
 
 def water(wet: npt.ArrayLike, depth: float = 0.0) -> "Water":
-    """Make the water of some squares of 1 km, of which 1 stands for water and 0 for land."""
+    """Make the water of a grid of squares of 1 km, from an array with 1 for water, 0 for land."""
     from .drift import Water
 
     wet = np.asarray(wet, bool)
@@ -130,7 +130,7 @@ def gyres() -> "tuple[Water, Flow]":
 
 
 def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
-    """Make five vertices in a row, 1 m apart, and their visibility: itself and neighbours."""
+    """Make a graph of five vertices in a row, each of which sees itself and its neighbours."""
     from .patrol import Graph
 
     graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
@@ -138,7 +138,7 @@ def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
 
 
 def basins(cells: int = 8) -> "Basins":
-    """Compute the basins of a map of [0, 1]: numbers above 1/2 go to 0.6, the others to 0.1."""
+    """Compute the basins of a map of [0, 1] that maps numbers above 1/2 to 0.6, others to 0.1."""
     from .dynamics import basins
     from .space import Box
 
@@ -152,7 +152,7 @@ def _two_ends(x: Any, p: Any) -> Any:
 
 
 def angles(chunk: int = 64) -> "Spec":
-    """Specify the sweep of the groups of Lab A over two angles, `chunk` of them together."""
+    """Specify a sweep over two bouncing angles in Lab A, with `chunk` angles per job."""
     from .sweep import Spec
 
     lines = (

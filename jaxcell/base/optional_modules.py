@@ -30,7 +30,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error for a missing module: the feature that needs it, and how to install it."""
+    """Make the error for a missing module, which says what needs it and how to install it."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 

@@ -1,4 +1,4 @@
-"""Coordinates of cells and attributes of provenance, for all datasets."""
+"""The coordinates of cells, and the attributes with the provenance, for all datasets."""
 
 import datetime
 import json

@@ -59,7 +59,7 @@ def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the stretches of walls where a robot may be after each bump; none before the first."""
+    """Log the stretches of walls where the first robot may be after each bump."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
     # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
@@ -72,7 +72,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space within the hull of the stretches; at time 0, log all free space."""
+    """Log the free space within the hull of the stretches, or all free space before a bump."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return
@@ -91,7 +91,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
-    """Log the last runs of the first robot, and the robot as an arrow with its tip at the wall."""
+    """Log the first robot as an arrow with its tip at the wall, and a line of its last runs."""
     place = np.concatenate([found.trial.start[:1], found.trial.place[0, :last]])
     theta = np.append(found.theta[0, 0], found.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)

@@ -21,7 +21,7 @@ _ABOUT = {
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
 CHUNK = 2**22
-"""The number of cells in a file."""
+"""The largest number of cells of a chunk, which is a file of a Zarr store."""
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
@@ -30,7 +30,7 @@ def save_cells(
 ) -> None:
     """Write the groups of all cells of a map of any size to a Zarr store, atomically.
 
-    The store has the variables of the dataset of the groups, and the image of each cell. They are
+    The store has the variables of the dataset of the groups, and the image of each cell. Cells are
     computed and written one direction at a time, so that only one direction is in memory.
 
     **Arguments:**
@@ -39,8 +39,8 @@ def save_cells(
     - `path`: the folder to write or replace, such as `groups.zarr`.
     - `spec`: the parameters, for the attribute `spec` as JSON.
 
-    **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the cells
-    of a group are more or fewer than `result` says.
+    **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the
+    written cells contradict the numbers of `result`.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -79,7 +79,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells, and sum them by group. Returns checks of the sums."""
+    """Write the quantities of cells, and return checks of their sums over each group."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {
@@ -119,7 +119,7 @@ def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int
 
 
 def _quantity(store: zarr.Group, name: str, shape: tuple[int, ...], dtype: Any) -> zarr.Array:
-    """Create an array for a quantity of groups, or for the images."""
+    """Create the array of a quantity in a store."""
     about = _ABOUT[name]
     return _array(store, name, about.dims, shape, dtype, attributes_of(about))
 

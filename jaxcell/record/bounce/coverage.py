@@ -30,9 +30,9 @@ _PALE: Color = (149, 154, 184)
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
     """Log a mixture of bouncing policies.
 
-    The first tab has heat maps of the coverage by each angle, by the mixture, and of the target,
-    and the shares of time as bars. Each angle has a tab with its persistent groups and its limiting
-    distribution over the timeline `direction`.
+    The first tab has heat maps of the coverage by each angle, of the coverage by the mixture, and
+    of the target. Bars show the shares of time. Each angle has a tab with its persistent groups and
+    its limiting distribution over the timeline `direction`.
     """
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
@@ -60,7 +60,11 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Make the scale of time, in multiples of an even share; bounds double every second level."""
+    """Make a logarithmic scale of the time in a cell, as a multiple of an even share.
+
+    An even share is the time in each cell if all cells get the same time. `most` is the largest
+    multiple.
+    """
     highest = max(1, math.ceil(math.log2(max(most, 1))))
     bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
     special: dict[str, Color] = {_NONE: FREE, _LITTLE: _PALE}
@@ -68,12 +72,12 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each multiple of an even share."""
+    """Return the class of each number on a scale by [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
 def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """Return the legend: every fourth level, and the special colours."""
+    """Return the legend of a scale by [`heat_scale`][]: every fourth level, and special colours."""
     begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
     levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
     return [*levels[::-1], *reversed([*scale.special.items()])]
@@ -90,7 +94,7 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share of each angle as a bar. If there are many bars, only some have labels."""
+    """Log the share of time of each angle as a bar; among many bars only some have labels."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
@@ -125,7 +129,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """Return the classes: not free, transient, and the groups; small groups have pale colours."""
+    """Return the classes of a picture: not free, transient, and each persistent group."""
     colors = len(palette.CATEGORIES)
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, colors + 1)]

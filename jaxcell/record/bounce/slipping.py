@@ -16,7 +16,7 @@ from .run import log_bumps, log_candidates, log_run, log_turns, observed
 def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
     """Log a robot that slips and is localized by a belief.
 
-    Over the timeline `step`: the robot and its trail, the probability of each position, the
+    The timeline `step` shows the robot and its trail, the probability of each position, the
     likeliest cell, the size of the credible set, and the probability that the robot is in no cell.
     """
     cells, last = slipped.cells, slipped.observations.size

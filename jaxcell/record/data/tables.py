@@ -25,7 +25,14 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make the tables of a result in a terminal: of single numbers, of arrays, and of parts."""
+    """Make the tables that a terminal shows: single numbers, arrays, and tables of the parts.
+
+    **Arguments:**
+
+    - `heading`: the title of the first table.
+    - `seconds`: the time of the computation, as the last row of the first table.
+    - `cells`: the cell space of the positions in the result; by default that of the result.
+    """
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:
@@ -90,9 +97,9 @@ def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> Iterator[Table]:
-    """Make a table of the numbers of several results of one kind, and the tables of each result.
+    """Make a table of the numbers of several results of one class, and the tables of each result.
 
-    Each result has a column, or a row if there are more than three.
+    In the first table each result has a column, or a row if there are more than three results.
     """
     across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}

@@ -23,16 +23,16 @@ def color_of(color: Color) -> tuple[float, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Colored:
-    """Numbers to draw as colours, with options for `imshow`, `pcolormesh` or `scatter`."""
+    """Numbers that matplotlib draws as colours, with its options for these colours."""
 
     values: np.ndarray
     options: dict[str, Any]
     label: str
     names: dict[str, tuple[float, ...]] | None
-    "The colours by their meanings, for numbers that are labels; otherwise `None`."
+    "The meaning and colour of each number, if numbers are labels; otherwise `None`."
 
     def explain(self, ax: "Axes", image: Any) -> None:
-        """Add a legend for labels, and a colour bar for other numbers."""
+        """Add a legend if the numbers are labels, otherwise a colour bar."""
         from matplotlib.patches import Patch
 
         if self.names is None:
@@ -58,7 +58,7 @@ class Drawn:
         return self.about.label or kinds.get(self.about.kind, "")
 
     def colored(self) -> Colored:
-        """Choose colours for the numbers; indices and flags are labels, sorted by frequency."""
+        """Choose colours for the numbers. Indices and flags are labels, the most frequent first."""
         from matplotlib.colors import ListedColormap
 
         if self.about.kind not in ("index", "flag") or self.about.units is not None:

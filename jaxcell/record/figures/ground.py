@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ground(NamedTuple):
-    """A background with a place for each element along some dimensions of a quantity."""
+    """A background, on which each element along some dimensions of a quantity has a place."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."
@@ -96,7 +96,7 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 def _plane(
     box: Box, labels: tuple[str, ...], ax: "Axes", drawn: Drawn, options: dict[str, Any]
 ) -> None:
-    """Draw the plane of the first two axes of a box, at the middle of the other axes."""
+    """Draw the plane of the first two axes of a box, in the middle of all other axes."""
     colored = drawn.colored()
     names = labels or [f"x{axis}" for axis in range(box.dimensions)]
     if box.dimensions == 1:
@@ -131,7 +131,7 @@ def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> N
 
 
 def _network(graph: "Graph", ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the vertices and edges of a graph; vertices without places are on a circle."""
+    """Draw the vertices and edges of a graph. Vertices without coordinates form a circle."""
     from matplotlib.collections import LineCollection
 
     turn = 2 * np.pi * np.arange(graph.vertices) / graph.vertices

@@ -26,7 +26,7 @@ def plot(
 
     A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
     as a map, and cells over time as a path. Other arrays are drawn as a curve or bars (one
-    dimension), or as lines or an image (two dimensions). Further dimensions show one entry.
+    dimension), or as lines or an image (two dimensions). Of other dimensions, one index is drawn.
 
     **Arguments:**
 
@@ -34,13 +34,13 @@ def plot(
     - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the picture of
         the class of the result, or the first quantity on a map.
     - `ax`: the axes to draw in; by default the axes of a new figure.
-    - `options`: the entry to draw of a dimension, such as `direction=3`; by default the last of
-        `bump`, `step` and `time`, and the first of others. Other options are for matplotlib.
+    - `options`: the index along a dimension, such as `direction=3`; by default the last index of
+        `bump`, `step` and `time`, otherwise the first. Other options are for matplotlib.
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` for a quantity that the result does not have, or that is a single
-    number; `IndexError` for an entry that does not exist; `ModuleNotFoundError` without matplotlib,
+    number; `IndexError` for an index that does not exist; `ModuleNotFoundError` without matplotlib,
     which `jaxcell[plot]` installs.
 
     The steps to the groups of a robot that bounces in a lab, as a map for one direction:
@@ -95,7 +95,8 @@ def picture(result: Result) -> str | None:
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
     """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
 
-    Returns for each array its result or part, its name there, and its description.
+    For each array, return the result or part that has it, its name in this part, and its
+    description.
     """
     found = {
         prefix + name: (result, name, about)
@@ -112,7 +113,7 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw a single row as a curve or bars, and several rows as lines with a legend."""
+    """Draw an array of one dimension as a curve or bars, of two as lines with a legend."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
     if len(dims) == 2 and rows.shape[0] > rows.shape[1]:
@@ -134,7 +135,7 @@ def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, An
 
 
 def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
-    """Find the labels of a dimension, with angles in degrees, and the meaning of the labels."""
+    """Return the labels of a dimension, such as angles in degrees, and their meaning."""
     described = quantities(type(result)).items()
     labels = [(name, a) for name, a in described if a.dims == (dim,) and a.kind == "coordinate"]
     for name, about in sorted(labels, key=lambda label: label[1].units == "rad"):

@@ -16,7 +16,7 @@ _FEW = 24
 
 @dataclasses.dataclass(eq=False)
 class BeliefHeat:
-    """The belief of a robot while it drives, as a heat map in its recording."""
+    """The belief of a robot, logged as a heat map while the robot drives."""
 
     belief: Belief
     cells: CellSpace
@@ -47,7 +47,7 @@ class BeliefHeat:
         stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
 
     def log_style(self, stream: rr.RecordingStream) -> None:
-        """Log the classes and the style, which do not change."""
+        """Log the colours of the heat map and of the arrows, once per recording."""
         log_classes(stream, "map/grid/heat", heat_scale().classes)
         style = rr.Arrows2D.from_fields(colors=KNOWN, radii=points(2.0), draw_order=20)
         stream.log("map/credible", style, static=True)

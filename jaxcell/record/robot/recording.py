@@ -44,11 +44,11 @@ class RobotRecording:
     """A Rerun recording of robots, written while they drive.
 
     This is a context manager. If the run is interrupted, even by a loss of power, the file has all
-    data except the last moments. Over the timelines `seconds` and `observation` the recording has
-    the true pose, the trail, the place by odometry and the observations of each robot, and the
-    possible cells of the filter of a robot.
+    data except the last moments. The timelines `seconds` and `observation` show the true pose, the
+    trail, the place by odometry and the observations of each robot, and the possible cells of its
+    filter.
 
-    In the block, set `jaxcell.robot.RunLog.on_event` to `event`, to record the events of the run.
+    To record the events of a run, set `jaxcell.robot.RunLog.on_event` to the method `event`.
 
     A robot that bumps into a wall:
 
@@ -81,8 +81,8 @@ class RobotRecording:
         - `cells`: the cell space of their map, or `None`.
         - `filter`: the localization filter or policy of the robot, or `None`.
         - `belief`: the belief of the robot, or `None`.
-        - `filter_of_cells`: `True` if the filter or belief is on `cells`, so that the map can show
-            its cells.
+        - `filter_of_cells`: `True` if `cells` are those of the filter or belief, so that the map
+            can show its cells.
         - `viewer`: a viewer that shows the run; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: the parameters, which the text shows.
 
@@ -232,7 +232,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of the filter and its cells; the state `None` means a refuted filter."""
+        """Log a state of the filter and its cells. The state is `None` if the filter is refuted."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -254,7 +254,7 @@ class RobotRecording:
         self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
 
     def _log_styles(self) -> None:
-        """Log the styles of marks and curves, which do not change."""
+        """Log the colours and sizes of marks and curves, once per recording."""
         self._stream.log("odometry", rr.Transform3D(scale=[1, -1, 1]), static=True)
         styles: list[tuple[str, Any, Color, float, float]] = []
         if self._of_filter is not None:
@@ -297,7 +297,7 @@ class RobotRecording:
         self._stream.log("log", rr.TextLog(who + text, level=level))
 
     def _set_time(self, seconds: float, observation: int) -> None:
-        """Set the times for the next data that this thread logs."""
+        """Set the time, on both timelines, of the data that this thread logs next."""
         self._stream.set_time("seconds", duration=float(seconds))
         self._stream.set_time("observation", sequence=int(observation))
 
