@@ -11,6 +11,8 @@ and tables as JSON. Datasets guarantee:
 - The arrays of a dataset agree with each other. Otherwise `dataset` raises `RuntimeError`. The
     attributes `check_...` contain the largest violations.
 - Cells, vertices and groups are numbered from 0 as in the rest of the library; -1 means none.
+- Rows of different lengths, such as the cells of each state of a filter, have an array of offsets:
+    row `i` is `member[offset[i]:offset[i + 1]]`.
 - `dataset.mixture.set_index(position=("y", "x")).unstack()` converts an array over positions, here
     `mixture`, to an image of the map.
 

@@ -12,7 +12,7 @@ from ...base.quantities import quantities, quantity, values
 from ...bounce import BounceGroups
 from ...mapping import GroupSummary
 from ..data.dataset import attributes_of, check_attributes
-from ..provenance import direction_coordinates, place_coordinates, provenance
+from ..provenance import cell_coordinates, provenance
 
 
 _ABOUT = {
@@ -59,15 +59,7 @@ def save_cells(
         store = zarr.create_group(temporary, attributes=provenance(result.title, cells, spec))
         for name, (_, numbers) in values(result, lambda one: one.dims == ("bounce",)).items():
             _quantity(store, name, numbers.shape, numbers.dtype)[:] = numbers
-        axes = {
-            name: _array(store, name, (dim,), (cells.positions,), float, attributes)
-            for name, (dim, _, attributes) in place_coordinates(cells, slice(0, 0)).items()
-        }
-        for begin in range(0, cells.positions, CHUNK):
-            some = slice(begin, min(begin + CHUNK, cells.positions))
-            for name, (_, numbers, _) in place_coordinates(cells, some).items():
-                axes[name][some] = numbers
-        for name, (dim, numbers, attributes) in direction_coordinates(cells).items():
+        for name, (dim, numbers, attributes) in cell_coordinates(cells).items():
             _array(store, name, (dim,), numbers.shape, numbers.dtype, attributes)[:] = numbers
         checks = check_attributes(result.title, _write_cells(store, result))
         # By this attribute xarray recognizes coordinates other than dimensions.

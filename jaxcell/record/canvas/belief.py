@@ -22,17 +22,16 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
 
 def arrows(
-    cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
+    cells: CellSpace, where: Integer[np.ndarray, "arrows"]
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
     """Return the origins and the vectors of arrows at cells, which point in their directions."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    return np.stack([x, y], axis=1), length * heading
+    return np.stack([x, y], axis=1), _length(cells) * heading
 
 
-def belief_length(cells: CellSpace) -> float:
-    """Return the length of the arrows of a belief, in metres."""
-    return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
+def _length(cells: CellSpace) -> float:
+    return max(0.42, 0.02 * max(cells.free.shape)) * cells.cell
 
 
 def robot_length(map: CellMap) -> float:
@@ -42,7 +41,7 @@ def robot_length(map: CellMap) -> float:
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
     """Log the style of the arrows of a belief, at `map/belief`."""
-    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
+    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=_length(cells) / 10, draw_order=20)
     stream.log("map/belief", style, static=True)
 
 
@@ -75,7 +74,7 @@ def log_beliefs(
     shown = np.where(size <= MAX_ARROWS, size, 0)
     few = [where for where in beliefs if where.size <= MAX_ARROWS]
     where = np.concatenate([*few, np.empty(0, np.int32)])
-    origins, vectors = arrows(cells, where, belief_length(cells))
+    origins, vectors = arrows(cells, where)
     times = np.arange(size.size)
     send_changing(stream, "map/belief", rr.Arrows2D, times, shown, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
@@ -102,4 +101,4 @@ def heat_scale() -> Scale:
 
 def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
     """Return the class of each probability on the scale of [`heat_scale`][]."""
-    return heat_scale().levels(np.maximum(share, _FAINT), {_UNLIKELY: share < _FAINT})
+    return heat_scale().levels(share, {_UNLIKELY: share < _FAINT})

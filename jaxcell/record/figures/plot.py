@@ -146,12 +146,7 @@ def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
 
 
 def _draw_image(ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    colored = drawn.colored()
-    image = ax.imshow(
-        colored.values,
-        **{"aspect": "auto", "origin": "lower", "interpolation": "nearest"},
-        **(colored.options | options),
-    )
-    colored.explain(ax, image)
+    layout = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+    drawn.show(ax, lambda values, style: ax.imshow(values, **(layout | style | options)))
     ax.set_xlabel(drawn.dims[1].replace("_", " "))
     ax.set_ylabel(drawn.dims[0].replace("_", " "))

@@ -4,7 +4,7 @@ import rerun as rr
 
 from ...automata import Belief, BeliefState
 from ...space import CellSpace
-from ..canvas.belief import arrows, belief_length, heat, heat_scale
+from ..canvas.belief import arrows, heat, heat_scale
 from ..canvas.map import log_classes, on_squares
 from ..canvas.marks import points
 from ..canvas.palette import KNOWN
@@ -43,7 +43,7 @@ class BeliefHeat:
         stream.log("map/grid/heat", rr.SegmentationImage(picture))
         known = self.belief.estimate(self.state).cells
         known = known if known.size <= _FEW else known[:0]
-        origins, vectors = arrows(cells, known, belief_length(cells))
+        origins, vectors = arrows(cells, known)
         stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
 
     def log_style(self, stream: rr.RecordingStream) -> None:

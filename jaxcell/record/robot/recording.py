@@ -10,15 +10,7 @@ import rerun.blueprint as rrb
 
 from ...automata import Belief, Filter, Policy
 from ...space import CellSpace
-from ..canvas.belief import (
-    MAX_ARROWS,
-    arrows,
-    belief_length,
-    log_belief_style,
-    log_shades,
-    robot_length,
-    shades,
-)
+from ..canvas.belief import MAX_ARROWS, arrows, log_belief_style, log_shades, robot_length, shades
 from ..canvas.curves import curve_view, log_curve_style
 from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
@@ -241,7 +233,7 @@ class RobotRecording:
         if (cells := self._of_filter) is None:
             return
         few = robot.cells if robot.cells.size <= MAX_ARROWS else NOWHERE
-        origins, vectors = arrows(cells, few, belief_length(cells))
+        origins, vectors = arrows(cells, few)
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
         picture = on_squares(cells, shades(cells, robot.cells))
         self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
