@@ -29,7 +29,7 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
         raise FileNotFoundError(f"{name}: there is no such file")
     matching = sorted(glob.glob(name, recursive=True))
     if not matching:
-        raise FileNotFoundError(f"{name}: no file has a name of this pattern")
+        raise FileNotFoundError(f"{name}: no file matches this pattern")
     return matching
 
 

@@ -53,13 +53,13 @@ def plot(
     pyplot = import_module("matplotlib.pyplot")
     name = name or picture(result)
     if name is None:
-        raise ValueError(f"{type(result).__name__} has no array to draw; its numbers are in print")
+        raise ValueError(f"{type(result).__name__} has no array to draw; print shows its numbers")
     drawable = _drawable(result)
     owner, own_name, about = drawable.get(name, (result, "", None))
     value = getattr(owner, own_name, None)
     if about is None or value is None:
         names = ", ".join(drawable)
-        raise ValueError(f"{name}: this is no array of the result; expected one of {names}")
+        raise ValueError(f"{name}: not an array of the result; expected one of {names}")
     array, dims = np.asarray(value), list(about.dims)
     base = ground.of(result, about)
     kept = base.dims if base else tuple(dims[-2:])

@@ -25,7 +25,7 @@ class BeliefHeat:
     def __post_init__(self) -> None:
         if self.belief.hidden.configurations > self.cells.size:
             raise ValueError(
-                f"belief: it is of {self.belief.hidden.configurations} cells, and the map has "
+                f"belief: it has {self.belief.hidden.configurations} cells, but the map has "
                 f"{self.cells.size}"
             )
         self.state = self.belief.start()

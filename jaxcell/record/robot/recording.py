@@ -93,7 +93,7 @@ class RobotRecording:
         self._of_filter = None if filter is None else known
         if filter is not None and known is not None and filter.uncertainty[0] != known.size:
             raise ValueError(
-                f"filter: it is of {filter.uncertainty[0]} cells, and the map has {known.size}"
+                f"filter: it has {filter.uncertainty[0]} cells, but the map has {known.size}"
             )
         self._heat = None if belief is None or known is None else BeliefHeat(belief, known)
         self._path, self._cells, self._filter = path, cells, filter
