@@ -30,7 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
-    """Log robots that start anywhere.
+    """Log the recording of robots that start anywhere.
 
     The timeline `bump` shows the first robot, the stretches of walls where this robot may be, and
     their hull and extent. It also shows the share of robots that are localized, or at the goal.

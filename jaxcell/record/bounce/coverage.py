@@ -28,7 +28,7 @@ _PALE: Color = (149, 154, 184)
 
 
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
-    """Log a mixture of bouncing policies.
+    """Log the recording of a mixture of bouncing policies.
 
     The first tab has heat maps of the coverage by each angle, of the coverage by the mixture, and
     of the target. Bars show the shares of time. Each angle has a tab with its persistent groups and
@@ -72,12 +72,12 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each number on a scale by [`heat_scale`][]."""
+    """Return the class of each number on a scale of [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
 def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """Return the legend of a scale by [`heat_scale`][]: every fourth level, and special colours."""
+    """Return the legend of a scale of [`heat_scale`][]: every fourth level, and special colours."""
     begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
     levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
     return [*levels[::-1], *reversed([*scale.special.items()])]

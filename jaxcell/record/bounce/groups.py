@@ -23,7 +23,7 @@ _EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
-    """Log periodic groups.
+    """Log the recording of periodic groups.
 
     Each bouncing angle has a tab, which shows the group that each cell leads to, the number of
     mappings to the group, and the squares of these groups, over the timeline `direction`.
@@ -64,8 +64,9 @@ def log_group_tab(
 class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
-    Groups with the same directions form a family. For example, 90 degrees and 360 directions have
-    90 families. A direction has one family, whose groups have colours by their ranks.
+    Groups with the same directions form a family: with a bouncing angle of 90 degrees and 360
+    directions there are 90 families. A picture shows one direction, and thus one family, whose
+    groups have colours by their ranks.
     """
 
     def __init__(

@@ -19,7 +19,7 @@ _MAX_ROWS = 12
 
 
 def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spec) -> None:
-    """Log a robot that is localized by its bumps.
+    """Log the recording of a robot that is localized by its bumps.
 
     The timeline `step` shows the robot and its trail, its possible cells and their number, and the
     path through the graph of the filter. A second tab shows the periodic groups of one direction:

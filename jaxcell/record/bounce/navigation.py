@@ -27,7 +27,7 @@ _ENDS = ["start/**", "goal/**"]
 
 
 def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec: Spec) -> None:
-    """Log a plan of a bouncing robot, or the costliest plan of a summary.
+    """Log the recording of a plan of a bouncing robot, or of the costliest plan of a summary.
 
     The timeline `step` shows the robot, and the angle of its turn at each bump. Arrows show the
     whole plan, with one colour per angle. The timeline `direction` shows the cells from which the

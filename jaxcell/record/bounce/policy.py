@@ -27,7 +27,7 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log a robot that chooses angles to localize itself.
+    """Log the recording of a robot that chooses angles to localize itself.
 
     The timeline `step` shows the robot and its trail, its possible cells, the angle of its turn at
     each bump, and its path through the tree of the policy. The timeline `direction` shows the

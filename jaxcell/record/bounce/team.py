@@ -18,11 +18,11 @@ MAX_TIMES, MAX_PICTURES = 20_000, 500
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
-    """Log a joint trajectory of several robots.
+    """Log the recording of a joint trajectory of several robots.
 
     The timeline `step` shows the robots and the ends of their trails, the visited positions in the
     colour of the first visitor, and the robots that collide. Curves show the number of visited
-    positions, of collisions, and of the part of the trajectory.
+    positions, the number of collisions, and the current part of the trajectory.
     """
     stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))

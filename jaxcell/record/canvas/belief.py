@@ -35,18 +35,18 @@ def _length(cells: CellSpace) -> float:
 
 
 def robot_length(map: CellMap) -> float:
-    """Return the length of an arrow from the centre of a robot, in metres."""
+    """Return the length, in metres, of the arrow that shows the heading of a robot."""
     return max(0.7 * map.cells.cell, 0.035 * map.extent)
 
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
-    """Log the style of the arrows of a belief, at `map/belief`."""
+    """Log the style of the arrows of a belief, at the entity `map/belief`."""
     style = rr.Arrows2D.from_fields(colors=BELIEF, radii=_length(cells) / 10, draw_order=20)
     stream.log("map/belief", style, static=True)
 
 
 def log_shades(stream: rr.RecordingStream) -> None:
-    """Log the meanings and colours of the shades of squares, at `map/grid/belief`."""
+    """Log the meanings and colours of the shades, at the entity `map/grid/belief`."""
     shares = np.linspace(0.2, 1, _SHADES)
     classes = [PictureClass("the robot cannot be here", CLEAR)]
     classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]

@@ -199,7 +199,7 @@ class CellMap:
 
     @functools.cached_property
     def _sticks_out(self) -> bool:
-        """True if a wall goes through a square, so that a free square may extend beyond it."""
+        """True if walls go through squares, so that free squares may extend beyond the walls."""
         cells = self.cells
         if cells.workspace is None:
             return False
@@ -244,7 +244,7 @@ class CellMap:
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
-"""The directions that a picture shows: times, and the direction at each time, by timeline."""
+"""For each timeline, its times, and the direction that a picture shows at each time."""
 
 
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
@@ -280,7 +280,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or one picture per time; higher `order` is drawn on top."""
+    """Log a picture of classes, or one per time. Pictures with a higher `order` are on top."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)

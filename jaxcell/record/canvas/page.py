@@ -22,7 +22,7 @@ _STRIPES = 8
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""The meaning and the colour of each row of a legend, also as `PictureClass` or `Level`."""
+"""The meaning and the colour of each row; a row may be a `PictureClass` or a `Level`."""
 
 
 def log_tab(
@@ -41,7 +41,7 @@ def log_tab(
     **Arguments:**
 
     - `path`: the parent entity of the text and the legend; empty for the root.
-    - `views`: the views on the left. Several views form a grid, whose free place has the legend.
+    - `views`: the views on the left. Several views form a grid, with the legend in a free place.
     - `text`: the text in Markdown; it may be empty if there is a legend.
     - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time
         and that [`log_legends`][] logs, the number of its rows.

@@ -130,7 +130,7 @@ class Level(NamedTuple):
 
 
 NOT_FREE = PictureClass("not free", CLEAR)
-"""The class 0 of the pictures of a map."""
+"""Class 0 in pictures of a map: squares that are not free."""
 
 
 def cycle_color(color: int) -> tuple[str, Color]:

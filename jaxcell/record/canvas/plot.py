@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes with their titles and ticks. A mapping has the name of each tick."""
+        """Log the axes, with ticks at `x` and `y`, and their titles. A mapping names the ticks."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -86,7 +86,7 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve. Narrow curves are drawn over wide ones, and large values at the top."""
+        """Log a curve over all wider curves. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
@@ -120,7 +120,7 @@ def _names(ticks: Ticks) -> list[str]:
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:
-    """Return about `about` round numbers from 0 to `most`."""
+    """Return round numbers from 0 to `most`, approximately `about` of them."""
     size = 10.0 ** np.floor(np.log10(most / about))
     step = next(size * one for one in (1, 2, 5, 10) if size * one * about >= most)
     return [float(one) for one in np.arange(int(most / step + 1e-9) + 1) * step]

@@ -120,7 +120,7 @@ def send_blueprint(
 
 
 def pace(steps: int) -> float:
-    """Return the speed that plays a run in 20 seconds, but from 2 to 30 steps per second."""
+    """Return the steps per second that play a run in 20 seconds, at least 2 and at most 30."""
     return float(np.clip(steps / 20, 2, 30))
 
 
@@ -135,7 +135,7 @@ def plane(
 
     **Arguments:**
 
-    - `origin`: the entity whose coordinates the view has.
+    - `origin`: the entity in whose coordinates the view is drawn.
     - `box`: the left, top, right and bottom of the box.
     - `contents`: the shown entities, by default all entities below `origin`.
     - `ground`: the colour behind all entities.

@@ -18,8 +18,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     """Convert a result to a labelled dataset, from the descriptions of its quantities.
 
     Each quantity becomes a variable with its meaning, units and kind as attributes. The names of
-    the variables of a part begin with the name of the part, except coordinates. Rows of different
-    lengths are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
+    the variables of a part begin with the name of the part, except coordinates. Arrays of Python
+    objects are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
     over `position`, `theta` over `direction`.
 
     **Arguments:**
@@ -144,7 +144,7 @@ def _checks(result: Result, prefix: str) -> Checks:
 
 
 def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
-    """Check that the numbers of each variable are possible for its kind, such as `share`."""
+    """Return checks that the numbers of each variable are possible for its kind."""
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in dataset.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)

@@ -27,7 +27,7 @@ axes; their labels are the two attractors."""
 
 
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
-    """Log attractors and basins.
+    """Log the recording of attractors and basins.
 
     The pictures show a plane of the first two axes. The timeline `slice` moves the plane along the
     third axis, if any. The plane is in the middle of all other axes.
@@ -64,7 +64,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
-    """Log attractors and basins over a timeline of the values of the first parameter."""
+    """Log the recording of attractors and basins, with a timeline of the first parameter."""
     name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
     each = zip(branches.members, branches.label, strict=True)
@@ -161,7 +161,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return pictures of the basins, at the indices `thirds`; `names` number the attractors."""
+    """Return pictures of the basins by [`_slices`][]; `names` has the numbers of attractors."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):

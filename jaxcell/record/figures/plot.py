@@ -113,7 +113,7 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw an array of one dimension as a curve or bars, of two as lines with a legend."""
+    """Draw an array as a curve or bars, or an array of two dimensions as several lines."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
     if len(dims) == 2 and rows.shape[0] > rows.shape[1]:

@@ -46,7 +46,7 @@ class Track:
     read: int = 0
     "The number of entries of the trace that [`Track.follow`][] has read."
     last: tuple[float, float, float, float] | None = None
-    "The last of these entries."
+    "The last entry that was read from the trace."
     logged: float = -math.inf
     "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
