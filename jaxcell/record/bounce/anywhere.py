@@ -30,11 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
-    """Log the recording of robots that start anywhere.
-
-    The timeline `bump` shows the first robot, the stretches of walls where this robot may be, and
-    their hull and extent. It also shows the share of robots that are localized, or at the goal.
-    """
+    """Log the recording of robots that start anywhere; maps show the first of them."""
     map, last, legend = CellMap(stream, found.cells), found.bump.size, _LEGEND
     if isinstance(found, HomeFromAnywhere):
         _log_goal(map, found)

@@ -23,11 +23,7 @@ _EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
-    """Log the recording of periodic groups.
-
-    Each bouncing angle has a tab, which shows the group that each cell leads to, the number of
-    mappings to the group, and the squares of these groups, over the timeline `direction`.
-    """
+    """Log the recording of periodic groups, with a tab per bouncing angle."""
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)

@@ -19,12 +19,7 @@ _MAX_ROWS = 12
 
 
 def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spec) -> None:
-    """Log the recording of a robot that is localized by its bumps.
-
-    The timeline `step` shows the robot and its trail, its possible cells and their number, and the
-    path through the graph of the filter. A second tab shows the periodic groups of one direction:
-    the heading of the robot on the timeline `step`, and each direction on `direction`.
-    """
+    """Log the recording of a robot that is localized by its bumps."""
     drawing = draw_filter(localized.filter, localized.run.states)
     map, colors = CellMap(stream, localized.cells), localized.belief_color
     path, title, most = "filter/color", "Filter's colour", int(colors.max())

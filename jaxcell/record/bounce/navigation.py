@@ -29,9 +29,7 @@ _ENDS = ["start/**", "goal/**"]
 def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec: Spec) -> None:
     """Log the recording of a plan of a bouncing robot, or of the costliest plan of a summary.
 
-    The timeline `step` shows the robot, and the angle of its turn at each bump. Arrows show the
-    whole plan, with one colour per angle. The timeline `direction` shows the cells from which the
-    goal can be reached. If no plan was found, the recording has only these cells.
+    If no plan was found, the recording shows only the cells from which the goal can be reached.
     """
     plan = result.costliest if isinstance(result, CostSummary) else result
     map = CellMap(stream, plan.cells)

@@ -27,12 +27,7 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log the recording of a robot that chooses angles to localize itself.
-
-    The timeline `step` shows the robot and its trail, its possible cells, the angle of its turn at
-    each bump, and its path through the tree of the policy. The timeline `direction` shows the
-    number of bumps until the robot is localized, from each cell.
-    """
+    """Log the recording of a robot that chooses angles to localize itself."""
     map = CellMap(stream, localized.cells)
     tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
     send_blueprint(stream, tabs, "step", pace(localized.run.path.size))

@@ -14,11 +14,7 @@ from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
 def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
-    """Log the recording of a robot that slips and is localized by a belief.
-
-    The timeline `step` shows the robot and its trail, the probability of each position, the
-    likeliest cell, the size of the credible set, and the probability that the robot is in no cell.
-    """
+    """Log the recording of a robot that slips and is localized by a belief."""
     cells, last = slipped.cells, slipped.observations.size
     steps = np.arange(last + 1)
     map = CellMap(stream, cells)
