@@ -45,7 +45,7 @@ def drive(free_space, point, heading, turns, *, relative=0.0, absolute=0.0, turn
 
     **Arguments:**
 
-    - `point`, `heading`: where the robots start.
+    - `point`, `heading`: the starts of the robots, inside the room.
     - `turns`: the angle of each turn: of all robots, or of each.
     - `relative`, `absolute`: the bounds of the error of an observed run, as a share of its
         length and in metres.
