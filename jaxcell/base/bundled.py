@@ -55,9 +55,9 @@ def bundled_names() -> Mapping[str, Path]:
     )
 
 
-def found(name: str) -> str:
-    """Return the path of a bundled file for a name with `@`; return any other name unchanged."""
-    return str(bundled(name)) if name.startswith("@") else name
+def with_path(word: str) -> str:
+    """Replace a name with `@` by the path of the bundled file; return other words unchanged."""
+    return str(bundled(word)) if word.startswith("@") else word
 
 
 def _folder() -> Path:

@@ -62,19 +62,19 @@ def tables(
 
 
 def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    found = summarized(result)
-    return {name: found[name] for name in result.brief if name in found} or found
+    numbers = summarized(result)
+    return {name: numbers[name] for name in result.brief if name in numbers} or numbers
 
 
 def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]:
     described = summarized(result)
-    for dim, found in columns(result).items():
+    for dim, table in columns(result).items():
         if result.brief and dim not in result.brief:
             continue
         listed = {
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
-        several = found | listed
+        several = table | listed
         length = max((len(np.asarray(value)) for _, value in several.values()), default=0)
         # Meanings do not fit as heads of many columns.
         short = _MAX_LONG < len(several) <= length

@@ -145,11 +145,11 @@ def _cut(basins: Basins, timeline: str = "") -> str:
         return ""
     cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
     at = [f"{name} = {ticks[ticks.size // 2]:.4g}" for name, ticks in cut]
-    said = f"\n\nThe maps go along {basins.names[0]} and {basins.names[1]}"
+    planes = f"\n\nThe maps go along {basins.names[0]} and {basins.names[1]}"
     if not timeline:
-        return f"{said}, at {', '.join(at)}."
+        return f"{planes}, at {', '.join(at)}."
     name, ticks = cut[0]
-    through = f"{said}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
+    through = f"{planes}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
     rest = f"; they are cut at {', '.join(at[1:])}" if at[1:] else ""
     return f"{through}, from {ticks[0]:.4g} to {ticks[-1]:.4g}{rest}."
 

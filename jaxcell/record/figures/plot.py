@@ -98,7 +98,7 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
     For each array, return the result or part that has it, its name in this part, and its
     description.
     """
-    found = {
+    arrays = {
         prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
         if about.dims
@@ -108,8 +108,8 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
     }
     for name, part in parts(result).items():
         if isinstance(part, Result):
-            found |= _drawable(part, f"{prefix}{name}_")
-    return found
+            arrays |= _drawable(part, f"{prefix}{name}_")
+    return arrays
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
