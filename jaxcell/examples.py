@@ -22,9 +22,9 @@ def corridor(directions: int = 2) -> "space.CellSpace":
     return space.CellSpace.of(space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
 
 
-def lab(directions: int = 8) -> "space.CellSpace":
-    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m with two obstacles."""
-    return space.CellSpace.load(bundled("lab_a"), directions=directions)
+def lab() -> "space.CellSpace":
+    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m, and 8 directions."""
+    return space.CellSpace.load(bundled("lab_a"))
 
 
 def ring() -> "automata.Filter":

@@ -24,14 +24,12 @@ def reload(dataset, path):
 def test_groups_by_direction_and_position(lab):
     dataset = dataset_of(lab.groups).squeeze("bounce")
     host = lab.host()
+    for name in ("group", "step", "period"):
+        np.testing.assert_array_equal(dataset[name].values.ravel(), getattr(host, name))
     for z in range(lab.cells.size):
         direction, position = divmod(z, lab.cells.positions)
         cell = dataset.isel(direction=direction, position=position)
-        assert cell.group == host.group[z]
-        assert cell.step == host.step[z]
-        assert cell.period == host.period[z]
-        x, y, theta = lab.cells.centre(z)
-        assert (cell.x, cell.y, cell.theta) == (x, y, theta)
+        assert (cell.x, cell.y, cell.theta) == lab.cells.centre(z)
         assert cell.theta_deg == pytest.approx(45 * direction)
         # Going on until the cell returns says whether it is periodic.
         orbit, at = set(), int(host.image[z])

@@ -57,9 +57,8 @@ def test_a_large_belief_is_shaded(hall, hall_run):
     large = int(np.sum(sizes > MOST_ARROWS))
     assert list(shades) == list(range(large + 1))
     for time in range(large):
-        count = np.zeros(hall.cells.free.size, int)
-        for cell in hall.filter.cells(int(run.states[time])).tolist():
-            count[hall.cells.square[cell % hall.cells.positions]] += 1
+        position = hall.filter.cells(int(run.states[time])) % hall.cells.positions
+        count = np.bincount(hall.cells.square[position], minlength=hall.cells.free.size)
         np.testing.assert_array_equal(shades[time].ravel(), np.ceil(count * 8 / 24))
     assert not shades[large].any(), "where arrows take over, no shade is left"
 
@@ -114,13 +113,9 @@ def test_the_filter_is_a_graph_that_lights_up(shown):
     current, vermilion = map(packed, (CURRENT, ROBOT))
     seen = set()
     for time, state in enumerate(run.states.tolist()):
-        lit = {s for s, color in zip(states, colors[time], strict=True) if color == current}
-        assert lit == {state} & set(states)
-        been = {
-            s
-            for s, color in zip(states, colors[time], strict=True)
-            if color == vermilion and case.filter.color[s] == 1
-        }
+        now = list(zip(states, colors[time], strict=True))
+        assert {s for s, color in now if color == current} == {state} & set(states)
+        been = {s for s, color in now if color == vermilion and case.filter.color[s] == 1}
         assert been == (seen - {state}) & set(states)
         seen.add(state)
     assert run.states[-1] in states
