@@ -9,7 +9,7 @@ and tables as JSON. Datasets guarantee:
 - Attributes contain the provenance: the versions of jaxcell, of its source and of JAX, and the
     parameters as JSON in `spec`.
 - The arrays of a dataset agree with each other. Otherwise `dataset` raises `RuntimeError`. The
-    attributes `check_...` contain the largest violations.
+    attributes `check_...` contain the values of these checks.
 - Cells, vertices and groups are numbered from 0 as in the rest of the library; -1 means none.
 - Rows of different lengths, such as the cells of each state of a filter, have an array of offsets:
     row `i` is `member[offset[i]:offset[i + 1]]`.

@@ -39,7 +39,7 @@ def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Scale values to whole numbers by a power of ten; return the numbers and the exponent.
 
     The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the least
-    number of digits, but at least four, that keeps the values different.
+    number of digits that keeps the values different, but the largest value has at least five.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):
