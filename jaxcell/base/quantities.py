@@ -131,11 +131,11 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 class Result:
     """The base class of results of studies: dataclasses with described quantities.
 
-    A field may be a result too. The summary has it under the name of the field. In datasets, the
-    names of its variables begin with the name of the field, except labels of dimensions. A field
-    may also be a tuple of results, such as `layers`. It becomes a list in the summary, and
-    variables `layer_...` along a dimension `layer` in datasets. A field `cells` defines the
-    coordinates of datasets.
+    A field may itself be a result, which is called a part. The summary has the part as an object,
+    and the names of the variables of the part in datasets begin with the name of the field, except
+    labels of dimensions. A tuple of results, such as the field `layers`, becomes a list in the
+    summary, and variables `layer_...` along a dimension `layer` in datasets. A field `cells` with a
+    cell space gives datasets their coordinates.
     """
 
     title: ClassVar[str] = ""

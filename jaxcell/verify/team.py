@@ -48,7 +48,7 @@ def _joint_step(
     turns: Int[np.ndarray, "robots"],
     state: Int[np.ndarray, "robots"],
 ) -> tuple[list[int], list[bool], list[bool], int]:
-    """Find the next cells, which robots bump and collide, and the number of colliding pairs."""
+    """Find the next cells, the robots that bump or collide, and the number of colliding pairs."""
     cells, squares = team.cells, squares_of(team.cells).T
     ahead = np.asarray(straight.image)[state]
     here = squares[state % cells.positions]

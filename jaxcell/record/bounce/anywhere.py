@@ -30,7 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> None:
-    """Log the recording of robots that start anywhere; maps show the first of them."""
+    """Log the recording of robots that start anywhere; the map shows the first robot."""
     map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
     if isinstance(result, HomeFromAnywhere):
         _log_goal(map, result)

@@ -91,7 +91,7 @@ def _log_shares(
 
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
-    """Log the persistent groups and the limiting distribution of one angle, by direction."""
+    """Log a tab with the persistent groups and the limiting distribution of one bouncing angle."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
     color = palette.ranked(palette.ranks(np.asarray(policy.limiting[i].weights)))

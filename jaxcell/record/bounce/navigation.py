@@ -81,7 +81,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 def _log_runs(
     map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow per run and a dot per bump, in the colours of their angles."""
+    """Log an arrow per run and a dot per bump, coloured by bouncing angle; return the legend."""
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [palette.angle_color(i) for i in range(angle.size)]

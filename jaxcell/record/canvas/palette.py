@@ -45,7 +45,7 @@ CATEGORIES: dict[str, Color] = {
 
 _ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
 ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
-"""The name and the colour of each robot, in order."""
+"""The name and the colour of each robot, by its number."""
 
 # The first angles avoid the colours of the robot and of the start; all avoid that of the goal.
 _ANGLES = ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
