@@ -103,7 +103,7 @@ def gyres() -> "tuple[drift.Water, drift.Flow]":
 
 
 def patrol() -> "tuple[optimize.Graph, Bool[np.ndarray, '5 5']]":
-    """Make a graph of five vertices in a row, each of which sees itself and its neighbours."""
+    """Make a graph of five vertices in a row, and their visibility up to the next vertex."""
     graph = optimize.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
     return graph, np.abs(np.subtract.outer(range(5), range(5))) <= 1
 

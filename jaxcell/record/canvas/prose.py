@@ -31,7 +31,7 @@ def describe(cells: CellSpace) -> str:
 
 
 def bouncing(bounce: float) -> str:
-    """Describe the motion of a robot with one bouncing angle, in radians."""
+    """Describe the motion of a robot with one bouncing angle; the argument is in radians."""
     return (
         f"A robot runs straight. Where it bumps it turns by **{degrees(bounce)}** "
         "(counter-clockwise), and runs on."
