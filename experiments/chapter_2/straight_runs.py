@@ -1,8 +1,11 @@
 """Straight runs of robots from wall to wall, by rays that share no code with the library.
 
 A bump turns the robot to the left from its heading. Where the new heading points into the wall, the
-next run is 0. A robot may drive along a wall, and a ray that grazes a corner goes on.
+next run is 0. A robot may drive along a wall, and a ray that grazes a corner goes on; it does not
+slip between two walls that meet in a point.
 """
+
+import math
 
 import numpy as np
 import shapely
@@ -33,6 +36,14 @@ class Rays:
         self.walls = len(self.start)
         self.along, self.length = _unit(np.concatenate(end) - self.start)
         self.back, _ = _unit(np.concatenate(before) - self.start)
+        # The free space at a point where several corners meet is a wedge for each corner.
+        _, self.point, count = np.unique(
+            self.start.round(9), axis=0, return_inverse=True, return_counts=True
+        )
+        for several in np.flatnonzero(count > 1):
+            here = np.flatnonzero(self.point == several)
+            turn = _angle(self.back[here]) - _angle(self.along[here])[:, None]
+            self.back[here] = self.back[here][(turn % math.tau).argmin(axis=1)]
         self.normal = np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
 
     def run(
@@ -65,8 +76,10 @@ class Rays:
         far = far[np.arange(len(point)), wall]
         ahead, aside = _dot(offset, u[:, None]), _cross(u[:, None], offset)
         robots, corners = np.nonzero((ahead > NEAR) & (np.abs(aside) <= NEAR))
-        grazed = self._opens(corners, -u[robots]) & self._opens(corners, u[robots])
-        for robot, corner in zip(robots[~grazed], corners[~grazed], strict=True):
+        came = self._opens(corners, -u[robots])
+        at = robots * self.walls + self.point[corners]
+        grazed = np.isin(at, at[came & self._opens(corners, u[robots])])
+        for robot, corner in zip(robots[came & ~grazed], corners[came & ~grazed], strict=True):
             if ahead[robot, corner] < far[robot]:
                 far[robot], wall[robot] = ahead[robot, corner], self.walls + corner
         return far, wall
@@ -93,6 +106,10 @@ def anywhere(free_space: shapely.Geometry, count: int, rng: np.random.Generator)
 def _unit(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     length = np.hypot(*vector.T)
     return vector / length[:, None], length
+
+
+def _angle(vector: np.ndarray) -> np.ndarray:
+    return np.arctan2(vector[:, 1], vector[:, 0])
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from ..base.bundled import found
+from ..base.bundled import with_path
 from ..base.memory import LIMIT, read_size
 from ..study import STUDIES
 from .completion import OPTION as COMPLETION, print_completion
@@ -135,7 +135,7 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
             else:
                 unknown(words, COMMANDS)
         kind, rest = COMMANDS[name], words[len(name.split()) :]
-    return name, parsed(kind, name, [found(word) for word in rest])
+    return name, parsed(kind, name, [with_path(word) for word in rest])
 
 
 def _name(words: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..base.bundled import found
+from ..base.bundled import with_path
 from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
 from .help import parsed
 from .output import write_text
@@ -61,7 +61,7 @@ class Stop:
 
     @property
     def words(self) -> list[str]:
-        return [found(word) for word in self.options.split()]
+        return [with_path(word) for word in self.options.split()]
 
     @property
     def line(self) -> str:

@@ -264,7 +264,7 @@ def test_a_robot_without_odometry_is_refused(world_of):
 
 
 def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
-    with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not here; where it is: source "):
+    with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not set up; first run: source "):
         Create3().__enter__()
 
 

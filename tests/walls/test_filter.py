@@ -34,9 +34,8 @@ def drive(workspace, robots, bumps, bounce, seed, headings=None, **errors):
     heading = rng.uniform(0, 2 * np.pi, robots)
     if headings is not None:
         heading = np.floor(heading * headings / (2 * np.pi)) * 2 * np.pi / headings
-    room = rays.Room(workspace.free_space)
     turns = [bounce] * (bumps - 1)
-    return room.drive(*place.T, heading, turns, signs=rng, **errors)
+    return rays.drive(workspace.free_space, place, heading, turns, signs=rng, **errors)
 
 
 @pytest.mark.parametrize(
@@ -86,15 +85,16 @@ def test_a_run_that_begins_beside_the_wall_loses_no_robot():
     rng = np.random.default_rng(4)
     place = rays.anywhere(workspace.free_space, 15, rng)
     heading = rng.uniform(0, 2 * np.pi, 15)
-    room = rays.Room(workspace.free_space)
+    room, at = rays.Rays(workspace.free_space), np.full(15, rays.INSIDE)
     filter = walls.WallFilter.of(workspace, errors=walls.Errors(displacement=back))
     state = None
     for _ in range(12):
-        length, bump, _ = room.cast(place, room.locate(place), heading)
+        length, bump, _ = room.run(place, at, heading)
         state = filter.observe(state, length)
         assert walls.contains(filter.boundary, state, filter.slice_of(heading), bump).all()
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         place = bump - np.minimum(back, length)[:, None] * ahead
+        at = np.where(length > back, rays.INSIDE, at)
         heading, state = heading + angle, filter.turn(state, angle)
 
 
@@ -169,7 +169,7 @@ def test_a_heading_that_is_off_loses_no_robot():
     rng = np.random.default_rng(6)
     place = rays.anywhere(workspace.free_space, 20, rng)
     heading = rng.integers(8, size=20) * np.pi / 4 + off * rng.choice([-1, 1], 20) * 0.9999
-    runs = rays.Room(workspace.free_space).drive(*place.T, heading, [angle] * 9)
+    runs = rays.drive(workspace.free_space, place, heading, [angle] * 9)
     filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(heading=off))
     assert filter.first.sum() == 8 * 8
     followed(filter, runs, angle, runs.length)
