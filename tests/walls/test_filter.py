@@ -104,10 +104,10 @@ def drive_with_bump_turns(filter, bump_turn, seed):
     rng = np.random.default_rng(seed)
     place = rays.anywhere(workspace.free_space, 20, rng)
     heading = rng.uniform(0, 2 * np.pi, 20)
-    room = rays.Room(workspace.free_space)
-    at, state, inside = room.locate(place), None, []
+    room, at = rays.Rays(workspace.free_space), np.full(20, rays.INSIDE)
+    state, inside = None, []
     for _ in range(12):
-        length, place, at = room.cast(place, at, heading)
+        length, place, at = room.run(place, at, heading)
         state = filter.observe(state, length)
         inside.append(walls.contains(filter.boundary, state, filter.slice_of(heading), place))
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
