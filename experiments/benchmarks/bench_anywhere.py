@@ -1,11 +1,11 @@
-"""Times the observations of robots that start anywhere, by sets of places on walls.
+"""Time the observations of robots that start anywhere, by sets of places on walls.
 
 Run `python experiments/benchmarks/bench_anywhere.py`; it takes a minute.
 
-Known headings are the 16 or 32 of a map; else headings are not known, with 360 slices. The chords
-are made once for each room, and the first observation, which all places in the room may explain, is
-timed apart. The other observations are those of robots that run 20 times to a wall and measure each
-run to within 5 cm.
+Known headings are the directions of a map. Unknown headings are divided into 360 slices. The chords
+are computed once per room. The first observation, which all places in the room may explain, is
+timed separately. The other observations are those of robots that drive 20 times to a wall and
+measure each run to within 5 cm.
 """
 
 import math
@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 from rows import Row, options, write_rows
-from timing import begin, line
+from timing import begin, header, line
 
 from experiments.shared.data import MAPS
 from jaxcell.space import Workspace
@@ -32,7 +32,7 @@ BUMPS = 20
 def observed(
     room: Workspace, filter: WallFilter, headings: int | None, bounce: float, robots: int
 ) -> np.ndarray:
-    """Seconds of each observation of robots that are followed one by one."""
+    """Time each observation of robots that are followed one by one: seconds `[robots, bumps]`."""
     rng = np.random.default_rng(0)
     places = places_anywhere(room, robots, rng)
     seconds = np.empty((robots, BUMPS))
@@ -52,11 +52,9 @@ def observed(
 
 
 def main() -> None:
-    parser = options(__doc__, 20)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, repeats=20).parse_args()
     begin("numpy")
-    line("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms")
-    line(*["---"] * 2, *["--:"] * 4)
+    header("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms", words=2)
     rows = []
     for name, headings, degrees in CASES:
         room = Workspace.load(MAPS / name)

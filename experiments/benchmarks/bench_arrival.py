@@ -1,12 +1,12 @@
-"""Times the first of several robots to arrive: simulated, beside NumPy, and by the exact law.
+"""Time the first arrival of several robots: simulations, beside NumPy, and the exact law.
 
 Run `python experiments/benchmarks/bench_arrival.py`; it takes about 10 s.
 
 Three robots patrol the graph of `bench_commute.py` with 188 vertices, each with an emphasis of its
-own, as in Alam 2018, section 4.5.3. They start in random cells, and 5,000 runs last until one of
-them is in one cell, or in one of ten. Of the two programs in NumPy, one moves all runs a step at a
-time, and those that have arrived no more; the other is a plain loop over runs, steps and robots,
-timed on fewer runs. `off` is the difference of the mean from the exact one in standard errors.
+own, as in Alam 2018, section 4.5.3. They start in random cells, and each of 5,000 runs lasts until
+one robot is in a target: one cell, or one of ten. One program in NumPy moves all remaining runs
+together, step by step. The other is a plain loop over runs, steps and robots, timed on fewer runs.
+`off` is the difference of the mean from the exact mean in standard errors.
 """
 
 import statistics
@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from bench_commute import grid
 from rows import Row, options, write_rows
-from timing import begin, line, timed
+from timing import begin, header, line, timed
 
 from jaxcell.mapping import Chain
 from jaxcell.markov import first_arrival, mean_first_arrival, simulate_arrival
@@ -30,7 +30,7 @@ ROBOTS = 3
 
 
 def patrol() -> list[Chain]:
-    """A chain for each robot."""
+    """Make a chain for each robot."""
     graph = grid(15, 37)
     emphases = np.random.default_rng(0).permutation(graph.vertices)[: 6 * ROBOTS]
     found = [minimum_commute(graph, list(part)) for part in emphases.reshape(ROBOTS, 6)]
@@ -38,7 +38,7 @@ def patrol() -> list[Chain]:
 
 
 def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
-    """The images and the cumulative probabilities, by robot, cell and branch."""
+    """Tabulate the images and the cumulative probabilities, `[robots, cells, branches]`."""
     branches = max(len(chain.image) for chain in chains)
     image = np.zeros((len(chains), chains[0].cells, branches), int)
     total = np.ones((len(chains), chains[0].cells, branches))
@@ -54,7 +54,7 @@ def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
 def by_batch(
     image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
 ) -> np.ndarray:
-    """All runs side by side."""
+    """Simulate all runs together."""
     draw = np.random.default_rng(seed)
     place = draw.choice(outside, (RUNS, ROBOTS))
     robot = np.arange(ROBOTS)
@@ -74,7 +74,7 @@ def by_batch(
 def by_loop(
     image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
 ) -> np.ndarray:
-    """One run after the other."""
+    """Simulate one run after another."""
     draw = np.random.default_rng(seed)
     taken = np.zeros(PLAIN_RUNS)
     for run in range(PLAIN_RUNS):
@@ -91,11 +91,12 @@ def by_loop(
 def row(
     target: int, program: str, seconds: list[float], ratio: float, mean: float, off: str
 ) -> None:
-    told = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}", f"{ratio:.3g}")
-    line(target, program, *told, f"{mean:.2f}", off)
+    times = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}", f"{ratio:.3g}")
+    line(target, program, *times, f"{mean:.2f}", off)
 
 
 def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> Row:
+    """Time all programs for one target."""
     cells = chains[0].cells
     there = np.isin(np.arange(cells), target)
     outside = np.flatnonzero(~there)
@@ -143,8 +144,7 @@ def main() -> None:
     arguments = options(__doc__, repeats=5).parse_args()
     begin("jax", "numpy")
     chains = patrol()
-    line("targets", "program", "min, s", "median, s", "to ours", "mean steps", "off")
-    line("--:", "---", *["--:"] * 5)
+    header("targets", "program", "min, s", "median, s", "to ours", "mean steps", "off", words=2)
     targets = (np.arange(1), np.arange(60, 70))
     rows = [side_by_side(chains, target, arguments.repeats) for target in targets]
     write_rows(arguments.rows, rows)

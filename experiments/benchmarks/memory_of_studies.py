@@ -1,9 +1,10 @@
-"""Compare the peak memory of studies with its estimate before they begin.
+"""Compare the peak memory of studies with the estimates before they begin.
 
-    python experiments/benchmarks/memory_of_studies.py               # each in a process of its own
-    python experiments/benchmarks/memory_of_studies.py "groups"      # those whose names begin so
+    python experiments/benchmarks/memory_of_studies.py               # all cases
+    python experiments/benchmarks/memory_of_studies.py "groups"      # cases whose names begin so
 
-prints a Markdown table of bytes of the whole process, from 10^5 to some 10^9 cells.
+Each case runs in a process of its own, with 10^5 to 10^9 cells. The script prints a Markdown table
+of the memory of these processes.
 """
 
 import os
@@ -54,21 +55,21 @@ CASES: dict[str, tuple[type[study.CellStudy], str, dict[str, Any]]] = {
 }
 
 
-# Nothing is compiled from before.
+# Without a cache of compiled programs, compilation is part of the peak.
 _COLD = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
 
 
 def measure(name: str) -> None:
-    """Prints the row of a case; for a process of its own."""
+    """Print the row of a case, in a new process."""
     from jaxcell import record
     from jaxcell.base.runtime import configure_jax
 
     configure_jax()
     kind, place, options = CASES[name]
-    asked = kind(map=bundled(f"maps/{place}.json"), **options)
-    estimate = memory.LIBRARIES + asked.memory()
+    question = kind(map=bundled(f"maps/{place}.json"), **options)
+    estimate = memory.LIBRARIES + question.memory()
     began = time.process_time()
-    result = asked.run()
+    result = question.run()
     record.summary(result)
     seconds = time.process_time() - began
     with open("/proc/self/status") as file:

@@ -1,4 +1,4 @@
-"""Pictures of edge weights, for the experiments of chapter 4 to share."""
+"""Draw edge weights, for several experiments of chapter 4."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
@@ -23,16 +23,15 @@ def draw_weights(
     widest: float = 8,
     diameter: float = 17,
 ) -> None:
-    """Draws a graph, each edge with a width and a depth of colour in proportion to its weight.
+    """Draw a graph with the width and the colour of each edge by its weight.
 
     **Arguments:**
 
-    - `axes`: where to draw.
     - `graph`: a graph whose vertices have positions.
     - `weights`: array `[edges]`.
-    - `marked`: vertices to be set off.
-    - `widest`: the width of the edge with the largest weight, in points.
-    - `diameter`: of the vertices, in points; numbers from 1 are written into those of 10 and more.
+    - `marked`: vertices to highlight.
+    - `widest`: width in points of the edge with the largest weight.
+    - `diameter`: diameter of the vertices in points; from 10 on they contain their numbers.
     """
     import matplotlib as mpl
     from matplotlib.collections import LineCollection
