@@ -20,18 +20,11 @@ from jaxcell.space import Workspace
 from jaxcell.walls import Errors, WallFilter, places_anywhere, run_to_wall
 
 
-CASES = (
-    ("complex.json", 32, 135.0),
-    ("cafe.json", 32, 135.0),
-    ("complex.json", None, 135.0),
-    ("cafe.json", None, 135.0),
-)
-BUMPS = 20
+CASES = (("complex", 32), ("cafe", 32), ("complex", None), ("cafe", None))
+BOUNCE, BUMPS = math.radians(135), 20
 
 
-def observed(
-    room: Workspace, filter: WallFilter, headings: int | None, bounce: float, robots: int
-) -> np.ndarray:
+def observed(room: Workspace, filter: WallFilter, headings: int | None, robots: int) -> np.ndarray:
     """Time each observation of robots that are followed one by one: seconds `[robots, bumps]`."""
     rng = np.random.default_rng(0)
     places = places_anywhere(room, robots, rng)
@@ -45,9 +38,9 @@ def observed(
         for bump in range(BUMPS):
             wall, arc, run = run_to_wall(filter.boundary, place, heading)
             began = time.perf_counter()
-            state = filter.turn(filter.observe(state, run), bounce)
+            state = filter.turn(filter.observe(state, run), BOUNCE)
             seconds[robot, bump] = time.perf_counter() - began
-            place, heading = filter.boundary.point(wall, arc), heading + bounce
+            place, heading = filter.boundary.point(wall, arc), heading + BOUNCE
     return seconds
 
 
@@ -56,18 +49,17 @@ def main() -> None:
     begin("numpy")
     header("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms", words=2)
     rows = []
-    for name, headings, degrees in CASES:
-        room = Workspace.load(MAPS / name)
+    for name, headings in CASES:
+        room = Workspace.load(MAPS / f"{name}.json")
         began = time.perf_counter()
         filter = WallFilter.of(room, headings=headings, errors=Errors(distance=0.05))
         made = time.perf_counter() - began
-        seconds = observed(room, filter, headings, math.radians(degrees), arguments.repeats)
+        seconds = observed(room, filter, headings, arguments.repeats)
         first, rest = float(seconds[0, 0]), seconds[:, 1:]
-        known = "any heading" if headings is None else f"{headings} headings"
-        size = f"{name.partition('.')[0]}, {known}"
-        shown = f"{1e3 * first:.0f}", f"{1e3 * np.median(rest):.2f}"
-        line(size, f"{len(filter.chords.wall):,} chords", f"{made:.2f}", *shown,
-             f"{1e3 * np.quantile(rest, 0.99):.1f}")  # fmt: skip
+        size = f"{name}, {headings or 'any'} heading{'s' if headings else ''}"
+        times = f"{1e3 * np.median(rest):.2f}", f"{1e3 * np.quantile(rest, 0.99):.1f}"
+        chords = f"{len(filter.chords.wall):,} chords"
+        line(size, chords, f"{made:.2f}", f"{1e3 * first:.0f}", *times)
         rows.append(Row("anywhere", "an observation, sets on walls", size, float(np.median(rest))))
         rows.append(Row("anywhere", "chords and first observation", size, made + first))
     write_rows(arguments.rows, rows)

@@ -18,7 +18,7 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
 from timing import begin, header, line, peak_bytes, table, take_turns
 
-from experiments.shared.data import MAPS
+from experiments.chapter_3.coverage_policies import BOUNCES_DEG, ERROR_DEG, MAP, RELIABILITY
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
@@ -26,15 +26,9 @@ from jaxcell.markov import limiting_distribution
 from jaxcell.space import CellSpace, Workspace
 
 
-MAP = MAPS / "complex.json"
-BOUNCES_DEG = (30, 75, 315)
 SIDE_BY_SIDE_DEG = (30, 315)
-ERROR_DEG = 5
-RELIABILITY = 0.8
-SLOW_SCIPY = "scipy strong components, sink test edge by edge"
 # The residual of power iteration, and the largest difference of two results, both 1-norms.
 RESIDUAL = 1e-10
-WHOLE_POWER = f"power iteration to {RESIDUAL:g}, all cells"
 AGREEMENT = 1e-6
 # The seconds for the turns of one program.
 PATIENCE_S = 3
@@ -48,16 +42,7 @@ def noisy(cells: CellSpace, bounce_deg: float) -> Chain:
     return noisy_bounce_map(cells, math.radians(bounce_deg), math.radians(ERROR_DEG), RELIABILITY)
 
 
-# Our programs start from the chain. The others start from the matrix, except one that makes it.
-
-
-def matrix_of(chain: Chain) -> scipy.sparse.csr_array:
-    """Make the matrix of a chain by scipy."""
-    image, probability = np.asarray(chain.image), np.asarray(chain.probability)
-    used = probability > 0
-    _, cell = np.nonzero(used)
-    shape = (image.shape[1], image.shape[1])
-    return scipy.sparse.csr_array((probability[used], (cell, image[used])), shape=shape)
+# Our programs start from the chain, and the others from the matrix.
 
 
 def persistent_components(matrix: scipy.sparse.csr_array) -> np.ndarray:
@@ -71,18 +56,6 @@ def persistent_components(matrix: scipy.sparse.csr_array) -> np.ndarray:
 
 def scipy_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
     return in_order(persistent_components(matrix))
-
-
-def plain_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """Compute the groups with a loop over edges, as Alg. 3.3 is written."""
-    count, label = csgraph.connected_components(matrix, connection="strong")
-    closed = [True] * count
-    labels, images, start = label.tolist(), matrix.indices.tolist(), matrix.indptr.tolist()
-    for cell, component in enumerate(labels):
-        for edge in range(start[cell], start[cell + 1]):
-            if labels[images[edge]] != component:
-                closed[component] = False
-    return in_order(np.where(np.array(closed)[label], label, -1))
 
 
 def quantecon_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
@@ -133,15 +106,6 @@ def power_limiting(matrix: scipy.sparse.csr_array, group: np.ndarray) -> np.ndar
     return value / (group.max() + 1)
 
 
-def whole_power_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """Iterate a uniform distribution over all cells, without computing groups."""
-    forward = matrix.T.tocsr()
-    x = np.full(matrix.shape[0], 1 / matrix.shape[0])
-    while np.abs(change := forward @ x - x).sum() > RESIDUAL:
-        x = x + change / 2
-    return x
-
-
 def quantecon_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
     return np.asarray(MarkovChain(matrix).stationary_distributions).mean(axis=0)
 
@@ -158,7 +122,7 @@ def agreeing(tolerance: float) -> Callable[[dict[str, np.ndarray]], None]:
     return check
 
 
-def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
+def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
     """Time the groups and the limiting distribution of one bouncing angle."""
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
@@ -169,15 +133,11 @@ def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
     programs: dict[str, Callable[[], np.ndarray]] = {
         "jaxcell, persistent_groups": lambda: np.asarray(persistent_groups(chain).group),
         "scipy strong components, sink test in NumPy": lambda: scipy_groups(matrix),
-        "the same, with the matrix made by scipy": lambda: scipy_groups(matrix_of(chain)),
-        SLOW_SCIPY: lambda: plain_groups(matrix),
         "QuantEcon, recurrent_classes": lambda: quantecon_groups(matrix),
     }
     timings = take_turns(programs, repeats, agreeing(0), PATIENCE_S)
     table(f"Persistent groups, {title}", timings)
     size, noise = f"{cells.size:,} cells", f"imprecise policy, {bounce_deg} deg"
-    # The table of all benchmarks has only the fastest program of scipy.
-    del timings["the same, with the matrix made by scipy"], timings[SLOW_SCIPY]
     rows = rows_of("coverage", f"persistent groups, {noise}", size, timings)
 
     programs = {
@@ -187,11 +147,8 @@ def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
         "scipy eigs, given the groups": lambda: eigs_limiting(matrix, group),
         f"power iteration to {RESIDUAL:g}, given the groups": lambda: power_limiting(matrix, group),
     }
-    if full:
-        programs[WHOLE_POWER] = lambda: whole_power_limiting(matrix)
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
     table(f"Limiting distribution, {title}", timings)
-    timings.pop(WHOLE_POWER, None)
     return rows + rows_of("coverage", f"limiting distribution, {noise}", size, timings)
 
 
@@ -240,13 +197,12 @@ def whole_job(repeats: int) -> list[Row]:
 
 
 def main() -> None:
-    full = "one more angle, and power iteration over all cells, which takes minutes"
-    arguments = options(__doc__, repeats=3, full=full).parse_args()
+    arguments = options(__doc__, repeats=3, full="one more angle").parse_args()
     begin("jax", "scipy", "numpy", "quantecon")
     # This part is first because it measures peak memory, which never falls.
     rows = whole_job(arguments.repeats)
     for bounce_deg in BOUNCES_DEG if arguments.full else SIDE_BY_SIDE_DEG:
-        rows += one_angle(bounce_deg, arguments.repeats, arguments.full)
+        rows += one_angle(bounce_deg, arguments.repeats)
     rows += quantecon_size(arguments.repeats)
     write_rows(arguments.rows, rows)
 

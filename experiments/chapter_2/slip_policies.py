@@ -84,10 +84,7 @@ class Timed:
 
 
 def outcomes(
-    cells: CellSpace,
-    error: float,
-    seeds: range,
-    follow: Callable[[Walker], RunOutcome],
+    cells: CellSpace, error: float, seeds: range, follow: Callable[[Walker], RunOutcome]
 ) -> dict[str, Any]:
     """Summarize the runs of one kind of robot."""
     ended, right, bumps = 0, 0, []

@@ -20,6 +20,7 @@ A pair may have several cheapest plans, with different numbers of angles. One of
 The script writes `all_plans.nc`, `all_plans.png`, and the plans of each map in `plans_*.zarr`.
 """
 
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -182,24 +183,18 @@ def report(data: xr.Dataset, plans: AllPlans) -> None:
 
 def lab_candidates() -> Iterator[np.ndarray]:
     """Yield maps of 48 free squares with a rectangle at the bottom after eight, and one inside."""
-    for wide in range(1, 5):
+    for wide, rows in itertools.product(range(1, 5), range(4, 9)):
         columns = 9 + wide
-        for rows in range(4, 9):
-            for high in range(1, rows - 1):
-                area = rows * columns - 48 - wide * high
-                for width in range(1, min(area, columns - 2) + 1):
-                    if area % width:
-                        continue
-                    height = area // width
-                    for y in range(1, rows - height):
-                        for x in range(1, columns - width):
-                            beside = x + width < 8 or x > 8 + wide or y > high
-                            if not beside:
-                                continue
-                            free = np.ones((rows, columns), bool)
-                            free[:high, 8 : 8 + wide] = False
-                            free[y : y + height, x : x + width] = False
-                            yield free
+        for high, width in itertools.product(range(1, rows - 1), range(1, columns - 1)):
+            height, rest = divmod(rows * columns - 48 - wide * high, width)
+            if rest or height < 1:
+                continue
+            for y, x in itertools.product(range(1, rows - height), range(1, columns - width)):
+                if x + width < 8 or x > 8 + wide or y > high:
+                    free = np.ones((rows, columns), bool)
+                    free[:high, 8 : 8 + wide] = False
+                    free[y : y + height, x : x + width] = False
+                    yield free
 
 
 def search() -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
@@ -17,9 +17,6 @@ from .edge_weights import draw_weights
 from .visibility_site import REACH, Site
 
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 WALL, SIGHT, NEW, STOP = "0.35", "#cfe6f5", "#8cc5e8", "#0072b2"
 BASE, BASE_VIEW, CONTACT, BOUNDARY = "#00705a", "#c3efe6", "#d55e00", "#5cb85c"
 REGIONS = ("#fdf1d3", "#f6e0ec", "#e3e3f7")
@@ -29,7 +26,7 @@ LEAST = "#d7191c"
 # Parts of a figure.
 
 
-def draw_map(axes: "Axes", site: Site) -> None:
+def draw_map(axes: plt.Axes, site: Site) -> None:
     workspace = site.cells.workspace
     axes.add_collection(PolyCollection(workspace.obstacles, facecolors=WALL, zorder=1.5))
     ring = np.concatenate([workspace.boundary, workspace.boundary[:1]])
@@ -39,7 +36,7 @@ def draw_map(axes: "Axes", site: Site) -> None:
     axes.axis("off")
 
 
-def draw_cells(axes: "Axes", site: Site, where: np.ndarray, color: Any) -> PolyCollection:
+def draw_cells(axes: plt.Axes, site: Site, where: np.ndarray, color: Any) -> PolyCollection:
     """Fill cells; `color` is a colour, or an array `[cells]` of numbers for a colour map."""
     corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) * site.cells.cell
     squares = PolyCollection(site.graph.xy[where][:, None] + corners, linewidths=0, zorder=0.5)
@@ -53,29 +50,29 @@ def draw_cells(axes: "Axes", site: Site, where: np.ndarray, color: Any) -> PolyC
     return squares
 
 
-def draw_sight(axes: "Axes", site: Site, cell: int, color: str) -> None:
+def draw_sight(axes: plt.Axes, site: Site, cell: int, color: str) -> None:
     """Fill the area that is visible from a cell."""
     polygon = visibility_polygon(site.cells.workspace, site.graph.xy[cell], REACH)
     for part in shapely.get_parts(polygon):
         axes.fill(*part.exterior.xy, color=color, lw=0, zorder=0.4)
 
 
-def mark(axes: "Axes", site: Site, cell: int, color: str, size: float = 5, **more: Any) -> None:
+def mark(axes: plt.Axes, site: Site, cell: int, color: str, size: float = 5, **more: Any) -> None:
     axes.plot(*site.graph.xy[cell], "o", color=color, ms=size, mec="white", mew=0.6, **more)
 
 
-def ring(axes: "Axes", site: Site, cell: int, color: str = LEAST, size: float = 12) -> None:
+def ring(axes: plt.Axes, site: Site, cell: int, color: str = LEAST, size: float = 12) -> None:
     axes.plot(*site.graph.xy[cell], "o", mfc="none", mec=color, mew=2, ms=size, zorder=3)
 
 
-def draw_base(axes: "Axes", site: Site) -> None:
+def draw_base(axes: plt.Axes, site: Site) -> None:
     if site.regions is not None:
         # The view of the base is drawn below the areas that robots see.
         draw_cells(axes, site, site.regions.view, BASE_VIEW).set_zorder(0.3)
         mark(axes, site, site.regions.base, BASE, 7)
 
 
-def draw_regions(axes: "Axes", site: Site, regions: Regions) -> None:
+def draw_regions(axes: plt.Axes, site: Site, regions: Regions) -> None:
     draw_cells(axes, site, regions.view, BASE_VIEW)
     for k in range(regions.count):
         draw_cells(axes, site, regions.region == k, REGIONS[k])
@@ -102,7 +99,7 @@ def covers(site: Site, titles: Sequence[str], path: Path) -> None:
     save(figure, path)
 
 
-def _cover(panels: Iterator["Axes"], site: Site, policy: Policy) -> None:
+def _cover(panels: Iterator[plt.Axes], site: Site, policy: Policy) -> None:
     own = np.isin(np.arange(site.graph.vertices), policy.cells)
     left = own.copy()
     for number, cell in enumerate(policy.cover):
@@ -171,7 +168,7 @@ def centralized(site: Site, lost: Reassignment, robot: int, path: Path) -> None:
     save(figure, path)
 
 
-def _policy(axes: "Axes", site: Site, policy: Policy) -> None:
+def _policy(axes: plt.Axes, site: Site, policy: Policy) -> None:
     if site.regions is not None:
         mark(axes, site, site.regions.base, BASE, 9, zorder=4)
     walked = policy.weights > 0
@@ -221,7 +218,7 @@ def arrivals(sites: Sequence[Site], found: Sequence[Sequence[Vulnerability]], pa
     save(figure, path)
 
 
-def _histogram(axes: "Axes", one: Vulnerability) -> None:
+def _histogram(axes: plt.Axes, one: Vulnerability) -> None:
     times = np.asarray(one.arrivals.time)
     last = int(np.quantile(times, 0.98))
     width = max(1, round(last / 50))
@@ -238,7 +235,7 @@ def _histogram(axes: "Axes", one: Vulnerability) -> None:
     axes.legend(frameon=False)
 
 
-def _error(axes: "Axes", of_site: Sequence[Vulnerability]) -> None:
+def _error(axes: plt.Axes, of_site: Sequence[Vulnerability]) -> None:
     axes.axhline(0, color="black", lw=1)
     for one, name, style in zip(of_site, ("typical", "weakest"), ("-", ":"), strict=True):
         exact = np.cumsum(one.law)

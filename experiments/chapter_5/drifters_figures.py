@@ -1,7 +1,7 @@
 """Draw the figures of `drifters.py` for one layer: currents, behaviour, and deployment."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, to_rgb
@@ -22,9 +22,6 @@ from jaxcell.markov import absorption_probabilities
 from ..shared.figures import plt, save
 from .drifters_sea import Layer
 
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LAND, ARROW, DROPPED = "0.62", "#1f3d5c", "black"
 # Colours of persistent groups; transient groups with one domicile have a paler colour.
@@ -64,7 +61,7 @@ def xy(water: Water, cells: Any) -> tuple[np.ndarray, np.ndarray]:
     return (water.column[cells] + 0.5) * dx, (water.row[cells] + 0.5) * dy
 
 
-def draw_map(axes: "Axes", water: Water, colors: np.ndarray | None = None, **more: Any) -> Any:
+def draw_map(axes: plt.Axes, water: Water, colors: np.ndarray | None = None, **more: Any) -> Any:
     """Draw land, and cells in colours `[cells, 3]` or by numbers `[cells]`; return the image."""
     across, up = size_of(water)
     within = {"origin": "lower", "extent": (0, across, 0, up), "interpolation": "nearest"}
@@ -80,7 +77,7 @@ def draw_map(axes: "Axes", water: Water, colors: np.ndarray | None = None, **mor
     return image
 
 
-def draw_arrows(axes: "Axes", water: Water, flow: Flow, **more: Any) -> None:
+def draw_arrows(axes: plt.Axes, water: Water, flow: Flow, **more: Any) -> None:
     """Draw the current, with at most `MOST_ARROWS` arrows along a side."""
     every = -(-max(water.number.shape) // MOST_ARROWS)
     some = (water.row % every == every // 2) & (water.column % every == every // 2)
@@ -244,7 +241,7 @@ def absorption(layer: Layer, path: Path) -> None:
     save(figure, path)
 
 
-def _by_group(axes: "Axes", layer: Layer, most: int = 10) -> None:
+def _by_group(axes: plt.Axes, layer: Layer, most: int = 10) -> None:
     transient = layer.behaviour.transient
     parts = np.sort(np.argsort(-np.asarray(transient.size), kind="stable")[:most])
     if not parts.size or np.isnan(layer.hours).any():

@@ -1,13 +1,14 @@
 """Draw the figures of `drifters.py` for several layers: Figures 5.10 to 5.16."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
 from matplotlib.colors import PowerNorm, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from jaxcell.drift import Voyage, Water, simulate_voyages
@@ -29,9 +30,6 @@ from .drifters_figures import (
 from .drifters_sea import Layer, Ocean
 from .drifters_tables import Moment
 
-
-if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d import Axes3D
 
 START, REACHED, BOTH, GOAL = "#1b9e3f", "#9fd3f0", "#5fb0dc", "#e31a1c"
 UP, DOWN, DRIFT = "#1f4fd8", "#7aa6ff", "#d62728"
@@ -183,7 +181,7 @@ def _place(ocean: Ocean, cell: int) -> tuple[list, list, list]:
     return [x], [y], [-layer]
 
 
-def _layers(axes: "Axes3D", ocean: Ocean, colors: np.ndarray, alpha: float) -> None:
+def _layers(axes: Axes3D, ocean: Ocean, colors: np.ndarray, alpha: float) -> None:
     across, up = size_of(ocean.waters[0])
     for k, water in enumerate(ocean.waters):
         dry = water.number < 0
@@ -211,7 +209,7 @@ def _squares(water: Water, row, column, layer, color, alpha) -> Poly3DCollection
     return squares
 
 
-def _policy(axes: "Axes3D", ocean: Ocean, record: int, policy: Voyage) -> None:
+def _policy(axes: Axes3D, ocean: Ocean, record: int, policy: Voyage) -> None:
     action = np.asarray(policy.action)
     for k, water in enumerate(ocean.waters):
         inside = action[ocean.first[k] : ocean.first[k + 1]]
@@ -229,7 +227,7 @@ def _policy(axes: "Axes3D", ocean: Ocean, record: int, policy: Voyage) -> None:
         axes.scatter(*(here + upright)[inside != 0].T, color=UP, s=4, depthshade=False)
 
 
-def _tracks(axes: "Axes3D", ocean: Ocean, found: Voyages, seed: int, drifters: int = 12) -> None:
+def _tracks(axes: Axes3D, ocean: Ocean, found: Voyages, seed: int, drifters: int = 12) -> None:
     """Draw the paths of some drifters, shifted so that paths in one cell remain visible."""
     random = np.random.default_rng(seed)
     waters, first = ocean.waters, ocean.first
