@@ -51,7 +51,7 @@ def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
 def by_batch(
     image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
 ) -> np.ndarray:
-    """Simulate all runs together."""
+    """Simulate all runs together, and return the steps of each run."""
     draw = np.random.default_rng(seed)
     place = draw.choice(outside, (RUNS, ROBOTS))
     robot = np.arange(ROBOTS)

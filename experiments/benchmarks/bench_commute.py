@@ -149,7 +149,7 @@ def side_by_side(side: int, blocked: int, repeats: int, full: bool) -> list[Row]
 
 
 def constraints(graph: Graph) -> list[Linear]:
-    """Limit edges to three times an even share, and vertices to at least a third of one."""
+    """Require at most three even shares on each edge, and a third of one at each vertex."""
     most, least = 3 / len(graph.edges), 1 / (3 * graph.vertices)
     caps = [Linear(f"edge {e}", row, upper=most) for e, row in enumerate(np.eye(len(graph.edges)))]
     even = enumerate(np.eye(graph.vertices))

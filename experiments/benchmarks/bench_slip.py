@@ -44,7 +44,10 @@ def estimators(cells: CellSpace) -> dict[str, tuple[str, Any]]:
 
 
 def observed(estimator: Any, words: list[list[int]]) -> np.ndarray:
-    """Time each observation with its estimate: seconds `[observations, wall or processor]`."""
+    """Time each observation with its estimate, by the clock and by the processor, in seconds.
+
+    The result is an array `[observations, 2]`.
+    """
     found = []
     for word in words:
         state = estimator.start()

@@ -156,7 +156,7 @@ def follow(
     bumps: int,
     batch: int,
 ) -> Followed:
-    """Follow `runs` robots in batches; `robots` makes a batch."""
+    """Follow `runs` robots in batches; `robots(count, rng)` makes a batch."""
     lost, extents, first, later = 0, [], [], []
     for k, rng in enumerate(np.random.default_rng(1).spawn(-(-runs // batch))):
         some = robots(min(batch, runs - k * batch), rng)

@@ -175,10 +175,7 @@ COMPILERS = {
 
 
 def counted(header: str, chip: str) -> tuple[int, int] | None:
-    """Count the bytes of the tables and of the code of a header, or return `None`.
-
-    The result is `None` if there is no compiler for the chip.
-    """
+    """Count the bytes of the tables and of the code of a header; `None` without a compiler."""
     prefix, flags = COMPILERS[chip]
     if shutil.which(f"{prefix}-gcc") is None:
         return None
@@ -203,13 +200,11 @@ def counted(header: str, chip: str) -> tuple[int, int] | None:
 
 
 def microseconds(header: str, word: list[int]) -> float | None:
-    """Measure the time of an observation on a simulated ATmega328 at 16 MHz, or return `None`.
-
-    An empty loop is timed as well and subtracted.
-    """
+    """Measure the time of an observation on an ATmega328 at 16 MHz; `None` without a simulator."""
     if shutil.which("avr-gcc") is None or shutil.which("simavr") is None:
         return None
     times = []
+    # The second body is an empty loop, whose time is subtracted.
     for body in (READ, "(void)state; sink = observation;"):
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "lab.h").write_text(header)

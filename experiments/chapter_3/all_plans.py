@@ -182,7 +182,7 @@ def report(data: xr.Dataset, plans: AllPlans) -> None:
 
 
 def lab_candidates() -> Iterator[np.ndarray]:
-    """Yield maps of 48 free squares with a rectangle at the bottom after eight, and one inside."""
+    """Yield maps of 48 free squares: a rectangle stands after eight bottom squares, one inside."""
     for wide, rows in itertools.product(range(1, 5), range(4, 9)):
         columns = 9 + wide
         for high, width in itertools.product(range(1, rows - 1), range(1, columns - 1)):

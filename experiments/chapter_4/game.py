@@ -132,7 +132,7 @@ def report_orders(rows: list[Row]) -> None:
 
 
 def face(leader: np.ndarray, follower: np.ndarray) -> tuple[float, float]:
-    """Compute the range of shares of strategy 7, mixed with 9, with a best reply at vertex 7.
+    """Compute the range of shares of strategy 7, mixed with 9, for which vertex 7 is attacked.
 
     Both strategies have their largest payoff at vertex 7, so all these mixtures have the value of
     the mixture of Table 4.3.

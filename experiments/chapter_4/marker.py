@@ -79,7 +79,7 @@ def other_scenes() -> list[Scene]:
 
 
 def look(seed: int, job: tuple[int, Scene, int]) -> tuple[int, bool, bool, float, float, float]:
-    """Draw a frame, and search the marker in it.
+    """Draw a frame, and search for the marker in it.
 
     Returns the number of the scene, `True` if the marker was found, `True` for a false alarm, the
     error of the centre in pixels, the score, and the seconds of the processor.
