@@ -90,17 +90,16 @@ def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
     currents = gyres(side)
     chain, duration = ours(currents, spread)
     matrix, cells = chain.to_scipy(), chain.cells
-    by_us, by_scipy = "jaxcell, groups, domiciles and times", "scipy, groups and times"
-    by_deeptime = "deeptime, times only"
+    by_us = "jaxcell, groups, domiciles and times"
     programs: dict[str, Callable[[], np.ndarray]] = {
         by_us: lambda: np.asarray(
             long_term_behaviour(chain, duration, throw=True).absorption.value
         ),
-        by_scipy: lambda: scipy_times(matrix),
+        "scipy, groups and times": lambda: scipy_times(matrix),
     }
     if cells <= 10_000:
         persistent = persistent_components(matrix) >= 0
-        programs[by_deeptime] = lambda: deeptime_times(matrix, persistent)
+        programs["deeptime, times only"] = lambda: deeptime_times(matrix, persistent)
 
     def check(results: dict[str, np.ndarray]) -> None:
         times = results[by_us]
@@ -109,18 +108,16 @@ def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
             if not (times.any() and off <= AGREEMENT):
                 sys.exit(f"{name} and jaxcell disagree by {off:g}")
 
-    the_map = "jaxcell, the map"
-    mapping = take_turns({the_map: lambda: np.asarray(ours(currents, spread)[0].image)}, repeats)
+    drift_maps = {"jaxcell, the map": lambda: np.asarray(ours(currents, spread)[0].image)}
+    mapping = take_turns(drift_maps, repeats)
     timings = take_turns(programs, repeats, check, patience_s=5)
     base = timings[by_us].least
     for program, (_, least, median) in {**mapping, **timings}.items():
         times = (f"{least:.3f}", f"{median:.3f}", f"{least / base:.2f}")
         line(f"{cells:,}", spread, program, *times, f"{peak_bytes() / 1e9:.2f}")
     size = f"{cells:,} cells"
-    return [
-        Row("drift", f"drift map, {spread} disturbances", size, mapping[the_map].median),
-        *rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings),
-    ]
+    rows = rows_of("drift", f"drift map, {spread} disturbances", size, mapping)
+    return rows + rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings)
 
 
 def main() -> None:

@@ -37,8 +37,7 @@ def ours(name: str, samples: np.ndarray, repeats: int) -> float:
     """Print our fit, and return the median of its seconds."""
     found: dict[str, Any] = {}
     timing = take_turns({"jaxcell": lambda: fit_gld(samples)}, repeats, found.update)["jaxcell"]
-    reached = found["jaxcell"].log_likelihood
-    row(name, samples, "jaxcell", f"{timing.first:.2f}", timing, reached)
+    row(name, samples, "jaxcell", timing, found["jaxcell"].log_likelihood)
     return timing.median
 
 
@@ -55,15 +54,13 @@ def by_gldpy(name: str, samples: np.ndarray) -> float | None:
         return None
     law = Gld(*(float(parameter) for parameter in parameters))
     timing = Timing.of(seconds, [seconds])
-    row(name, samples, "gldpy", "", timing, float(np.log(law.pdf(samples)).sum()))
+    row(name, samples, "gldpy", timing, float(np.log(law.pdf(samples)).sum()))
     return seconds
 
 
-def row(
-    name: str, samples: np.ndarray, program: str, first: str, timing: Timing, reached: float
-) -> None:
-    seconds = (f"{timing.least:.3f}", f"{timing.median:.3f}")
-    line(name, f"{samples.size:,}", program, first, *seconds, f"{reached:.3f}")
+def row(name: str, samples: np.ndarray, program: str, timing: Timing, reached: float) -> None:
+    seconds = (f"{one:.3f}" for one in timing)
+    line(name, f"{samples.size:,}", program, *seconds, f"{reached:.3f}")
 
 
 def main() -> None:

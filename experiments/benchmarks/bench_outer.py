@@ -15,7 +15,7 @@ import tempfile
 
 import jax.numpy as jnp
 import numpy as np
-from rows import Row, options, rows_of, write_rows
+from rows import options, rows_of, write_rows
 from timing import begin, table, take_turns
 
 from jaxcell import dynamics
@@ -90,8 +90,7 @@ def main() -> None:
         what = f"Morse sets of Leslie's map, {kind}"
         size = f"{axes} axes, {DEPTH[axes][0]} bisections"
         table(f"{what}, {size}", timings)
-        alone = [Row("outer", what, size, timings["jaxcell"].median)]
-        rows += rows_of("outer", what, size, timings) if found else alone
+        rows += rows_of("outer", what, size, timings)
     write_rows(arguments.rows, rows)
 
 

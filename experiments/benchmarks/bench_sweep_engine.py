@@ -120,16 +120,14 @@ def throughput(folder: Path, chunks: Sequence[int], repeats: int) -> list[Row]:
             line(engine, workers or 1, chunk, *times, f"{rate:,.0f}")
             if chunk == chunks[-1] and workers != 1:
                 name = engine if workers is None else f"{workers} {engine} workers"
-                rows.append(
-                    Row(
-                        "sweep_engine",
-                        f"sweep of random maps, {name}, start included",
-                        f"{MEMBERS:,} maps of {CELLS:,} cells",
-                        statistics.median(run.total for run in runs),
-                        "plain loop, nothing kept",
-                        statistics.median(plain),
-                    )
+                title = f"sweep of random maps, {name}, start included"
+                size = f"{MEMBERS:,} maps of {CELLS:,} cells"
+                ours, theirs = (
+                    statistics.median(run.total for run in runs),
+                    statistics.median(plain),
                 )
+                row = Row("sweep_engine", title, size, ours, "plain loop, nothing kept", theirs)
+                rows.append(row)
     return rows
 
 

@@ -91,10 +91,12 @@ class Row:
 
 
 def rows_of(benchmark: str, what: str, size: str, timings: "Mapping[str, Timing]") -> list[Row]:
-    """Make a row per peer; the first program of `timings` is ours, and the others are peers."""
-    ours, *peers = timings
-    seconds = timings[ours].median
-    return [Row(benchmark, what, size, seconds, peer, timings[peer].median) for peer in peers]
+    """Make a row per peer, or one row without a peer; the first program of `timings` is ours."""
+    ours, *peers = (timing.median for timing in timings.values())
+    if not peers:
+        return [Row(benchmark, what, size, ours)]
+    names = list(timings)[1:]
+    return [Row(benchmark, what, size, ours, *peer) for peer in zip(names, peers, strict=True)]
 
 
 def options(doc: str, repeats: int, full: str | None = None) -> argparse.ArgumentParser:

@@ -121,33 +121,35 @@ def statistics(count: int, processes: int) -> xr.Dataset:
     )
 
 
+def chosen(found: xr.Dataset, speed: float, wall: float, incidence: float) -> xr.Dataset:
+    """Select the bounces with these conditions, to either side."""
+    same = (found.speed == speed) & (found.wall == wall) & (abs(found.incidence) == incidence)
+    return found.isel(bounce=np.flatnonzero(same))
+
+
 def rows(found: xr.Dataset) -> Rows:
     """Tabulate means over bounces by speed, friction of the wall, and incidence."""
     table: Rows = []
-    steep = np.abs(found.incidence)
-    for speed, wall in itertools.product(SPEEDS, WALLS):
-        for incidence in INCIDENCES:
-            some = (found.speed == speed) & (found.wall == wall) & (steep == incidence)
-            one = found.isel(bounce=np.flatnonzero(some))
-            if not one.bounce.size:
-                continue
-            standing = one.isel(bounce=np.flatnonzero(one.back == 0))
-            backed = one.isel(bounce=np.flatnonzero(one.back > 0))
-            table.append(
-                {
-                    "speed, wall": f"{speed:g} m/s, {wall:g}",
-                    "incidence, deg": str(incidence),
-                    "bounces": one.bounce.size,
-                    "not felt, %": 100 * float(np.isnan(one.gained).mean()),
-                    "turn by, the bump": float(one.gained.mean()),
-                    "spread": float(one.gained.std()),
-                    "unseen": float((one.gained - one.seen).mean()),
-                    "error of the, turn": float(abs(standing.error).mean()),
-                    "after, backing": float(abs(backed.error).mean()),
-                    "late, mm": float(one.late.mean()),
-                    "its, spread": float(one.late.std()),
-                }
-            )
+    for speed, wall, incidence in itertools.product(SPEEDS, WALLS, INCIDENCES):
+        one = chosen(found, speed, wall, incidence)
+        if not one.bounce.size:
+            continue
+        error = abs(one.error)
+        table.append(
+            {
+                "speed, wall": f"{speed:g} m/s, {wall:g}",
+                "incidence, deg": str(incidence),
+                "bounces": one.bounce.size,
+                "not felt, %": 100 * float(np.isnan(one.gained).mean()),
+                "turn by, the bump": float(one.gained.mean()),
+                "spread": float(one.gained.std()),
+                "unseen": float((one.gained - one.seen).mean()),
+                "error of the, turn": float(error[one.back.values == 0].mean()),
+                "after, backing": float(error[one.back.values > 0].mean()),
+                "late, mm": float(one.late.mean()),
+                "its, spread": float(one.late.std()),
+            }
+        )
     return table
 
 
@@ -208,18 +210,13 @@ def draw(found: xr.Dataset, path: Path) -> None:
     """Draw the turn by the bump against the incidence."""
     figure, panels = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", sharey=True)
     colors, marks = ("#0072b2", "#d55e00", "#009e73"), "osD"
-    steep = np.abs(found.incidence)
     for panel, speed in zip(panels, SPEEDS, strict=True):
         for wall, color, mark in zip(WALLS, colors, marks, strict=True):
-            means, spreads = [], []
-            for incidence in INCIDENCES:
-                some = (found.speed == speed) & (found.wall == wall) & (steep == incidence)
-                means.append(float(found.gained[some].mean()))
-                spreads.append(float(found.gained[some].std()))
+            gained = [chosen(found, speed, wall, incidence).gained for incidence in INCIDENCES]
+            means, spreads = [float(x.mean()) for x in gained], [float(x.std()) for x in gained]
             style = {"color": color, "marker": mark, "markersize": 5, "capsize": 3}
-            panel.errorbar(
-                INCIDENCES, means, spreads, label=f"friction of the wall {wall}", **style
-            )
+            label = f"friction of the wall {wall}"
+            panel.errorbar(INCIDENCES, means, spreads, label=label, **style)
         panel.set_title(f"{speed} m/s", fontsize=10)
         panel.set_xlabel("incidence, degrees (0: head-on)")
         panel.grid(color="0.9")

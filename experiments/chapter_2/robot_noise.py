@@ -109,15 +109,12 @@ def compute(starts: int, processes: int) -> xr.Dataset:
     length = np.array([length for _, length in results]).reshape(shape)
     right, total = count[..., 0].ravel().tolist(), count.sum(axis=-1).ravel().tolist()
     ends = np.array([interval(*one) for one in zip(right, total, strict=True)]).reshape(*shape, 2)
+    mean = {"long_name": "mean number of observations of localized runs"}
     return xr.Dataset(
         {
             "runs": (("case", "noise", "end"), count, {"long_name": "number of runs by their end"}),
             "success": (("case", "noise", "bound"), ends, {"long_name": "95 % Wilson interval"}),
-            "observations": (
-                ("case", "noise"),
-                length,
-                {"long_name": "mean number of observations of localized runs"},
-            ),
+            "observations": (("case", "noise"), length, mean),
         },
         coords={
             "case": [f"{name}, {angle}°" for name, angle in CASES],

@@ -34,7 +34,9 @@ choice takes 7 ms of the processor on the labs and 26 ms on `complex` (at most 6
 without a choice 0.7 ms.
 """
 
+import argparse
 import dataclasses
+import functools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -45,7 +47,7 @@ import numpy as np
 
 from jaxcell.automata import Belief, BeliefState
 from jaxcell.bounce import FineCells, localization_policy, slip_map
-from jaxcell.robot import BeliefFollower, PolicyFollower, RunOutcome, Walker, run_follower
+from jaxcell.robot import BeliefFollower, PolicyFollower, run_follower
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
@@ -84,22 +86,25 @@ class Timed:
 
 
 def outcomes(
-    cells: CellSpace, error: float, seeds: range, follow: Callable[[Walker], RunOutcome]
+    cells: CellSpace,
+    error: float,
+    follower: Callable[[], Any],
+    angles: list[float],
+    options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """Summarize the runs of one kind of robot."""
-    ended, right, bumps = 0, 0, []
-    for seed in seeds:
+    """Summarize the runs of robots with an error, each with a new follower."""
+    right, bumps = 0, []
+    for seed in range(options.seed, options.seed + options.runs):
         walker, body = robot(cells, error, seed)
-        outcome = follow(walker)
+        outcome = run_follower(walker, follower(), angles, limit=options.observations)
         if outcome.result == "localized":
-            ended += 1
             bumps.append(outcome.observations.count("1"))
             right += int(nearest_cell(cells, *body.pose)) in outcome.cells
-    low, high = interval(right, len(seeds))
+    low, high = interval(right, options.runs)
     return {
-        "runs": len(seeds),
-        "ends, %": 100 * ended / len(seeds),
-        "right, %": 100 * right / len(seeds),
+        "runs": options.runs,
+        "ends, %": 100 * len(bumps) / options.runs,
+        "right, %": 100 * right / options.runs,
         "interval": f"{100 * low:.1f} to {100 * high:.1f}",
         "bumps, mean": float(np.mean(bumps)) if bumps else math.nan,
         "bumps, 90 %": float(np.quantile(bumps, 0.9)) if bumps else math.nan,
@@ -116,7 +121,6 @@ def main() -> None:
     options = read_options(parser)
     jax.config.update("jax_enable_x64", True)
     bounces = np.radians(options.bounces).tolist()
-    seeds, limit = range(options.seed, options.seed + options.runs), options.observations
     rows: Rows = []
     for name in options.maps:
         cells = CellSpace.load(MAPS / f"{name}.json")
@@ -129,32 +133,18 @@ def main() -> None:
             kinds: dict[str, tuple[Any, list[float]]] = {
                 f"{one:g} deg": (each[i], [bounces[i]]) for i, one in enumerate(options.bounces)
             }
-            kinds |= {
-                "drawn": (Drawn(each), bounces),
-                "expected entropy": (Belief(hidden), bounces),
-            }
+            kinds["drawn"] = Drawn(each), bounces
+            kinds["expected entropy"] = Belief(hidden), bounces
             case = {"map": name, "error, %": 100 * error}
             for kind, (belief, angles) in kinds.items():
                 timed = Timed(belief)
-                row = outcomes(
-                    cells,
-                    error,
-                    seeds,
-                    lambda walker, timed=timed, angles=angles: run_follower(
-                        walker, BeliefFollower(timed), angles, limit=limit
-                    ),
-                )
+                follower = functools.partial(BeliefFollower, timed)
+                row = outcomes(cells, error, follower, angles, options)
                 times = timed.spent[1]
                 row |= {"ms, bump": float(np.mean(times)), "ms, longest": float(np.max(times))}
                 rows.append({**case, "angles": kind, **row})
-            row = outcomes(
-                cells,
-                error,
-                seeds,
-                lambda walker, policy=blind: run_follower(
-                    walker, PolicyFollower(policy), bounces, limit=limit
-                ),
-            )
+            follower = functools.partial(PolicyFollower, blind)
+            row = outcomes(cells, error, follower, bounces, options)
             rows.append({**case, "angles": "as if it did not slip", **row})
     emit("Choices of angles", rows, options.out / "slip_policies.csv", spec=".1f")
     say("A run that does not end with a small set never counts as right.")

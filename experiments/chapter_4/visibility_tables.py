@@ -139,16 +139,10 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
     """Evaluate the typical cell, with the median probability for a long attack, and the weakest."""
     weakest = int(np.argmin(caught[ATTACKS.index(SHORT)]))
     typical = site.typical(caught[ATTACKS.index(LONG)])
+    patrol = site.graph, site.visible.T, site.policies
+    attack, key = Attack(ATTACKS, "uniform"), jax.random.key(seed)
     return [
-        vulnerability(
-            jax.random.fold_in(jax.random.key(seed), number),
-            site.graph,
-            site.visible.T,
-            site.policies,
-            target,
-            Attack(ATTACKS, "uniform"),
-            runs=runs,
-        )
+        vulnerability(jax.random.fold_in(key, number), *patrol, target, attack, runs=runs)
         for number, target in enumerate((typical, weakest))
     ]
 
