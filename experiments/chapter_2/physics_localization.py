@@ -4,11 +4,11 @@
 
 The results predict what a user may expect from a real robot. On each map, with the true radius of a
 Create 2, `jaxcell localize` makes a filter of one bouncing angle, a policy and a belief of two, a
-belief that models the effect of a bump on the robot, and sets on walls for a robot that starts
-anywhere with any heading. Particles slip as that belief does, with the angle of the filter. Each
-estimator then localizes a robot in MuJoCo, through the driver; filter and particles follow the same
-robot. Except for the sets on walls, a robot starts from the centre of a random cell, and the walker
-knows its heading. A run ends
+belief that models the effect of a bump on the robot, and sets on walls, without and with this
+effect, for a robot that starts anywhere with any heading. Particles slip as that belief does, with
+the angle of the filter. Each estimator then localizes a robot in MuJoCo, through the driver; filter
+and particles follow the same robot. Except for the sets on walls, a robot starts from the centre of
+a random cell, and the walker knows its heading. A run ends
 
 - `right`: localized, and the robot is in one of the remaining places;
 - `wrong`: localized, but the robot is elsewhere;
@@ -63,11 +63,15 @@ from ..shared.report import Rows, emit
 
 SLIP, BUMP_TURN, BUMP_SKID = 0.003, 2.0, 0.012
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
+KNOWN_BOUNDS = f"run=0.01 distance=0.05 turn=1 bump_turn={BUMP_TURN} displacement=0.06"
 FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
-FINE = "belief, calibrated, fine"
+FINE, KNOWING = "belief, calibrated, fine", "sets, from anywhere, calibrated"
 ANGLES = ["--bounces", "45", "135"]
 CALIBRATED = f"--slip {SLIP} --bump-turn {BUMP_TURN} --bump-skid {BUMP_SKID}".split()
+FROM_ANYWHERE = (
+    "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5"
+)
 ESTIMATORS = {
     FILTER: (["--bounce", "135"], "filter.jxf"),
     PARTICLES: (["--bounce", "135"], "filter.jxf"),
@@ -75,14 +79,11 @@ ESTIMATORS = {
     PLAIN: ([*ANGLES, "--slip", str(SLIP)], "belief.jxb"),
     BELIEF: ([*ANGLES, *CALIBRATED], "belief.jxb"),
     FINE: ([*ANGLES, *CALIBRATED, "--max-fine-cells", "1600000"], "belief.jxb"),
-    ANYWHERE: (
-        "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5 "
-        f"--errors {BOUNDS}".split(),
-        "anywhere.json",
-    ),
+    ANYWHERE: (f"{FROM_ANYWHERE} --errors {BOUNDS}".split(), "anywhere.json"),
+    KNOWING: (f"{FROM_ANYWHERE} --errors {KNOWN_BOUNDS}".split(), "anywhere.json"),
 }
 # Estimators that choose no angles can follow the same robot.
-TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,)
+TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,), (KNOWING,)
 SHARE = 0.95
 ENDS = ("right", "wrong", "lost", "unfinished")
 
@@ -175,8 +176,9 @@ def problem(path: Path, name: str) -> tuple[Any, CellSpace]:
 
 def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
     """Localize one robot by one estimator, or by several that choose no angles."""
-    if ANYWHERE in paths:
-        return [run_anywhere(paths[ANYWHERE], name, seed, limit)]
+    for by in (ANYWHERE, KNOWING):
+        if by in paths:
+            return [run_anywhere(paths[by], name, by, seed, limit)]
     tasks = {by: problem(path, name)[0] for by, path in paths.items()}
     _, cells = problem(next(iter(paths.values())), name)
     rng = np.random.default_rng([23, seed])
@@ -229,7 +231,7 @@ def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
     return PolicyFollower(task.policy) if hasattr(task, "policy") else FilterFollower(task.filter)
 
 
-def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
+def run_anywhere(path: Path, name: str, by: str, seed: int, limit: int) -> Run:
     """Localize one robot that starts anywhere with any heading."""
     task, cells = problem(path, name)
     rng = np.random.default_rng([29, seed])
@@ -252,14 +254,16 @@ def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
                 walker.rotate(turn)
     except RobotStopped:
         stopped = True
-    return listener.run(name, ANYWHERE, seed, stopped=stopped)
+    return listener.run(name, by, seed, stopped=stopped)
 
 
 def is_held(follower: SetFollower, pose: tuple[float, float, float], reach: float) -> bool:
     """Test whether a robot that backed off is as close to its set as its errors allow."""
     state, filter = follower.state, follower.settings.filter
     boundary = filter.boundary
-    slices = np.unique(filter.slice_of(pose[2] + filter.errors.turn * np.linspace(-1, 1, 61)))
+    # The set has the heading before the bump, which turned the robot.
+    turn = filter.errors.turn + filter.errors.bump_turn
+    slices = np.unique(filter.slice_of(pose[2] + turn * np.linspace(-1, 1, 61)))
     near = state.take(np.isin(state.slice, slices))
     begin, end = (boundary.point(near.wall, arc) for arc in (near.begin, near.end))
     along = end - begin

@@ -33,7 +33,7 @@ class AnywhereSettings:
     homing: Homing | None = None
     "The navigation to the goal of the robot; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "The extent that the choice of an angle minimizes without a goal: the worst or the mean."
+    "The size of the next set that the choice of an angle minimizes without a goal, worst or mean."
     ahead: int = 1
     "The number of bumps that this choice looks ahead."
     seed: int = 0

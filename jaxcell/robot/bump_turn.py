@@ -3,7 +3,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..walls import Boundary, draw_places, run_to_wall
+from ..walls import Boundary, bump_gains, draw_places, run_to_wall
 from .anywhere import AnywhereSettings, SetFollower
 from .run_log import LoggedRun
 
@@ -99,10 +99,8 @@ def _error(
     wall = _wall_at(boundary, place)
     error = np.zeros(by_bump.size)
     for turn, length in zip(turns, lengths, strict=True):
-        into = -boundary.normal[wall]
-        incidence = np.arctan2(into[:, 1], into[:, 0]) - heading
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        heading = heading + by_bump * np.sin(2 * incidence) + turn
+        heading = heading + bump_gains(boundary, wall, heading, by_bump)[0] + turn
         wall, arc, run = run_to_wall(boundary, place - back * ahead, heading)
         place = boundary.point(wall, arc)
         error += np.minimum((run - length) ** 2, _FAR**2)
