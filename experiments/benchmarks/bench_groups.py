@@ -202,9 +202,6 @@ def peer_summary(cells: CellSpace, collision: str, tabulated: bool) -> GroupSumm
     return GroupSummary(*summary_of_arrays(groups.group, groups.step, groups.count))
 
 
-# Calls of jaxcell.
-
-
 def two_calls(cells: CellSpace, collision: str) -> Groups:
     image = bounce.bounce_map(cells, BOUNCE, motion=Motion(collision=collision)).image
     groups = bounce.bounce_groups(cells, BOUNCE, motion=Motion(collision=collision))

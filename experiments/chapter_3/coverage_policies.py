@@ -160,9 +160,6 @@ def coverage_of_cycles(policies: list[Chain], cells: CellSpace, steps: np.ndarra
             return average
 
 
-# The study.
-
-
 def study(steps: int, robots: int, seed: int) -> tuple[xr.Dataset, float]:
     """Compute the policies and simulate the robots; also return the seconds of one policy."""
     cells = CellSpace.of(Workspace.load(MAP), 1.0, DIRECTIONS)

@@ -189,9 +189,6 @@ def team_sweep(
     return min(lasts, key=sum)
 
 
-# The study.
-
-
 def study(runs: int, seed: int) -> xr.Dataset:
     """Simulate all teams by both rules, and their sweeps."""
     rules = ["repeat", "short"]
