@@ -113,7 +113,7 @@ def test_times_of_a_gpu_are_a_column(benchmarks, folder, capsys):
     (folder / "gpu.json").write_text("{}")
     with pytest.raises(SystemExit, match="2"):
         make_bench(benchmarks, folder, *options)
-    assert "gpu.json: expected what --json writes" in capsys.readouterr().err
+    assert "gpu.json: expected a file of --json" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, message)
     assert (folder / "page.md").read_text() == PAGE
     shown = capsys.readouterr().err
     assert f"FAILED: {message}" in shown
-    assert "failed: bench_bad.py; page.md stays as it is" in shown
+    assert "failed: bench_bad.py; page.md is unchanged" in shown
 
 
 def test_rows_of_an_earlier_run_do_not_count(benchmarks, folder):

@@ -57,7 +57,7 @@ localize @lab_a --bounces 45 405
 localize @lab_a --bounces 45 405 --slip 0.02
     --bounces: 45 and 405 deg are the same turn; give it once
 localize @lab_a --bounce 45 --anywhere --errors speed=1
-    --errors 'speed=1': expected one of run, distance, late, displacement, turn, bump_turn, heading, with =
+    --errors 'speed=1': expected one of run, distance, late, displacement, turn, bump_turn, heading
 localize @lab_a --bounce 45 --anywhere --errors run=x
     --errors 'x': expected a number after =
 localize @lab_a --bounce 100 --anywhere
