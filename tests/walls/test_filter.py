@@ -42,7 +42,7 @@ def drive(workspace, robots, bumps, bounce, seed, headings=None, errors=NO_ERROR
         heading += errors.heading * rng.choice([-1, 1], robots) * 0.9999
     bounds = {"relative": errors.run, "absolute": errors.distance, "turn": errors.turn}
     turns = [bounce] * (bumps - 1)
-    return rays.Room(workspace.free_space).drive(*place.T, heading, turns, signs=rng, **bounds)
+    return rays.drive(workspace.free_space, place, heading, turns, signs=rng, **bounds)
 
 
 @pytest.mark.parametrize(
@@ -101,15 +101,16 @@ def test_a_run_that_begins_beside_the_wall_loses_no_robot():
     rng = np.random.default_rng(4)
     place = rays.anywhere(workspace.free_space, 15, rng)
     heading = rng.uniform(0, 2 * np.pi, 15)
-    room = rays.Room(workspace.free_space)
+    room, at = rays.Rays(workspace.free_space), np.full(15, rays.INSIDE)
     filter = walls.WallFilter.of(workspace, errors=walls.Errors(displacement=back))
     state = None
     for _ in range(12):
-        length, bump, _ = room.cast(place, room.locate(place), heading)
+        length, bump, _ = room.run(place, at, heading)
         state = filter.observe(state, length)
         assert walls.contains(filter.boundary, state, filter.slice_of(heading), bump).all()
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         place = bump - np.minimum(back, length)[:, None] * ahead
+        at = np.where(length > back, rays.INSIDE, at)
         heading, state = heading + angle, filter.turn(state, angle)
 
 
@@ -119,10 +120,10 @@ def drive_with_bump_turns(filter, bump_turn, seed):
     rng = np.random.default_rng(seed)
     place = rays.anywhere(workspace.free_space, 20, rng)
     heading = rng.uniform(0, 2 * np.pi, 20)
-    room = rays.Room(workspace.free_space)
-    at, state, inside = room.locate(place), None, []
+    room, at = rays.Rays(workspace.free_space), np.full(20, rays.INSIDE)
+    state, inside = None, []
     for _ in range(12):
-        length, place, at = room.cast(place, at, heading)
+        length, place, at = room.run(place, at, heading)
         state = filter.observe(state, length)
         inside.append(walls.contains(filter.boundary, state, filter.slice_of(heading), place))
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)

@@ -59,7 +59,7 @@ class AnywhereStudy(MapStudy):
         for text in self.errors:
             name, _, value = text.partition("=")
             if name not in _ERRORS:
-                raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}, with =")
+                raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}")
             expected = "a number after ="
             bounds[name] = numbers("errors", value, 1, expected)[0] * _ERRORS[name]
         return walls.Errors(**bounds)
