@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounded:
-    """A filter of sets: the possible cells of a robot, for maps with several images per cell.
+    """A filter whose state is the set of possible cells, for maps with several images per cell.
 
-    The set always contains the cell of a robot whose steps the map allows. It may grow.
+    The set contains the cell of the robot as long as the map allows all its steps. An observation
+    may make the set larger, because a cell has several images.
 
     A robot in one of three cells in a row moves on or stays, and bumps at the end:
 
@@ -34,17 +35,17 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, 0 and 1, matrices whose product has an entry `True` where the robot may
-    move from the row to the column. A matrix with fewer rows than cells applies to blocks of cells:
-    it moves each cell to the same place in another block."""
+    """For each observation, 0 and 1, the matrices whose product has an entry `True` where the robot
+    may move from the cell of the row to the cell of the column. A matrix with fewer rows than cells
+    applies to blocks of cells: it moves each cell to the same place in another block."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
-    "Numbers above 0 in the possible cells at the start, 0 in the other cells."
+    "A positive number for each cell in which the robot may start, 0 for other cells."
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """Make the filter of the possible images of a hidden map with one angle.
+        """Make the filter of a hidden map with one angle: all moves of positive probability.
 
         **Raises:** `ValueError` for a map with several angles.
         """
@@ -62,7 +63,10 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1; empty if it is impossible."""
+        """Return the cells that are possible after an observation, 0 or 1, in ascending order.
+
+        There are none if the observation is impossible.
+        """
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
@@ -77,12 +81,12 @@ class Bounded:
         return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
-        """Return the configurations of a set of cells; `nowhere` is 1 if the set is empty."""
+        """Return the configurations of a set of cells; if it is empty, `nowhere` is 1."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
     def automaton(self, *, limit: int = 10_000_000) -> Automaton:
-        """Make the automaton of the sets for all observation strings.
+        """Make the automaton whose states are the sets that observation strings lead to.
 
         **Raises:** `ValueError` if the sets have more than `limit` cells in all; then use
         [`Bounded.observe`][].

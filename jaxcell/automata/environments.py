@@ -8,7 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps, which find the map of a robot and its place there.
+    """The open-world filters of several maps. They find the map of a robot, and its cell there.
 
     Alam 2018, section 2.4.4.
 
@@ -27,7 +27,7 @@ class Environments:
     """
 
     def __init__(self, filters: Mapping[str, Filter]):
-        """Take the filter of each map by its name; closed-world filters get a trap.
+        """Combine the filters of maps, by the names of the maps; closed-world filters get a trap.
 
         **Raises:** `ValueError` if there are no filters.
         """
@@ -65,17 +65,17 @@ class EnvironmentsState:
 
     @property
     def remaining(self) -> tuple[str, ...]:
-        """The maps not yet refuted, in the order of `states`."""
+        """The names of the maps that are not refuted yet, in the order of `states`."""
         return tuple(name for name, state in self.states.items() if not state.refuted)
 
     @property
     def cells(self) -> dict[str, Int32[np.ndarray, "_"]]:
-        """The possible configurations of the robot, for each map not yet refuted."""
+        """The possible configurations of the robot, for each map that is not refuted yet."""
         return {name: self.states[name].cells for name in self.remaining}
 
     @property
     def refuted_at(self) -> dict[str, int]:
-        """The index of the refuting observation, for each refuted map."""
+        """The index of the observation that refuted the map, for each refuted map."""
         return {
             name: state.refuted_at
             for name, state in self.states.items()

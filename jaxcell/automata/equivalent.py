@@ -10,8 +10,8 @@ class Equivalence:
     """The equivalence classes of the states of a machine with inputs and observations.
 
     Two states are *equivalent* if every sequence of inputs gives the same observations from both.
-    The proof that the states of a class are equivalent: under each input they give one observation,
-    and their images are in one class. [`Equivalence.distinguish`][] proves that two classes differ.
+    The states of a class are equivalent because under each input they give the same observation and
+    their images are in one class. [`Equivalence.distinguish`][] proves that two classes differ.
     """
 
     images: Integer[np.ndarray, "inputs states"]
@@ -29,7 +29,7 @@ class Equivalence:
     def distinguish(self, a: int, b: int) -> Int[np.ndarray, "length"]:
         """Find a shortest sequence of inputs whose last observation differs between two states.
 
-        Of several shortest sequences it is the first in lexicographic order.
+        Of several shortest sequences it returns the first in lexicographic order.
 
         **Raises:** `ValueError` if the states are equivalent, or if a state does not exist.
         """
@@ -66,10 +66,10 @@ def equivalence(
 ) -> Equivalence:
     """Find the classes of states that no sequence of inputs distinguishes.
 
-    The partition of the states is refined until the images of each class are in one class. It is
-    first refined by repeats of each single input: `i` sorts find the differences after up to `2^i`
-    repeats, so that a long corridor takes few sorts. Then it is refined by all inputs, in rounds.
-    Each round examines only the states with an image whose class has changed (Hopcroft 1971).
+    The partition of the states is refined until under each input the images of a class are in one
+    class. First it is refined by repeats of each single input: `i` sorts find all differences after
+    up to `2^i` repeats, so that a long corridor takes few sorts. Then it is refined by all inputs,
+    in rounds. A round examines only states with an image whose class has changed (Hopcroft 1971).
 
     **Arguments:**
 
@@ -117,7 +117,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Refine labels by the observations after any number of repeats of one input."""
+    """Split the classes of states that repeats of one input distinguish; return the new labels."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -133,7 +133,10 @@ def _along(
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each."""
+    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each `i`.
+
+    The entries of `b` are not negative.
+    """
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
 
@@ -141,7 +144,7 @@ def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, 
 def _refined(
     images: Integer[np.ndarray, "inputs states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Compute the labels of the coarsest refinement that all inputs preserve."""
+    """Split classes until under each input the images of a class are in one class."""
     label, count = label.copy(), int(label.max()) + 1
     size = np.bincount(label, minlength=label.size)
     into = np.argsort(images, axis=None, kind="stable")

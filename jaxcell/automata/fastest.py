@@ -4,10 +4,11 @@ from .filter import Filter
 
 
 def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
-    """Find the shortest observation string that localizes a robot, the first in dictionary order.
+    """Find the shortest observation string that localizes a robot.
 
     **Arguments:** a filter, and the uncertainty of the knowledge cycle to reach, by default any.
-    **Returns:** the string, or `None` if no knowledge cycle has this uncertainty.
+    **Returns:** the string, the first of several in dictionary order, or `None` if no knowledge
+    cycle has this uncertainty.
 
     A robot goes round three cells, and bumps in one of them, so that the bump identifies the cell:
 

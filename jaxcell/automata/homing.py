@@ -15,14 +15,14 @@ _Family: TypeAlias = frozenset[int]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """A fixed sequence of inputs after which the state of the machine is known."""
+    """A fixed sequence of inputs whose observations identify the state of a machine."""
 
     inputs: Int[np.ndarray, "length"]
-    "The inputs, by number."
+    "The numbers of the inputs."
     least: int
-    "A lower bound on the length of every sequence."
+    "A lower bound on the length of every such sequence."
     searched: int
-    "Number of sequences that were searched, if sequences that leave equal sets count once."
+    "Number of searched sequences; sequences that leave the same sets of states count once."
 
     @property
     def optimal(self) -> bool:
@@ -40,15 +40,15 @@ def homing_sequence(
 ) -> Homing:
     """Find a fixed sequence of inputs whose observations identify the state of a machine.
 
-    It settles all roots, in the sense of [`adaptive_choice`][]. A sequence always exists, because
-    pairs of states can be distinguished one after the other. A greedy sequence comes first; it
-    takes the input that leaves the fewest states together. Then all sequences are searched, first
-    those whose remaining pairs of states permit the least total length.
+    After the sequence every root is settled, in the sense of [`adaptive_choice`][]. A sequence
+    always exists, because pairs of states can be distinguished one after the other. A greedy
+    sequence is found first: each input leaves the fewest states together. Then all sequences are
+    searched, in the order of a lower bound on their total length.
 
     **Arguments:**
 
     - `images`, `observations`, `roots`, `place`: as in [`adaptive_choice`][].
-    - `limit`: largest total number of sets that the searched sequences leave unsettled.
+    - `limit`: the search ends when its sequences have left this number of unsettled sets in total.
 
     **Returns:** [`Homing`][].
 
@@ -96,7 +96,7 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Return the unsettled sets after an input, for all observations."""
+    """Return the unsettled sets after input `i`, for all observations."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 

@@ -14,9 +14,9 @@ from .formats.storage import checked_metadata, reading, write_arrays
 class Policy:
     """A localization policy: the angle by which a robot turns at each bump until it is localized.
 
-    A state is the set of the possible configurations of the robot at a bump; state 0 is the start,
-    before the first bump. Each possible number of steps to the next bump leads to another state; an
-    impossible number refutes the map. A state that leads to no other state is an *end*: the robot
+    A state is a set of possible configurations of the robot at a bump; state 0 is the start, before
+    the first bump. Each possible number of steps to the next bump leads to another state; an
+    impossible number refutes the map. In a state that leads to no other state, an *end*, the robot
     is localized.
 
     A first bump after two steps localizes the robot. After a bump without a step it turns by angle
@@ -41,17 +41,17 @@ class Policy:
     turn: Int32[np.ndarray, "states"]
     "The number of the angle by which the robot turns in each state; -1 at the start and at ends."
     first: Int32[np.ndarray, "states+1"]
-    "The place in `steps` and `target` at which the next bumps of each state begin."
+    "The entries of state `i` in `steps` and `target` are `first[i]` to `first[i + 1] - 1`."
     steps: Int32[np.ndarray, "bumps"]
-    "The possible numbers of steps to the next bump, state by state, in ascending order."
+    "The possible numbers of steps from each state to the next bump, in ascending order."
     target: Int32[np.ndarray, "bumps"]
     "The state at the next bump, for each number in `steps`."
     offsets: Int32[np.ndarray, "states+1"]
-    "The places in `members` at which the configurations of each state begin, and the last end."
+    "The configurations of state `i` are `members[offsets[i] : offsets[i + 1]]`."
     members: Int32[np.ndarray, "total"]
-    "The configurations of each state in ascending order, one state after the other."
+    "The possible configurations in each state, in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object that is stored with the policy: its map and the angles."
+    "A JSON object that is stored with the policy, such as its map and the angles."
 
     def __post_init__(self) -> None:
         states = self.turn.size
@@ -82,7 +82,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The number that stands for a refuted map: one more than that of the last state."""
+        """The index of a [`PolicyState`][] whose map is refuted: the number of states."""
         return self.turn.size
 
     @functools.cached_property
@@ -99,11 +99,11 @@ class Policy:
 
     @functools.cached_property
     def uncertainty(self) -> Int32[np.ndarray, "states"]:
-        """The number of possible configurations of each state."""
+        """The number of possible configurations in each state."""
         return np.diff(self.offsets).astype(np.int32)
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of the robot in a state, in ascending order.
+        """Return the configurations that are possible in a state, in ascending order.
 
         **Raises:** `ValueError` if the state does not exist.
         """
@@ -112,7 +112,7 @@ class Policy:
         return self.members[self.offsets[state] : self.offsets[state + 1]]
 
     def after(self, state: int) -> dict[int, int]:
-        """Return the state at the next bump for each possible number of steps."""
+        """Return the state at the next bump by the possible numbers of steps from a state."""
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
@@ -121,7 +121,7 @@ class Policy:
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the policy to one file with a checksum, completely or not at all.
+        """Write the policy to a file with a checksum, completely or not at all.
 
         Equal policies give equal bytes.
         """
@@ -163,12 +163,12 @@ _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 class PolicyState:
     """The state of a policy after some observations; `observe` returns a new object.
 
-    An impossible observation refutes the map, and then every later observation does.
+    After an impossible observation the map stays refuted.
     """
 
     policy: Policy
     index: int
-    "The state at the last bump, or the trap."
+    "The state of the policy at the last bump; `Policy.trap` if the map is refuted."
     steps: int
     "The number of steps since the last bump."
     time: int
@@ -196,14 +196,14 @@ class PolicyState:
 
     @property
     def color(self) -> int:
-        """The colour: 1 until localized, then one colour per end; the last colour if refuted."""
+        """The colour of the state in [`Policy.color`][]; one more colour if the map is refuted."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
 
     @property
     def turn(self) -> int | None:
-        """The number of the angle by which to turn now, or `None`."""
+        """The number of the angle by which the robot has to turn now, or `None`."""
         if self.steps or self.refuted:
             return None
         turn: int = self.policy.turn.item(self.index)
@@ -211,7 +211,7 @@ class PolicyState:
 
     @property
     def uncertainty(self) -> int:
-        """The number of possible configurations."""
+        """The number of possible configurations of the robot."""
         if self.refuted:
             return 0
         if not self.steps:
@@ -234,6 +234,6 @@ class PolicyState:
 
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
-        """The possible configurations of the robot at a bump; empty between bumps."""
+        """The possible configurations at a bump; empty between bumps, and if refuted."""
         known = not self.steps and not self.refuted
         return self.policy.cells(self.index) if known else np.empty(0, np.int32)

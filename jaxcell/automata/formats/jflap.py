@@ -16,9 +16,9 @@ def to_jflap(
 ) -> str:
     """Write a filter as a `.jff` file of JFLAP 7.
 
-    **Arguments:** a filter; the kind, a `"moore"` machine whose output is the colour, or `"fa"`, a
-    finite automaton whose final states are those of the knowledge cycles; and the text of a note in
-    the drawing.
+    **Arguments:** a filter; the kind, `"moore"` for a machine whose output is the colour, or `"fa"`
+    for a finite automaton whose final states are the states of knowledge cycles; and the text of a
+    note in the drawing.
 
     **Returns:** the text, with states in columns by their distance from the start.
 
@@ -62,7 +62,7 @@ def to_jflap(
 
 
 def _add(node: ElementTree.Element, **texts: object) -> None:
-    """Add elements with texts, by their tags, to a node."""
+    """Add a child to a node for each keyword: the tag and the text of the child."""
     for tag, text in texts.items():
         ElementTree.SubElement(node, tag).text = str(text)
 
@@ -72,7 +72,7 @@ def _place(x: int, y: int) -> dict[str, float]:
 
 
 def _columns(filter: Filter) -> list[tuple[int, int]]:
-    """Compute the column of each state, its distance from the start, and its row."""
+    """Compute the column and the row of each state; the column is its distance from the start."""
     places, height = {0: (0, 0)}, Counter([0])
     for source, targets in enumerate(filter.transition.tolist()):
         for target in targets:

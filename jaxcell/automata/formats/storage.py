@@ -1,6 +1,6 @@
-"""Files of int32 arrays and a JSON header: `.npz` files of NumPy with another name.
+"""Files of int32 arrays and a JSON header: `.npz` files of NumPy, whose suffix is not `.npz`.
 
-The differences between neighbouring numbers of an array are stored, because most differences of
+An array is stored as the differences between neighbouring numbers, because most differences of
 sorted cells are small and compress well.
 """
 
@@ -47,7 +47,7 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read a file of one kind, in a context that adds its path to errors about the content.
+    """Read the header and the arrays of a file of one kind; name the file in errors of the block.
 
     **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
     `KeyError` or a `ValueError` in the block.
@@ -66,7 +66,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Return a copy of metadata as it would be after writing and reading.
+    """Convert metadata to the JSON object that a file of it would be read to.
 
     **Raises:** `ValueError` if the metadata is not a JSON object.
     """
@@ -93,7 +93,7 @@ def read_arrays(
 def _read(
     path: str | os.PathLike[str], headed: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the header and the arrays as they are stored, or only the header."""
+    """Read the header and the arrays as they are stored; if `headed`, only the header."""
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(

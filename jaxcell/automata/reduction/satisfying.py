@@ -23,13 +23,13 @@ def closed_classes(
     *,
     cover: bool,
 ) -> Iterator[Classes | bool | None]:
-    """Find `count` classes of states that are a closed cover, or a partition, with a SAT solver.
+    """Find `count` classes that form a closed cover or partition of the states, with a SAT solver.
 
     Each state is in a class, no class has an incompatible pair, and for each class and symbol the
-    successors are in one class. The states of a clique are incompatible with each other, so that
-    state `i` of the clique is in class `i` without loss of generality. Clauses about a pair of
-    states, and about the successors of a class after a symbol, are added only when a solution
-    violates them (Zhang and Shell 2020).
+    successors are in one class. Without loss of generality state `i` of the clique is in class `i`,
+    because no two states of a clique can be in one class. Clauses about a pair of states, and about
+    the successors of a class after a symbol, are added only when a solution violates them (Zhang
+    and Shell 2020).
 
     **Arguments:**
 
@@ -38,8 +38,8 @@ def closed_classes(
     - `clique`: states that are incompatible with each other.
     - `cover`: whether a state may be in several classes.
 
-    **Yields:** `None` after each part of the search, and in the end the classes, or `False` if it
-    is proved that no such classes exist.
+    **Yields:** `None` after each part of the search, and at the end the classes, or `False` if
+    there are provably no such classes.
     """
     from pysat.solvers import Solver
 
@@ -64,7 +64,7 @@ def closed_classes(
 
 
 class _Problem:
-    """The clauses of closed classes; each variable means that a certain state is in a class."""
+    """The clauses of closed classes. Each variable means that a state is in a class."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class _Problem:
     def closing(self, classes: Classes) -> Iterator[list[list[int]]]:
         """Yield clauses that put the successors of a class after a symbol into one class.
 
-        Only successors that are not yet in one of these classes get clauses.
+        There are no clauses for successors that one of `classes` already contains.
         """
         for index, row in enumerate(classes):
             for symbol, after in enumerate(self.transition.T):

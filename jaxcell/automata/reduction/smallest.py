@@ -33,7 +33,7 @@ class Smallest:
     machine: MooreMachine
     "The smallest machine that was found."
     merged: Bool[np.ndarray, "states original"]
-    "The states of the original machine that are merged into each state."
+    "A mask of the states of the original machine that are merged into each state."
     bound: int
     "The proved lower bound on the number of states of every such machine."
     moore: int
@@ -41,7 +41,7 @@ class Smallest:
     cover: bool
     "`True` if a state of the original machine may be merged into several states."
     seconds: float
-    "The duration of the search."
+    "The duration of the search in seconds."
 
     @property
     def states(self) -> int:
@@ -50,7 +50,7 @@ class Smallest:
 
     @property
     def gap(self) -> int:
-        """The difference of the number of states and the bound."""
+        """The difference between the number of states and the bound."""
         return self.states - self.bound
 
     @property
@@ -73,19 +73,19 @@ def smallest(
 ) -> Smallest:
     """Find the smallest machine that gives the same outputs on every string that can occur.
 
-    States can be merged if no string that is possible from all gives different outputs, and if
-    their successors are merged too. This relation is not transitive, so that a state may be merged
-    into several states: the smallest machine is a *cover* of the states by classes, and may be
-    smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
-    2020). The size of a clique of incompatible states is a lower bound, that of a greedy partition
-    is an upper bound, and a SAT solver decides between them.
+    States can be merged if no string that is possible from all of them gives different outputs, and
+    if their successors are merged too. This relation is not transitive, so that a state may be
+    merged into several states: the smallest machine is a *cover* of the states by classes, and may
+    be smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
+    2020). The size of a clique of incompatible states is a lower bound, the number of classes of a
+    greedy partition is an upper bound, and a SAT solver decides between them.
 
     **Arguments:**
 
     - `source`: a machine, or a filter or a policy with its default output.
     - `cover`: whether to search among covers, or only among partitions of the states of `source`.
-    - `seconds`: the time after which the search ends and the best machine is returned. The
-        comparison of all pairs of states is never cut short.
+    - `seconds`: the time after which the search ends and the best machine is returned. All pairs of
+        states are compared even if that takes longer.
     - `say`: a function that is called with a description of each part of the work.
 
     **Returns:** [`Smallest`][].
@@ -149,7 +149,7 @@ def _successors(
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
     """Find the classes that some string reaches, in breadth-first order.
 
-    Returns the class after each of them and each symbol, by its place in this order, and the order.
+    Returns the transitions between these classes, by their numbers in this order, and the classes.
     """
     start = int(np.argmax(classes[:, 0]))
     number, queue, rows = {start: 0}, [start], []
