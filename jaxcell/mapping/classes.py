@@ -20,7 +20,7 @@ class PersistentGroups:
     """The persistent groups of a chain, and the cells that reach them (Alam 2018, Def. 3.3.3)."""
 
     group: Int[Array, "cells"]
-    "The persistent group of each cell, numbered by smallest cells; -1 if transient."
+    "The persistent group of each cell, in the order of their smallest cells; -1 if transient."
     count: int
     "Number of persistent groups."
     size: Int[Array, "groups"]
@@ -38,8 +38,8 @@ class PersistentGroups:
     def domicile(self) -> Bool[Array, "groups cells"]:
         """A mask of the cells that can reach each group, including the cells of the group.
 
-        **Raises:** `ValueError` if the table exceeds 4 GiB; use [`PersistentGroups.reaching`][] for
-        one group at a time then.
+        **Raises:** `ValueError` if the mask exceeds 4 GiB; then use [`PersistentGroups.reaching`][]
+        for one group at a time.
         """
         cells = self.group.shape[0]
         if self.count * cells > LARGEST_TABLE:
@@ -53,7 +53,10 @@ class PersistentGroups:
         return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups of an unrolled sequence of chains to its cells at phase 0."""
+        """Restrict the groups of an unrolled sequence of chains to its states at phase 0.
+
+        These states are the first `cells` of all states.
+        """
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))
@@ -74,8 +77,8 @@ class PersistentGroups:
     def phase(self) -> Int[Array, "cells"]:
         """The cyclic class of each cell in its group; -1 if transient.
 
-        The class of the smallest cell of the group is 0, and one step leads from each class to the
-        next, modulo the period.
+        The class of the smallest cell of a group is 0. One step leads from each class to the next
+        class, modulo the period.
         """
         return self._circuits[1]
 
@@ -114,9 +117,9 @@ class PersistentGroups:
 def reaching(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Bool[np.ndarray, "cells"]:
-    """Return a mask of the cells of a chain that can reach a set of cells, including the set.
+    """Return a mask of the cells from which a set of cells can be reached, including the set.
 
-    The matrix has no explicit zeros.
+    `matrix` is a transition matrix without explicit zeros, and `target` a mask of the set.
     """
     return next_cells(matrix, target) >= 0
 
@@ -124,10 +127,10 @@ def reaching(
 def next_cells(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Int[np.ndarray, "cells"]:
-    """Return the next cell of a shortest path from each cell to a set.
+    """Return the next cell on a shortest path from each cell to a set of cells.
 
-    A cell of the set has no next cell: its entry is the number of all cells. A cell without a path
-    has a negative entry.
+    The entry of a cell of the set is the number of all cells; that of a cell without a path is
+    negative. `matrix` is a transition matrix without explicit zeros.
     """
     cells = target.size
     goals = np.flatnonzero(target)
@@ -144,12 +147,12 @@ def next_cells(
 def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
-    They are the strongly connected components without edges to other cells or to the sink; all
-    other cells are transient. They are found on the host, in time proportional to the number of
-    edges.
+    These are the strongly connected components without edges to other cells or to the sink; all
+    other cells are transient. The components are found on the host, in time proportional to the
+    number of edges.
 
-    **Arguments:** a chain, or a sequence of chains. The groups of a sequence are those of its
-    period map, which is not computed: they are the components of the unrolled chain at phase 0.
+    **Arguments:** a chain, or a sequence of chains, whose groups are those of its period map. The
+    period map is not computed; the groups are those of the unrolled chain, at phase 0.
 
     **Returns:** the group of each cell, and the cells that can reach each group.
 

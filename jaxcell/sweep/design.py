@@ -37,7 +37,7 @@ class Parameter:
 
     name: str
     dimension: str
-    "The dimension: the name in a grid, `member` in a list, and `sample` for random samples."
+    "`name` if the parameter is in a grid, `member` in a list, and `sample` for random samples."
     values: np.ndarray
     "A one-dimensional array of 64-bit integers or floats, booleans, or strings."
 
@@ -47,9 +47,9 @@ class _Distribution:
     """The distribution of the samples of a parameter."""
 
     draw: Callable[[np.random.Generator, int], np.ndarray]
-    "Draws independent samples, given their number."
+    "A function that draws a number of independent samples."
     quantile: Callable[[np.ndarray], np.ndarray]
-    "Computes quantiles, given numbers between 0 and 1."
+    "A function that computes quantiles, such as the median from 0.5."
 
 
 def read_parameters(
@@ -57,8 +57,8 @@ def read_parameters(
 ) -> tuple[Parameter, ...]:
     """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
 
-    The page "Sweeps" of the documentation describes the tables. Without a design each parameter has
-    its own stream of random numbers, which does not depend on the other parameters.
+    The page "Sweeps" of the documentation describes the tables. If `[random]` has no design, the
+    samples of a parameter do not depend on the other parameters.
     """
     if listed and random:
         raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
@@ -100,7 +100,7 @@ def check_name(name: str) -> None:
 
 
 def parameter_difference(there: Parameter | None, here: Parameter | None) -> str | None:
-    """Describe the difference of the values of a parameter in two specifications, or `None`."""
+    """Describe how a parameter differs between two specifications; `None` if it is the same."""
     if there is None or here is None:
         sizes = ["nothing" if one is None else _values(one.values.size) for one in (there, here)]
         return f"{sizes[0]} there, {sizes[1]} here"
@@ -126,7 +126,7 @@ def _values(count: int) -> str:
 
 
 def _listed(values: Sequence[Any]) -> str:
-    """List values; of many values, list only the first ones and the last."""
+    """Join values to a text; of many values, only the first few and the last."""
     texts = [
         text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
         for text in map(str, values)
@@ -161,9 +161,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """Make the points of a design, of shape `(members, parameters)`, with values from 0 to 1.
+    """Make the points of a design in the unit cube, as an array of shape `(members, parameters)`.
 
-    With more samples, `sobol` and `saltelli` begin with the same members.
+    If the number of samples is raised, `sobol` and `saltelli` keep the members that they had.
     """
     if design not in _DESIGNS:
         raise ValueError(
@@ -209,7 +209,7 @@ def _grid_values(given: Any) -> np.ndarray:
 
 
 def _list_values(given: Any) -> np.ndarray:
-    """Convert a list of values of one kind to an array."""
+    """Check that a list has values of one kind, and convert it to an array."""
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ValueError(f"expected a list of values, got {reprlib.repr(given)}")
     if all(isinstance(value, bool | str) for value in given) and len(set(map(type, given))) == 1:

@@ -32,11 +32,11 @@ class SweepStatus:
     damaged: int
     "Number of damaged records and lost files; [`verify_sweep`][] also finds damage inside files."
     running: str | None
-    "The process that runs the sweep, or `None`."
+    "The process that runs the sweep now, or `None`."
     rate: float | None
-    "Members computed per second; `None` if unknown."
+    "Number of members that the run computes per second; `None` if unknown."
     left: float | None
-    "Estimated seconds until the end; `None` if unknown."
+    "Estimated seconds until the end of the run; `None` if unknown."
 
     @property
     def complete(self) -> bool:
@@ -44,7 +44,7 @@ class SweepStatus:
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """Read the progress of the sweep in a folder, also while it runs.
+    """Read the progress of the sweep in a folder, even while it runs.
 
     **Arguments:**
 
@@ -87,8 +87,8 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    If the sweep runs or was killed, the result is first made in memory. Where `status` is not 1,
-    floats are NaN, integers -1 (unsigned integers their maximum), and booleans `False`.
+    If the sweep is running or was killed, the result is first made in memory. Where `status` is not
+    1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are `False`.
 
     **Arguments:**
 

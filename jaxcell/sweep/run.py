@@ -35,11 +35,11 @@ def run_sweep(
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
-    """Run a sweep.
+    """Compute the members of a sweep, or the members of it that are not done yet.
 
-    The results of each chunk are appended to the journal of the store. A run may end at any moment,
-    also by a kill, and another run computes the rest. The final result is made when a run ends; its
-    bytes do not depend on the engine, the order of chunks, or interruptions.
+    The results of each chunk are appended to a journal in the store. A run may end at any moment,
+    for example by a kill, and the next run computes the rest. The final result is made when a run
+    ends; its bytes do not depend on the engine, the order of chunks, or interruptions.
 
     **Arguments:**
 
@@ -53,10 +53,10 @@ def run_sweep(
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
     - `chunks`: the numbers of the chunks to compute, without making the final result; by default
-        all chunks that are not done, and the final result.
+        all chunks are computed, and the result is made.
     - `timeout`: seconds after which a chunk is stopped and counts as failed; not for `local`.
     - `max_failures`: the run ends when more than this number of members have failed.
-    - `progress`: called when the work begins, and with each chunk that ends.
+    - `progress`: a function that is called when the work begins, and after each chunk.
 
     **Returns:** the progress of the sweep. A chunk that fails is split into halves repeatedly, so
     that only members that fail alone count as failed. Failures do not stop other members.
@@ -131,7 +131,7 @@ def run_sweep(
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Replace a result whose variables differ from those of the first result by a failure."""
+    """Return a result, or a failure if its variables differ from those of the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)
@@ -141,14 +141,14 @@ def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """Make the job of the members of a chunk that are not done."""
+    """Make the job that computes the members of a chunk that are not done."""
     job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
     return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Add advice to the error of a full disk."""
+    """Add advice to the `OSError` that the block raises if the disk is full."""
     try:
         yield
     except OSError as error:

@@ -35,9 +35,9 @@ class Verified:
     chunks: int
     "The number of chunks of the sweep."
     damaged: tuple[str, ...]
-    "The names of the damaged chunks, other records of the journal, and files."
+    "The names of the damaged chunks, files, and other records of the journal."
     recomputed: int
-    "The number of damaged chunks, records and files that were repaired."
+    "The number of entries of `damaged` that were repaired."
     status: SweepStatus
     "The progress of the sweep after the repair."
 
@@ -124,7 +124,7 @@ def verify_sweep(
 
 
 def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
-    """Write a journal without its damaged records.
+    """Remove the damaged records from the journal of a sweep.
 
     **Returns:** descriptions of the damage, the numbers of the chunks to compute, and the numbers
     of the damaged chunks that had been done.

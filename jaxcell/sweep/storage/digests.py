@@ -1,4 +1,4 @@
-"""Identify the versions, files and modules that the numbers of a sweep depend on."""
+"""Describe the versions, files and modules that the numbers of a sweep depend on."""
 
 import hashlib
 import importlib.metadata
@@ -20,9 +20,9 @@ _MAP_SERVER = (".yaml", ".yml")
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """Describe versions, settings and files that affect the numbers of a sweep.
+    """Describe the versions, settings and files that affect the numbers of a sweep.
 
-    **Returns:** attributes of the result.
+    `wide` is true if JAX computes with 64 bits. Returns attributes of the result.
     """
     revision = git_revision()
     return {
@@ -37,9 +37,9 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, by its name.
 
-    These files are named by parameters and fixed values. They include the images of map_server
-    files, and the user's module of a task or of a value such as a system (`FILE.py:NAME` or
-    `MODULE:NAME`), with the user's modules that this module imports.
+    Parameters and fixed values name these files. Also included are the images of map_server files,
+    and the user's module of the task or of a value (`FILE.py:NAME` or `MODULE:NAME`), with the
+    modules of the user that this module imports.
     """
     digest_of = {}
     columns = [parameter.values for parameter in spec.parameters]
@@ -63,7 +63,7 @@ def digests(spec: Spec) -> dict[str, str]:
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Describe changes between two results of `made_with`: of versions, files, and the task."""
+    """Describe changes of versions, files and the task between two results of `made_with`."""
     old, new = (json.loads(made["digests"]) for made in (there, here))
     return [
         f"{name}: {there.get(name)} there, {value} here"

@@ -1,4 +1,4 @@
-"""Jobs of a run: chunks, and, after failures, their halves, down to single members."""
+"""The jobs of a run: chunks, and after failures halves of chunks, down to single members."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ class Halving:
         self._open: Counter[int] = Counter()
 
     def take(self) -> Job | None:
-        """Take the next job; return `None` if there is none now. A failure may add jobs later."""
+        """Return the next job, or `None` if there is none now; a failure may add jobs later."""
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def split(self, job: Job) -> None:
@@ -28,6 +28,6 @@ class Halving:
         self._open[job.number] += 1
 
     def end(self, job: Job) -> bool:
-        """End a job; return true if it was the last one of its chunk."""
+        """Count a job as done; return true if it was the last job of its chunk."""
         self._open[job.number] -= 1
         return self._open[job.number] < 0
