@@ -17,18 +17,18 @@ _LARGEST = 1e9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CellSpace:
-    """The free configurations of a robot, cut into cells (Alam 2018, section 2.3.2).
+    """The free configurations of a robot, divided into cells (Alam 2018, section 2.3.2).
 
-    Square cells of side `cell` cover the bounding box of the map; a cell is free if its centre lies
-    in the closed free space. The free cells of the plane are the *positions*, counted row by row
-    from the bottom left, x fastest. A cell of the space is a position and a direction, `z =
-    direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
-    counter-clockwise from the x axis (East).
+    Squares of side `cell` cover the bounding box of the map; a square is free if its centre lies in
+    the closed free space. The free squares are the *positions*, counted row by row from the bottom
+    left, x fastest. A cell is a position and a direction, with the number `z = direction *
+    positions + position`. Direction `k` points at `2 * pi * k / directions`, counter-clockwise from
+    the x axis (East).
 
-    Make one with [`CellSpace.load`][] from a map file, [`CellSpace.of`][] from a map or
+    [`CellSpace.load`][] makes a cell space from a map file, [`CellSpace.of`][] from a map, and
     [`CellSpace.of_grid`][] from a grid.
 
-    A corridor of three squares, with the directions East and West; cell 4 is the middle one,
+    A corridor of three squares, with the directions East and West; cell 4 is the middle square,
     Westward:
 
         >>> from jaxcell import space
@@ -66,9 +66,7 @@ class CellSpace:
 
     @classmethod
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
-        """Cut the free space of a map into cells.
-
-        The side of a cell is in metres.
+        """Divide the free space of a map into cells, whose side is in metres.
 
         **Raises:** `ValueError` for a number out of range, no free centre, or more than `2**31 - 1`
         cells; `MemoryError` if the squares do not fit the free memory.
@@ -88,7 +86,7 @@ class CellSpace:
         directions: int | None = None,
         robot_radius: float | None = None,
     ) -> "CellSpace":
-        """Read a map file and cut its free space into cells, by default as the map suggests.
+        """Read a map file and divide its free space into cells, by default as the map suggests.
 
         Lengths are in metres; there are 8 directions if the map suggests none.
 
@@ -113,7 +111,7 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """Make the space of a grid whose other squares are obstacles; row 0 is the lowest.
+        """Make the cell space of a grid. Squares that are not free are obstacles; row 0 is lowest.
 
         The side of a square and the lower left corner of the grid are in metres.
         """
@@ -121,7 +119,7 @@ class CellSpace:
 
     @property
     def room(self) -> Workspace:
-        """The map of the cells. **Raises:** `ValueError` for cells of a grid, which has no map."""
+        """The map of the cells. **Raises:** `ValueError` if they were made from a grid."""
         if self.workspace is None:
             raise ValueError("cells: expected cells of a map, got cells of a grid")
         return self.workspace
@@ -157,9 +155,9 @@ class CellSpace:
 
     @functools.cached_property
     def walls(self) -> Float[np.ndarray, "walls 3 2"]:
-        """The edges of the free space: the corner before each, its start and its end.
+        """The edges of the free space: the corner before each edge, its start and its end.
 
-        The unit is a cell, from the origin. The free space lies to the left of an edge.
+        Coordinates are in cells, relative to `origin`. The free space lies to the left of an edge.
         """
         return (edges(self.room.free_space) - np.array(self.origin)) / self.cell
 
@@ -187,11 +185,11 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """Find the cell that holds each configuration, in the nearest direction.
+        """Find the cell of each configuration, given in metres and radians.
 
-        A point on an edge between cells belongs to the upper or right cell. `theta` is in radians.
+        A point on an edge between squares belongs to the upper or right square.
 
-        **Raises:** `ValueError` if a point is off the map or its cell is not free.
+        **Raises:** `ValueError` if a point is off the map or its square is not free.
         """
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
@@ -246,7 +244,7 @@ def suggested(
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
-    """Check whether walls run along edges of squares; their ends are in units of a cell."""
+    """Check whether all walls run along edges of squares. Coordinates are in cells."""
     on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
     level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
     return bool(on_lines.all() and level.any(axis=1).all())

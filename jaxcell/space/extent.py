@@ -19,7 +19,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """The size of a cell space, before or after it is made, for estimates of memory."""
+    """The size of a cell space, from which its memory is estimated before it is made."""
 
     workspace: Workspace | None
     rows: int
@@ -36,7 +36,7 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is cut, from the area of its free space.
+        """Estimate the extent of a cell space before it is made, from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
 
@@ -89,7 +89,7 @@ class Extent:
 
     @property
     def squares(self) -> float:
-        """Number of squares of the grid, free or not."""
+        """Number of squares of the grid, whether free or not."""
         return float(self.rows) * self.columns
 
     @property
@@ -98,7 +98,7 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the largest number of ways: sets of directions whose steps agree."""
+        """Estimate the number of ways, sets of directions with equal steps, from above."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
@@ -112,7 +112,7 @@ class Extent:
         return len(stencil(directions, Motion(length, motion.collision), grid).offset)
 
     def bumps(self, motion: Motion) -> float | int:
-        """Estimate the number of cells where a step is not possible."""
+        """Estimate the number of cells from which a step is not possible."""
         length = motion.in_cells(self.cell)
         return self.directions * min(self.positions, self.wall_length * length / 2)
 

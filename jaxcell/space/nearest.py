@@ -8,10 +8,10 @@ from .cells import CellSpace
 
 
 def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
-    """Find the cell of each configuration, or of the nearest free square.
+    """Find the cell of each configuration, in the nearest free square.
 
-    **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map,
-    unlike those of [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
+    **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map
+    or in obstacles, unlike in [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
 
     A robot that has slipped a little off a map of three squares:
 

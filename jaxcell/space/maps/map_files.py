@@ -1,9 +1,9 @@
-"""Map files: the choice of the format, the JSON format of jaxcell, and safe writing.
+"""Read and write map files in the format of their suffix, and the JSON format of jaxcell.
 
-The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`. In JSON,
-`format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by default, or
-"cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a misspelt
-key is noticed.
+The other formats are in `grid_files`. A map is represented by the keyword arguments of `Workspace`.
+In JSON, `format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by
+default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a
+misspelt key is noticed.
 """
 
 import json
@@ -72,7 +72,7 @@ def write_map(
 ) -> None:
     """Write or replace a map file in the format of its suffix; see `Workspace.save`.
 
-    A grid holds the environment in place of the polygons.
+    A grid is written from the environment, the other formats from the polygons in `fields`.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -131,7 +131,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """Write the JSON text of a map, in metres; it is read back to the same numbers."""
+    """Write the JSON text of a map, in metres, which `parse_json` reads to the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',
