@@ -14,7 +14,7 @@ _COIN = 0.5
 # The expected entropy ignores bumps after this many steps, or if they are less probable than this.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"A robot stops if the probability that it is nowhere on the map reaches this value."
+"A robot stops if the probability that it is nowhere on the map exceeds this value."
 SMALL = 4
 "A robot is localized if its credible set has at most this number of configurations."
 

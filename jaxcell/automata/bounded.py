@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .hidden import FEW, Estimate, HiddenMap
-from .subset import Automaton
 
 
 if TYPE_CHECKING:
@@ -30,8 +29,6 @@ class Bounded:
         >>> sets = automata.Bounded.of(hidden)
         >>> sets.observe(sets.observe(sets.start(), 1), 1).tolist()
         [2]
-        >>> sets.automaton().transition.tolist()
-        [[0, 1], [-1, 1]]
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
@@ -84,31 +81,3 @@ class Bounded:
         """Return the configurations of a set of cells; if it is empty, `nowhere` is 1."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
-
-    def automaton(self, *, limit: int = 10_000_000) -> Automaton:
-        """Make the automaton whose states are the sets that observation strings lead to.
-
-        **Raises:** `ValueError` if the sets have more than `limit` cells in all; then use
-        [`Bounded.observe`][].
-        """
-        sets, number = [self.start()], {self.start().tobytes(): 0}
-        transition, members, state = [], sets[0].size, 0
-        while state < len(sets):
-            after = [-1, -1]
-            for bit in (0, 1):
-                possible = self.observe(sets[state], bit)
-                if not possible.size:
-                    continue
-                after[bit] = number.setdefault(possible.tobytes(), len(sets))
-                if after[bit] == len(sets):
-                    sets.append(possible)
-                    members += possible.size
-                if members > limit:
-                    raise ValueError(
-                        f"the sets of the first {len(sets)} states have {members} members, more "
-                        f"than the limit of {limit}; follow sets one observation at a time instead"
-                    )
-            transition.append(after)
-            state += 1
-        ends = np.cumsum([0, *map(len, sets)], dtype=np.int64)
-        return Automaton(np.array(transition, np.int32), ends, np.concatenate(sets))

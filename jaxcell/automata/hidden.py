@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.documents import Fields
 from ..base.optional_modules import import_module
-from .formats.storage import read_arrays, write_arrays
+from .formats.storage import reading, write_arrays
 
 
 if TYPE_CHECKING:
     import scipy.sparse
 
 
-_FORMAT, _VERSION = "jaxcell-hidden-map", 1
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
@@ -150,8 +148,7 @@ class HiddenMap:
                 f"{name}_indices": matrix.indices.astype(np.int32),
                 f"{name}_data": _whole(matrix.data),
             }
-        header = {"format": _FORMAT, "version": _VERSION, "metadata": dict(self.metadata)}
-        write_arrays(path, header, arrays)
+        write_arrays(path, {"kind": "hidden map", "metadata": dict(self.metadata)}, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
@@ -160,32 +157,19 @@ class HiddenMap:
         **Raises:** `ValueError` if the file is not a map, or was altered.
         """
         sparse = import_module("scipy.sparse")
-        header, arrays = read_arrays(path)
-        if (header.get("format"), header.get("version")) != (_FORMAT, _VERSION):
-            raise ValueError(
-                f"{path}: expected a map for a belief, format {_FORMAT!r} version {_VERSION}, got "
-                f"{header.get('format')!r} version {header.get('version')!r}"
-            )
-        metadata = Fields(header, f"{path}: ").get("metadata")
-        try:
+        with reading(path, "hidden map") as (header, arrays):
             start = arrays["start"] * _UNIT
             matrices = []
             angles = sum(name.endswith("_indptr") for name in arrays) - 1
             for name in _names(angles):
-                data, indices, ends = (
-                    arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")
-                )
+                parts = [arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")]
                 matrix = sparse.csr_array(
-                    (data * _UNIT, indices, ends), shape=(start.size, start.size)
+                    (parts[0] * _UNIT, *parts[1:]), shape=(start.size, start.size)
                 )
                 matrix.check_format()
                 matrices.append(matrix)
-            if not isinstance(metadata, dict):
-                raise ValueError("metadata: expected an object")
             moves, *bumps = matrices
-            return cls.of(moves, bumps, arrays["configuration"], start, metadata)
-        except (KeyError, ValueError, TypeError) as error:
-            raise ValueError(f"{path}: not a map for a belief, or altered: {error}") from None
+            return cls.of(moves, bumps, arrays["configuration"], start, header["metadata"])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

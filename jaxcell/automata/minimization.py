@@ -62,5 +62,5 @@ def moore_classes(
     images = np.where(transition < 0, states, transition)
     images = np.vstack([images, np.full_like(images[:1], states)]).T
     color = np.append(color, color.max() + 1)
-    label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
+    label = equivalence(images, np.tile(color, (len(images), 1)))[:-1]
     return label, np.unique(label, return_index=True)[1]

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import graphlib
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -69,11 +70,12 @@ class Policy:
             raise ValueError("steps: expected numbers from 0, rising in each state")
         # States are numbered in the order in which they are met, so the start leads to all others.
         new = np.maximum.accumulate(np.append(0, self.target))
-        late = new[self.first[:-1]] < np.arange(states)
         if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
             raise ValueError("target: expected states in the order in which they are met")
-        if late.any() or not self._ends_everywhere():
-            raise ValueError("target: expected no state to lead back to itself")
+        try:
+            graphlib.TopologicalSorter({x: self.after(x).values() for x in range(states)}).prepare()
+        except graphlib.CycleError:
+            raise ValueError("target: expected no state to lead back to itself") from None
         turns = np.diff(self.first) > 0
         turns[0] = False
         if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
@@ -143,17 +145,6 @@ class Policy:
             ):
                 raise ValueError("its tables are of different lengths")
             return Policy(**named, metadata=header["metadata"])
-
-    def _ends_everywhere(self) -> bool:
-        """Check that no state leads back to itself, so that every run of the policy ends."""
-        into = np.bincount(self.target, minlength=self.turn.size)
-        queue = [0]
-        for state in queue:
-            for target in self.after(state).values():
-                into[target] -= 1
-                if into[target] == 0:
-                    queue.append(target)
-        return len(queue) == self.turn.size
 
 
 _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")

@@ -138,7 +138,7 @@ def _check_pairs(cells: CellSpace, matrices: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Scene:
-    """The squares, and the walls that may hide them. The unit is a cell, from the origin of cells."""
+    """The squares, and the walls that may hide them, in cells from the origin of the cell space."""
 
     centre: Float[np.ndarray, "positions 2"]
     walls: Float[np.ndarray, "walls 3 2"]
