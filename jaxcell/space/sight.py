@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int, Num
 
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
-from .segments import cross, meets_wall
+from .segments import cross
 from .view import check_reach
 from .workspace import edges, polygons
 
@@ -58,7 +58,11 @@ def visible_cells(
     reach = check_reach(reach) / cells.cell
     if not AT_CENTRE <= part <= 1:
         raise ValueError(f"part: expected {AT_CENTRE:g} to 1, got {part}")
-    _check_pairs(cells, 1)
+    check(
+        float(cells.positions) ** 2,
+        f"sight between all pairs of {cells.positions:,} positions",
+        "use larger cells",
+    )
     scene = _Scene.of(cells, part)
     visible = np.zeros((cells.positions, cells.positions), bool)
     # The places that a viewer may see, from its centre or, if these are fewer, from the origin.
@@ -80,62 +84,6 @@ def visible_cells(
     return visible
 
 
-def visible_centres(
-    cells: CellSpace, reach: float | int
-) -> Bool[np.ndarray, "positions positions"]:
-    """Find the pairs of cells whose centres are visible from each other.
-
-    The rule at walls and corners is that of a swept step: sight runs along walls and grazes
-    corners, and does not pass between two obstacles that meet in a point.
-
-    **Arguments:** a cell space, and the range of sight in metres, which may be infinite.
-    **Returns:** a symmetric mask.
-
-    **Raises:** `ValueError` for a `reach` of 0 or less; `MemoryError` if the pairs do not fit the
-    free memory.
-
-    In a corridor of three squares:
-
-        >>> from jaxcell import examples, space
-        >>> cells = examples.corridor()
-        >>> space.visible_centres(cells, reach=1.0).astype(int).tolist()
-        [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
-    """
-    reach = check_reach(reach) / cells.cell
-    # Memory holds the relation, its transpose, and their union.
-    _check_pairs(cells, 3)
-    scene = _Scene.of(cells)
-    near, wall = scene.walls_near(reach)
-    lines = shapely.linestrings(scene.walls[wall, 1:])
-    distance = shapely.distance(shapely.points(scene.centre[near]), lines)
-    visible = np.eye(cells.positions, dtype=bool)
-    # Each pair is tested from its lower left end.
-    offset = _offsets(cells, reach)
-    offset = offset[(offset[:, 1] > 0) | ((offset[:, 1] == 0) & (offset[:, 0] > 0))]
-    positions = np.arange(cells.positions)
-    lengths, same = np.unique(np.hypot(*offset.T), return_inverse=True)
-    for i, length in enumerate(lengths):
-        steps = offset[same == i]
-        target = _at(cells, positions, steps)
-        met = distance <= length + TOLERANCE
-        if met.any():
-            places, blocked = meets_wall(
-                scene.walls, scene.centre, steps.astype(float), near[met], wall[met]
-            )
-            target[places] = np.where(blocked, -1, target[places])
-        viewer, step = np.nonzero(target >= 0)
-        visible[viewer, target[viewer, step]] = True
-    return visible | visible.T
-
-
-def _check_pairs(cells: CellSpace, matrices: int) -> None:
-    check(
-        float(matrices) * cells.positions**2,
-        f"sight between all pairs of {cells.positions:,} positions",
-        "use larger cells",
-    )
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Scene:
     """The squares, and the walls that may hide them, in cells from the origin of the cell space."""
@@ -149,7 +97,7 @@ class _Scene:
     "The parts of position `i` are `part[first[i] : first[i + 1]]`."
 
     @classmethod
-    def of(cls, cells: CellSpace, part_of_cell: float = 1.0) -> "_Scene":
+    def of(cls, cells: CellSpace, part_of_cell: float) -> "_Scene":
         row, column = np.divmod(cells.square, cells.free.shape[1])
         centre = np.stack([column, row], axis=1) + 0.5
         origin, cell = np.array(cells.origin), cells.cell
@@ -177,14 +125,6 @@ class _Scene:
         first = np.searchsorted(position[order], np.arange(cells.positions + 1))
         walls = (edges(environment) - origin) / cell
         return cls(centre, walls, part[order], first)
-
-    def walls_near(self, reach: float) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List the pairs of a position and a wall within `reach` of it, sorted by position."""
-        tree = shapely.STRtree(shapely.linestrings(self.walls[:, 1:]))
-        points = shapely.points(self.centre)
-        near, wall = tree.query(points, predicate="dwithin", distance=reach + TOLERANCE)
-        order = np.argsort(near, kind="stable")
-        return near[order], wall[order]
 
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
@@ -235,7 +175,10 @@ def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
     viewer hides nothing. The viewer of a shadow is an index into the few viewers, and the ends of
     the wall are relative to it.
     """
-    viewer, wall = scene.walls_near(reach)
+    tree = shapely.STRtree(shapely.linestrings(scene.walls[:, 1:]))
+    points = shapely.points(scene.centre)
+    pairs = tree.query(points, predicate="dwithin", distance=reach + TOLERANCE)
+    viewer, wall = pairs[:, np.argsort(pairs[0], kind="stable")]
     a, b = (scene.walls[wall, end] - scene.centre[viewer] for end in (1, 2))
     longest = np.maximum.reduce([np.hypot(*v.T) for v in (a, b, b - a)])
     behind = cross(a, b) < -TOLERANCE * longest
