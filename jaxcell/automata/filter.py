@@ -146,10 +146,7 @@ class Filter:
         return color
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the configurations that are possible in a state, in ascending order.
-
-        **Raises:** `ValueError` if the state does not exist.
-        """
+        """Return the configurations that are possible in a state, in ascending order."""
         if not 0 <= state < len(self.transition):
             raise ValueError(f"state {state} does not exist; there are {len(self.transition)}")
         cells = self.members[self.offsets[state] : self.offsets[state + 1]]
@@ -197,10 +194,7 @@ class Filter:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Filter":
-        """Read a filter that [`Filter.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a filter of this version, or was altered.
-        """
+        """Read a filter that [`Filter.save`][] wrote."""
         with reading(path, "filter") as (header, arrays):
             sizes = arrays["sizes"]
             if (
@@ -251,10 +245,7 @@ class FilterState:
     "The index of the first impossible observation, or `None`; open world only."
 
     def observe(self, observation: int) -> "FilterState":
-        """Return the state after one more observation, 0 or 1.
-
-        **Raises:** `ValueError` for the observations that [`Filter.run`][] refuses.
-        """
+        """Return the state after one more observation, 0 or 1."""
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         index = self.filter.transition.item(self.index, int(observation))

@@ -60,11 +60,7 @@ class HiddenMap:
         start: Float[np.ndarray, "cells"],
         metadata: Mapping[str, Any] | None = None,
     ) -> "HiddenMap":
-        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix.
-
-        **Raises:** `ValueError` for arrays that do not match, wrong probabilities, or a probability
-        of a bump that depends on the angle.
-        """
+        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix."""
         # A robot that runs a filter does not need SciPy.
         sparse = import_module("scipy.sparse")
         several = bumps if isinstance(bumps, list | tuple) else [bumps]
@@ -152,10 +148,7 @@ class HiddenMap:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
-        """Read a map that [`HiddenMap.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a map, or was altered.
-        """
+        """Read a map that [`HiddenMap.save`][] wrote."""
         sparse = import_module("scipy.sparse")
         with reading(path, "hidden map") as (header, arrays):
             start = arrays["start"] * _UNIT

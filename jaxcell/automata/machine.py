@@ -115,10 +115,7 @@ class MooreMachine:
         return MooreMachine(transition, color, final=len(angles) + 1)
 
     def run(self, symbols: Iterable[int]) -> Int32[np.ndarray, "entries"]:
-        """Run the machine on symbols; return the outputs at the start and after each symbol.
-
-        **Raises:** `ValueError` for a symbol that cannot occur, with its index.
-        """
+        """Run the machine on symbols; return the outputs at the start and after each symbol."""
         state, colors = 0, [self.color.item(0)]
         for index, symbol in enumerate(symbols):
             known = 0 <= symbol < self.transition.shape[1]

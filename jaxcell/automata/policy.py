@@ -105,10 +105,7 @@ class Policy:
         return np.diff(self.offsets).astype(np.int32)
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the configurations that are possible in a state, in ascending order.
-
-        **Raises:** `ValueError` if the state does not exist.
-        """
+        """Return the configurations that are possible in a state, in ascending order."""
         if not 0 <= state < self.turn.size:
             raise ValueError(f"state {state} does not exist; there are {self.turn.size}")
         return self.members[self.offsets[state] : self.offsets[state + 1]]
@@ -132,10 +129,7 @@ class Policy:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Policy":
-        """Read a policy that [`Policy.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a policy, or was truncated or altered.
-        """
+        """Read a policy that [`Policy.save`][] wrote."""
         with reading(path, "policy") as (header, arrays):
             named = {name: arrays[name] for name in _ARRAYS}
             sizes = {name: array.size for name, array in named.items()}

@@ -56,9 +56,6 @@ class Box:
         """Make a box from its lower and upper corner, and its number of cells along each axis.
 
         A single `axes` holds for all axes.
-
-        **Raises:** `ValueError` for a box without volume, lists of unequal length, or more cells
-        than 32 bits number.
         """
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))

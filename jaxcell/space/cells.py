@@ -164,10 +164,7 @@ class CellSpace:
     def centre(
         self, z: Int[np.ndarray, "..."] | int
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """Compute the centre `(x, y, theta)` of each cell, in metres and radians.
-
-        **Raises:** `ValueError` if a cell does not exist.
-        """
+        """Compute the centre `(x, y, theta)` of each cell, in metres and radians."""
         z = np.asarray(z)
         if z.size and (z.min() < 0 or z.max() >= self.size):
             wrong = z[(z < 0) | (z >= self.size)].flat[0]
@@ -188,8 +185,6 @@ class CellSpace:
         """Find the cell of each configuration, given in metres and radians.
 
         A point on an edge between squares belongs to the upper or right square.
-
-        **Raises:** `ValueError` if a point is off the map or its square is not free.
         """
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)

@@ -60,8 +60,6 @@ RULES: dict[Collision, Rule] = {
 class Motion:
     """The motion of a robot: the length of a step, and the rule by which walls block a step.
 
-    **Raises:** `ValueError` for an unknown rule.
-
     Steps of half a metre of which only the end has to be free, as in the dissertation:
 
         >>> from jaxcell import space
@@ -87,10 +85,7 @@ class Motion:
         return RULES[self.collision]
 
     def in_cells(self, cell: float) -> float:
-        """Convert the length of a step to cells; `cell` is the side of a cell in metres.
-
-        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
-        """
+        """Convert the length of a step to cells; `cell` is the side of a cell in metres."""
         length = 1.0 if self.step is None else self.step / cell
         if not (math.isfinite(length) and length >= 1 - 1e-9):
             raise ValueError(f"step: expected at least one cell, {cell:g} m, got {self.step} m")

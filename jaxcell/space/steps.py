@@ -63,10 +63,7 @@ class Steps:
 
     @classmethod
     def of(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space, as a batch of one grid.
-
-        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
-        """
+        """Make the steps in a cell space, as a batch of one grid."""
         if cells.gridded:
             in_squares = Motion(motion.in_cells(cells.cell), motion.collision)
             return cls.on_grids(cells.free[None], cells.directions, in_squares)
@@ -171,8 +168,6 @@ def free_steps(
 
     **Arguments:** a cell space and a motion. **Returns:** positions by direction; a step that is
     not possible ends where it starts.
-
-    **Raises:** `ValueError` for a cell space that was made from a grid.
 
     In a corridor of three squares, with the directions East and West:
 

@@ -25,9 +25,6 @@ def visibility_polygon(
 
     **Returns:** a polygon, with several pieces only if obstacles meet in the point.
 
-    **Raises:** `ValueError` if a number is out of range, or if the point lies in an obstacle or
-    outside the boundary.
-
     A part of an L-shaped room is hidden by its corner:
 
         >>> from jaxcell import space

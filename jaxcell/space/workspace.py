@@ -175,8 +175,6 @@ class Workspace:
 
         The name of an ASCII grid ends in `.txt` or `.map`. The path of the image of a map_server
         map is relative to its `.yaml` file. A map without a name gets the name of its file.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
         """
         fields = read_map(path)
         try:
@@ -190,9 +188,6 @@ class Workspace:
         A `.json` file keeps everything. A grid, `.txt` or `.map`, keeps the squares of side `cell`
         whose centre is free. A map_server file, `.yaml` or `.yml`, keeps these squares in an image
         with the suffix `.pgm`, but not the name, the radius and the number of directions.
-
-        **Raises:** `ValueError` for another suffix, or for a grid if `cell` is `None` or leaves no
-        square free.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_map(path, fields, self.environment)

@@ -52,8 +52,6 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
     **Returns:** [`SweepStatus`][].
 
-    **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
-
     A sweep that is done:
 
         >>> import pathlib, tempfile
@@ -96,8 +94,6 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
 
     **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
     its `status` is 1 where a member is done.
-
-    **Raises:** `ValueError` if the folder has no sweep, no member is done yet, or it is damaged.
 
     The number of periodic groups for two angles on one map:
 

@@ -54,8 +54,6 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     **Returns:** a [`SobolIndex`][] for each variable with one finite number per member, each
     combination of grid parameters, and each parameter of the table `[random]`.
 
-    **Raises:** `ValueError` for another design, if a member is not done, or without a sweep.
-
     The periodic groups of one map at three angles:
 
         >>> import pathlib, tempfile

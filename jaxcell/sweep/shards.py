@@ -45,10 +45,7 @@ class Shard:
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """Parse the text `i/n` of a shard; `i` is 1 to `n`.
-
-        **Raises:** `ValueError` for another text.
-        """
+        """Parse the text `i/n` of a shard; `i` is 1 to `n`."""
         match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"shard: expected i/n with i from 1 to n, got {text!r}")

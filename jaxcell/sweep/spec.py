@@ -84,10 +84,7 @@ class Spec:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Spec":
-        """Read a specification from a file.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
-        """
+        """Read a specification from a file."""
         path = Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is no such file")
@@ -104,8 +101,6 @@ class Spec:
         - `text`: the specification.
         - `path`: the file of the specification, for errors.
         - `folder`: the folder that relative paths in the specification are relative to.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault.
         """
         try:
             document = tomllib.loads(text.decode("utf-8"))

@@ -104,8 +104,6 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
 
     **Arguments:** a policy, and the prefix of every name. **Returns:** the text.
 
-    **Raises:** `ValueError` for more than 255 angles.
-
     The policy of a robot that always bumps after two steps:
 
         >>> import numpy as np

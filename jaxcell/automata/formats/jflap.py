@@ -22,8 +22,6 @@ def to_jflap(
 
     **Returns:** the text, with states in columns by their distance from the start.
 
-    **Raises:** `ValueError` for another `kind`.
-
     The filter of a ring of three cells:
 
         >>> from jaxcell import automata, examples

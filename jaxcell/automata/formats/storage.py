@@ -36,10 +36,7 @@ def write_arrays(
 
 
 def read_kind(path: str | os.PathLike[str]) -> str:
-    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays.
-
-    **Raises:** `ValueError` as [`read_arrays`][].
-    """
+    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays."""
     return str(_read(path, headed=True)[0].get("kind"))
 
 
@@ -66,10 +63,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Convert metadata to the JSON object that a file of it would be read to.
-
-    **Raises:** `ValueError` if the metadata is not a JSON object.
-    """
+    """Convert metadata to the JSON object that a file of it would be read to."""
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:
@@ -79,10 +73,7 @@ def checked_metadata(metadata: Mapping[str, Any]) -> Any:
 def read_arrays(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]:
-    """Read the header and the arrays of a file of [`write_arrays`][].
-
-    **Raises:** `ValueError` if it is not such a file, or was truncated or altered.
-    """
+    """Read the header and the arrays of a file of [`write_arrays`][]."""
     header, arrays = _read(path)
     for name, array in arrays.items():
         if array.dtype != np.int32 or array.ndim != 1:

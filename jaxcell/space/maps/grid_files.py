@@ -53,8 +53,6 @@ def parse_ascii(text: str) -> dict[str, Any]:
     `directions` and `name`; lines that begin with `;;` are remarks.
 
     Returns keyword arguments of `Workspace`.
-
-    **Raises:** `ValueError` that names the line and the column, or the field.
     """
     lines = text.replace("\r\n", "\n").split("\n")
     header: dict[str, str] = {}
@@ -101,10 +99,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
 def format_ascii(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> str:
-    """Write a map as the text of an ASCII grid.
-
-    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
-    """
+    """Write a map as the text of an ASCII grid."""
     blocked, origin = _grid_of(fields, environment)
     x, y = origin
     header = [f"; cell {fields['cell']!r}", f"; robot_radius {fields['robot_radius']!r}"]
@@ -177,10 +172,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 def format_map_server(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
-    """Write a map as the YAML text and the PGM image of map_server; `image` is its file name.
-
-    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
-    """
+    """Write a map as the YAML text and the PGM image of map_server; `image` is its file name."""
     blocked, (x, y) = _grid_of(fields, environment)
     text = (
         f"image: {json.dumps(image)}\n"

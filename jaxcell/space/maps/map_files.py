@@ -43,8 +43,6 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a map file in the format of its suffix.
 
     Returns keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
     """
     path = Path(path)
     check_file(path, "a map")
@@ -95,10 +93,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:** `ValueError` that names the field.
-    """
+    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
         raise ValueError('format: expected an object with "format": "jaxcell-map"')

@@ -66,9 +66,6 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
     **Returns:** a function that takes jobs, and yields their outcomes in the order in which they
     end. After each outcome it takes more jobs, until it gets `None`.
 
-    **Raises:** `ValueError` for an unknown name, for a timeout with `local`, or if `distributed` is
-    not installed.
-
     An unknown name:
 
         >>> from jaxcell import sweep
@@ -117,8 +114,6 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
     - `file`: the file that `dask scheduler --scheduler-file FILE` wrote.
 
     **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
-
-    **Raises:** `ValueError` if the file has no address; `FileNotFoundError`.
 
     The file of a scheduler:
 
