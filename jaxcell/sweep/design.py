@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import reprlib
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,15 +19,11 @@ _MAX_VALUES = 10_000_000
 _LARGEST = 1e300
 # A range ends before its stop, even if rounding left the last value slightly below the stop.
 _STEP_TOLERANCE = 1e-9
-_MAX_LISTED = 6
-_MAX_LETTERS = 60
-_KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
 SALTELLI = "saltelli"
 _DESIGNS = ("sobol", "latin_hypercube", SALTELLI)
 _RANDOM_FIELDS = ("samples", "design")
 # A normal distribution has no quantiles of 0 and 1.
 _EDGE = 2.0**-53
-_TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +35,11 @@ class Parameter:
     "`name` if the parameter is in a grid, `member` in a list, and `sample` for random samples."
     values: np.ndarray
     "A one-dimensional array of 64-bit integers or floats, booleans, or strings."
+
+    @property
+    def table(self) -> str:
+        """The table of the specification that has the parameter: grid, list or random."""
+        return {LIST_DIMENSION: "list", RANDOM_DIMENSION: "random"}.get(self.dimension, "grid")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,43 +97,6 @@ def check_name(name: str) -> None:
         raise ValueError(
             f"{name!r}: expected a name of letters, digits and underscores, other than {reserved}"
         )
-
-
-def parameter_difference(there: Parameter | None, here: Parameter | None) -> str | None:
-    """Describe how a parameter differs between two specifications; `None` if it is the same."""
-    if there is None or here is None:
-        sizes = ["nothing" if one is None else _values(one.values.size) for one in (there, here)]
-        return f"{sizes[0]} there, {sizes[1]} here"
-    if there.dimension != here.dimension:
-        tables = [_TABLE_OF.get(one.dimension, "[grid]") for one in (there, here)]
-        return f"in {tables[0]} there, in {tables[1]} here"
-    kinds = [_KIND_NAMES[one.values.dtype.kind] for one in (there, here)]
-    if kinds[0] != kinds[1]:
-        return f"{kinds[0]} there, {kinds[1]} here"
-    old, new = there.values.tolist(), here.values.tolist()
-    if old == new:
-        return None
-    counts = f"{_values(len(old))} there, {len(new)} here"
-    parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
-    if not any(parts.values()):
-        return f"{counts}; in a different order"
-    listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
-    return "; ".join([counts, ", ".join(listed)])
-
-
-def _values(count: int) -> str:
-    return f"{count} value{'s' * (count != 1)}"
-
-
-def _listed(values: Sequence[Any]) -> str:
-    """Join values to a text; of many values, only the first few and the last."""
-    texts = [
-        text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
-        for text in map(str, values)
-    ]
-    if len(texts) <= _MAX_LISTED:
-        return ", ".join(texts)
-    return f"{', '.join(texts[: _MAX_LISTED - 2])}, ..., {texts[-1]}"
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
-from .design import SALTELLI, Parameter, check_name, parameter_difference, read_parameters
+from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
 _PARAMETERS = ("grid", "list", "random")
@@ -221,24 +221,18 @@ class Spec:
     def differences(self, other: "Spec") -> list[str]:
         """Describe the differences between this specification ("there") and another ("here").
 
-        For a field the texts have both values. For a parameter they have the numbers of values, and
-        the values that are new or missing in the other specification.
+        A text has the values of a field in both, from the place where they differ on.
         """
+        if self.text == other.text:
+            return []
         differences = []
-        ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
+        ours, theirs = dict(_flat(self._compared())), dict(_flat(other._compared()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
-                place = next((i for i, (a, b) in pairs if a != b), 0)
+                place = next((i for i, (a, b) in pairs if a != b), min(len(there), len(here)))
                 differences.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
-        there_by, here_by = (
-            {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
-        )
-        for name in dict.fromkeys(itertools.chain(there_by, here_by)):
-            difference = parameter_difference(there_by.get(name), here_by.get(name))
-            if difference is not None:
-                differences.append(f"{name}: {difference}")
         if not differences and list(self.dimensions) != list(other.dimensions):
             differences.append(f"grid: in the order {', '.join(self.dimensions)} there")
         return differences
@@ -273,6 +267,13 @@ class Spec:
         """Return the document without the parameters, with its fields sorted."""
         rest = {name: self.document[name] for name in sorted(self.document)}
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
+
+    def _compared(self) -> dict[str, Any]:
+        """Return the document with the values of each parameter, in whatever notation."""
+        tables: dict[str, dict[str, Any]] = {}
+        for parameter in self.parameters:
+            tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
+        return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
         """Yield the values of all parameters of a dimension, sorted by name, at each index."""
