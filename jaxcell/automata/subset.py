@@ -25,8 +25,6 @@ class Automaton:
 def subset_construction(
     image: Integer[np.ndarray, "cells"],
     observation: Bool[np.ndarray, "cells"],
-    *,
-    limit: int = 2**31 - 1,
 ) -> Automaton:
     """Make the deterministic automaton of the I-state graph of a simple map.
 
@@ -42,12 +40,10 @@ def subset_construction(
 
     - `image`: the image of each cell.
     - `observation`: whether the robot observes 1 (a bump) between a cell and its image.
-    - `limit`: the largest total size of all sets, in cells of 4 bytes.
 
     **Returns:** [`Automaton`][].
 
-    **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets exceed
-    `limit`; `MemoryError` if they exceed the free memory.
+    **Raises:** `MemoryError` if the sets exceed the free memory.
 
     Three cells in a ring, with a bump between cells 2 and 0. The states are the sets `{0, 1, 2}`,
     `{1, 2}`, `{0}`, `{2}` and `{1}`:
@@ -69,8 +65,6 @@ def subset_construction(
         raise ValueError(
             f"image[{cell}] is {image[cell]}; expected a cell from 0 to {image.size - 1}"
         )
-    if image.size > limit:
-        raise ValueError(f"image: {image.size} cells are more than the limit of {limit}")
     image = image.astype(np.int32)
     graph = _Graph(
         image,
@@ -80,7 +74,7 @@ def subset_construction(
     seed = 0
     while True:
         try:
-            return _construct(graph, random_words(image.size, seed), limit)
+            return _construct(graph, random_words(image.size, seed))
         except _HashCollisionError:
             seed += 1
 
@@ -100,9 +94,8 @@ class _HashCollisionError(Exception):
 class _Subsets:
     """The sets found so far, in the order of their states, and the edges between the states."""
 
-    def __init__(self, words: UInt64[np.ndarray, "cells"], limit: int):
+    def __init__(self, words: UInt64[np.ndarray, "cells"]):
         self.words = words
-        self.limit = limit
         self.members = np.arange(words.size, dtype=np.int32)
         self.offsets = [0, words.size]
         self.table = {int(np.sum(words)): 0}
@@ -116,11 +109,6 @@ class _Subsets:
         begin = self.offsets[-1]
         self.offsets.extend(itertools.accumulate(map(len, sets[1:]), initial=begin + len(sets[0])))
         end = self.offsets[-1]
-        if end > self.limit:
-            raise ValueError(
-                f"the sets of cells of the first {len(self)} states have {end} members, "
-                f"more than the limit of {self.limit}"
-            )
         if end > self.members.size:
             size = max(end, self.members.size * 5 // 4)
             check(
@@ -133,8 +121,8 @@ class _Subsets:
         np.concatenate(sets, out=self.members[begin:end])
 
 
-def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) -> Automaton:
-    sets = _Subsets(words, limit)
+def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"]) -> Automaton:
+    sets = _Subsets(words)
     low, high = 0, 1
     while low < high:
         _add_successors(graph, sets, low, high)

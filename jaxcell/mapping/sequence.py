@@ -75,26 +75,21 @@ class ChainSequence:
 
     @jax.jit
     def push(
-        self,
-        distribution: Float[Array, "cells"],
-        steps: Int[Array, ""] | int,
-        start: Int[Array, ""] | int = 0,
+        self, distribution: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the distribution `steps` steps after a phase; its missing mass is in the sink."""
-        return jax.lax.fori_loop(
-            start, start + steps, lambda n, p: self.at(n).push(p), distribution
-        )
+        """Compute the distribution `steps` steps after phase 0; its missing mass is in the sink."""
+        return jax.lax.fori_loop(0, steps, lambda n, p: self.at(n).push(p), distribution)
 
     def pushed(
-        self, distribution: Float[np.ndarray, "cells"], steps: int, start: int = 0
+        self, distribution: Float[np.ndarray, "cells"], steps: int
     ) -> Iterator[Float[np.ndarray, "cells"]]:
-        """Yield the distribution at the phase `start`, and after each of the next `steps` steps.
+        """Yield the distribution at phase 0, and after each of the next `steps` steps.
 
         It is computed on the host, because JAX would compile for each number of cells and phases.
         """
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
-        for step in range(start, start + steps):
+        for step in range(steps):
             phase = step % self.phases
             moved = probability[phase] * distribution
             distribution = np.bincount(image[phase].ravel(), moved.ravel(), self.cells)
@@ -102,13 +97,10 @@ class ChainSequence:
 
     @jax.jit
     def pull(
-        self,
-        value: Float[Array, "cells"],
-        steps: Int[Array, ""] | int,
-        start: Int[Array, ""] | int = 0,
+        self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the expected value `steps` steps after a phase; the value of the sink is 0."""
-        last = start + steps - 1
+        """Compute the expected value `steps` steps after phase 0; the value of the sink is 0."""
+        last = steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 
     @functools.cached_property

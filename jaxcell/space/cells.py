@@ -84,7 +84,6 @@ class CellSpace:
         *,
         cell: float | None = None,
         directions: int | None = None,
-        robot_radius: float | None = None,
     ) -> "CellSpace":
         """Read a map file and divide its free space into cells, by default as the map suggests.
 
@@ -100,7 +99,7 @@ class CellSpace:
             >>> cells.positions, cells.size
             (19, 76)
         """
-        return cls.of(*suggested(path, cell, directions, robot_radius))
+        return cls.of(*suggested(path, cell, directions, None))
 
     @classmethod
     def of_grid(

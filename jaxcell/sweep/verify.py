@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun, Contents
 from .storage.store import DONE, SweepStore
 from .workers.engines import engine_named
-from .workers.progress import Progress
 from .workers.work import jax_is_wide
 
 
@@ -52,7 +50,6 @@ def verify_sweep(
     *,
     engine: str = "local",
     workers: int | None = None,
-    progress: Callable[[Progress], None] | None = None,
 ) -> Verified:
     """Check everything in the store of a sweep, and compute damaged parts again.
 
@@ -63,7 +60,7 @@ def verify_sweep(
     **Arguments:**
 
     - `out`: the folder of the store.
-    - `engine`, `workers`, `progress`: as for [`run_sweep`][].
+    - `engine`, `workers`: as for [`run_sweep`][].
 
     **Returns:** [`Verified`][].
 
@@ -100,15 +97,7 @@ def verify_sweep(
             lost = [name for name in expected if files.get(name) != expected[name]]
             damage += [f"sweep.zarr/{name}" for name in lost]
     if numbers:
-        run_sweep(
-            spec,
-            folder,
-            engine=engine,
-            workers=workers,
-            resume=True,
-            chunks=numbers,
-            progress=progress,
-        )
+        run_sweep(spec, folder, engine=engine, workers=workers, resume=True, chunks=numbers)
     with locked(folder / "lock"), SweepStore(folder, append=True) as store:
         if lost:
             export(store)

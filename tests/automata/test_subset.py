@@ -135,16 +135,6 @@ def test_bad_images_are_refused(image, message):
         subset_construction(np.array(image, np.int32), np.zeros(len(image), bool))
 
 
-def test_limit_is_the_total_size(labs):
-    image, observation = labs["a", 45]
-    total = subset_construction(image, observation).members.size
-    assert subset_construction(image, observation, limit=total).members.size == total
-    with pytest.raises(ValueError, match=f"more than the limit of {total - 1}"):
-        subset_construction(image, observation, limit=total - 1)
-    with pytest.raises(ValueError, match="152 cells are more than the limit of 100"):
-        subset_construction(image, observation, limit=100)
-
-
 def test_automata_do_not_import_jax():
     code = (
         "import sys, jaxcell.automata; sys.exit('jax' in sys.modules or 'shapely' in sys.modules)"

@@ -4,13 +4,13 @@ from ..filter import Filter
 from ..machine import MooreMachine
 
 
-def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
+def to_dot(filter: Filter | MooreMachine) -> str:
     """Write a filter or a machine as a Graphviz graph.
 
     A state shows its number and, below it, its uncertainty, or its output in a machine. The start
     is a double circle, each knowledge cycle has its own hue, and the trap is a box.
 
-    **Arguments:** a filter or a machine, and the title of the graph. **Returns:** the text.
+    **Arguments:** a filter or a machine. **Returns:** the text.
 
     The last edge of the filter of a ring of three cells:
 
@@ -20,8 +20,8 @@ def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
           4 -> 3 [label="0"];
     """
     lines = [
-        f"digraph {_dot_string(name)} {{",
-        f"  label={_dot_string(name)};",
+        'digraph "filter" {',
+        '  label="filter";',
         "  rankdir=LR;",
         "  node [shape=circle, style=filled, fillcolor=white];",
     ]
@@ -93,12 +93,3 @@ def to_json(filter: Filter | MooreMachine) -> str:
         "metadata": filter.metadata,
     }
     return json.dumps(described, allow_nan=False) + "\n"
-
-
-def _dot_string(text: str) -> str:
-    """Quote a text for the DOT language, so that Graphviz shows it literally."""
-    printable = "".join(
-        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in text
-    )
-    escaped = printable.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{escaped}"'

@@ -1,4 +1,3 @@
-import itertools
 from collections.abc import Iterator
 from typing import TypeAlias
 
@@ -20,10 +19,8 @@ def closed_classes(
     apart: Bool[np.ndarray, "states states"],
     clique: Int[np.ndarray, "clique"],
     count: int,
-    *,
-    cover: bool,
 ) -> Iterator[Classes | bool | None]:
-    """Find `count` classes that form a closed cover or partition of the states, with a SAT solver.
+    """Find `count` classes that form a closed cover of the states, with a SAT solver.
 
     Each state is in a class, no class has an incompatible pair, and for each class and symbol the
     successors are in one class. Without loss of generality state `i` of the clique is in class `i`,
@@ -36,7 +33,6 @@ def closed_classes(
     - `transition`: the state after each symbol, -1 for an impossible symbol.
     - `apart`: the pairs of incompatible states.
     - `clique`: states that are incompatible with each other.
-    - `cover`: whether a state may be in several classes.
 
     **Yields:** `None` after each part of the search, and at the end the classes, or `False` if
     there are provably no such classes.
@@ -44,7 +40,7 @@ def closed_classes(
     from pysat.solvers import Solver
 
     problem = _Problem(transition, apart, clique, count)
-    with Solver("glucose4", bootstrap_with=problem.base(cover)) as solver:
+    with Solver("glucose4", bootstrap_with=problem.base()) as solver:
         while True:
             solver.conf_budget(_CONFLICTS)
             answer = solver.solve_limited()
@@ -81,17 +77,10 @@ class _Problem:
         self.last = int(variables[-1, -1])
         self.closed: set[tuple[int, int]] = set()
 
-    def base(self, cover: bool) -> list[list[int]]:
-        clauses = [
-            [-_FALSE],
-            *self.member[np.arange(self.clique.size), self.clique][:, None].tolist(),
-        ]
-        for column in self.member.T:
-            literals = column[column != _FALSE].tolist()
-            clauses.append(literals)
-            if not cover:
-                clauses.extend([-a, -b] for a, b in itertools.combinations(literals, 2))
-        return clauses
+    def base(self) -> list[list[int]]:
+        of_clique = self.member[np.arange(self.clique.size), self.clique][:, None].tolist()
+        of_states = [column[column != _FALSE].tolist() for column in self.member.T]
+        return [[-_FALSE], *of_clique, *of_states]
 
     def classes(self, model: list[int]) -> Classes:
         # Variables that are in no clause are not in the model.
