@@ -30,6 +30,14 @@ construct them are linear in the total size of the sets.
 **Running.** Each observation is one table look-up, for any map, so a microcontroller can run a
 filter. For `k` maps, `k` open-world filters run side by side, and the robot is in one of the maps
 that are not refuted (section 2.4.4).
+
+`subset_construction` makes the automaton of a simple map, and `minimize` a filter with fewer states
+and the same colours. `smallest` finds the least machine with the same outputs, and `fewest_bytes`
+the one with the smallest tables, of `machine_bytes`. `equivalence` finds equivalent states of a
+machine with inputs, `homing_sequence` a fixed sequence of inputs that identifies its state, and
+`adaptive_choice` inputs that depend on observations. `credible` and `expected_entropy` are about
+beliefs. `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json` and
+`to_jflap` write files.
 """
 
 from ..base.hosted import attach

@@ -21,7 +21,7 @@ class Decisions:
     """An adaptive strategy: the input for each set of possible states, and the cost.
 
     The number of a set is its index in `sets`. Each set is listed once, even if several branches of
-    the strategy reach it.
+    the strategy reach it. The strategy ends at *settled* sets, which need not be divided further.
     """
 
     sets: list[tuple[int, ...]]
@@ -199,7 +199,7 @@ class Search:
         return total
 
     def parts(self, number: int) -> list[dict[int, int]]:
-        """Return the number of the next set by observation, for each input."""
+        """Return a dictionary for each input: the number of the next set by observation."""
         known = self.after[number]
         if known is not None:
             return known

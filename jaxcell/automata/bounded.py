@@ -42,7 +42,7 @@ class Bounded:
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """Make the filter of a hidden map with one angle: all moves of positive probability."""
+        """Make the filter of a hidden map with one angle, by the moves of positive probability."""
         if hidden.angles > 1:
             raise ValueError(f"hidden: expected a map of one angle, got {hidden.angles}")
         moves, bumps = (part > 0 for part in (hidden.moves, hidden.bumps[0]))

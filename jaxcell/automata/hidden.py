@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"A product takes only the rows of cells with nonzero weight if their share is below this number."
+"Products skip cells of weight 0 if the share of the other cells is below this number."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class HiddenMap:
     moves: "scipy.sparse.csr_array"
     "The probability of a move from the cell of the row to that of the column, with observation 0."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "For each angle by which the robot may turn, the same matrix for observation 1."
+    "For each angle by which the robot may turn, the probability of a move with observation 1."
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]

@@ -42,7 +42,7 @@ class Policy:
     turn: Int32[np.ndarray, "states"]
     "The number of the angle by which the robot turns in each state; -1 at the start and at ends."
     first: Int32[np.ndarray, "states+1"]
-    "The entries of state `i` in `steps` and `target` are `first[i]` to `first[i + 1] - 1`."
+    "State `i` has the entries `first[i]` to `first[i + 1] - 1` of `steps` and `target`."
     steps: Int32[np.ndarray, "bumps"]
     "The possible numbers of steps from each state to the next bump, in ascending order."
     target: Int32[np.ndarray, "bumps"]
@@ -111,7 +111,7 @@ class Policy:
         return self.members[self.offsets[state] : self.offsets[state + 1]]
 
     def after(self, state: int) -> dict[int, int]:
-        """Return the state at the next bump by the possible numbers of steps from a state."""
+        """Return the next state for each possible number of steps from a state to the next bump."""
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 

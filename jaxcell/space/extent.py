@@ -36,14 +36,6 @@ class Extent:
         """Estimate the extent of a cell space before it is made, from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
-
-        A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
-
-            >>> from jaxcell import space
-            >>> from jaxcell.space.extent import Extent
-            >>> room = space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)])
-            >>> round(Extent.about(room, cell=0.1, directions=8).positions)
-            800
         """
         area = workspace.free_space.area
         corner = workspace.boundary.min(axis=0)

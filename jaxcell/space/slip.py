@@ -147,18 +147,6 @@ def incidence_slope(
 
     It is positive if the wall is on the left of the robot, and 0 for a head-on bump. `ahead` is the
     distance to the wall in metres, and `ahead_of(place, heading)` computes it from other places.
-
-    At a wall that the robot meets at 45 degrees, on its right:
-
-        >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import examples, space
-        >>> from jaxcell.space.slip import incidence_slope
-        >>> walls = space.felt_walls(examples.corridor().workspace, 0.0)
-        >>> ahead_of = lambda place, heading: space.free_ahead(walls, place, heading)
-        >>> here = np.array([0.5, 0.5]), np.array(-math.pi / 4)
-        >>> round(float(incidence_slope(*here, ahead_of(*here), ahead_of)), 6)
-        -1.0
     """
     xp = place.__array_namespace__()
     left = place + _BESIDE * _unit(xp, heading + math.pi / 2)

@@ -68,12 +68,8 @@ class Workspace:
     ) -> None:
         """Make a map, and check it.
 
-        **Arguments:**
-
-        - `boundary`: a shapely polygon without holes, or the vertices of a simple polygon, in
-            either order; the first vertex may be repeated at the end.
-        - `obstacles`: polygons, likewise.
-        - `robot_radius`, `name`, `cell`, `directions`: as the attributes.
+        A polygon is a shapely polygon without holes, or the vertices of a simple polygon, in either
+        order; the first vertex may be repeated at the end.
 
         **Raises:** `ValueError` that names the field and the place, for a polygon that crosses or
         touches itself or has no area; a vertex beyond 10^7 m; an obstacle wholly outside the

@@ -46,11 +46,7 @@ class SweepStatus:
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     """Read the progress of the sweep in a folder, even while it runs.
 
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** [`SweepStatus`][].
+    **Arguments:** the folder of the store. **Returns:** [`SweepStatus`][].
 
     A sweep that is done:
 
@@ -88,12 +84,8 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     If the sweep is running or was killed, the result is first made in memory. Where `status` is not
     1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are `False`.
 
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
-    its `status` is 1 where a member is done.
+    **Arguments:** the folder of the store. **Returns:** a dataset with a dimension for each
+    parameter of a grid, or `member` or `sample`; its `status` is 1 where a member is done.
 
     The number of periodic groups for two angles on one map:
 

@@ -35,7 +35,7 @@ def run_sweep(
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
-    """Compute the members of a sweep, or the members of it that are not done yet.
+    """Run or resume a sweep: compute all members that are not done yet.
 
     The results of each chunk are appended to a journal in the store. A run may end at any moment,
     for example by a kill, and the next run computes the rest. The final result is made when a run

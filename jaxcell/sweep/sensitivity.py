@@ -47,12 +47,9 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     The estimators are those of Saltelli et al. (2010), in `scipy.stats.sobol_indices`. The indices
     of a constant variable are 0.
 
-    **Arguments:**
-
-    - `out`: the folder of a complete sweep with the design `saltelli`.
-
-    **Returns:** a [`SobolIndex`][] for each variable with one finite number per member, each
-    combination of grid parameters, and each parameter of the table `[random]`.
+    **Arguments:** the folder of a complete sweep with the design `saltelli`. **Returns:** a
+    [`SobolIndex`][] for each variable with one finite number per member, each combination of grid
+    parameters, and each parameter of the table `[random]`.
 
     The periodic groups of one map at three angles:
 

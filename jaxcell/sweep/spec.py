@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
-from .design import SALTELLI, Parameter, check_name, read_parameters
+from .design import SALTELLI, Parameter, check_name, count_of, read_parameters
 
 
 _PARAMETERS = ("grid", "list", "random")
@@ -94,13 +94,9 @@ class Spec:
 
     @classmethod
     def parse(cls, text: bytes, path: Path, folder: Path) -> "Spec":
-        """Parse a specification.
+        """Parse the text of a specification.
 
-        **Arguments:**
-
-        - `text`: the specification.
-        - `path`: the file of the specification, for errors.
-        - `folder`: the folder that relative paths in the specification are relative to.
+        `path` is its file, for errors, and `folder` the folder that its paths are relative to.
         """
         try:
             document = tomllib.loads(text.decode("utf-8"))
@@ -221,7 +217,7 @@ class Spec:
     def differences(self, other: "Spec") -> list[str]:
         """Describe the differences between this specification ("there") and another ("here").
 
-        A text has the values of a field in both, from the place where they differ on.
+        Each text has the name of a field, and both values near their first difference.
         """
         if self.text == other.text:
             return []
@@ -269,7 +265,7 @@ class Spec:
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document with the values of each parameter, in whatever notation."""
+        """Return the document, with each parameter as the list of its values."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
@@ -302,10 +298,9 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
         for name, length in given.items():
             if name not in sizes:
                 raise ValueError(f"chunk.{name}: expected a dimension, {', '.join(sizes)}")
-            _check_length(f"chunk.{name}", length)
+            count_of(f"chunk.{name}", length)
         return {name: min(given.get(name, size), size) for name, size in sizes.items()}
-    _check_length("chunk", given)
-    return packed(sizes, given)
+    return packed(sizes, count_of("chunk", given))
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
@@ -317,8 +312,3 @@ def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
         lengths[name] = -(-size // parts)
         most = max(most // lengths[name], 1)
     return {name: lengths[name] for name in sizes}
-
-
-def _check_length(field: str, given: Any) -> None:
-    if not isinstance(given, int) or isinstance(given, bool) or given < 1:
-        raise ValueError(f"{field}: expected a number of members from 1, got {given!r}")

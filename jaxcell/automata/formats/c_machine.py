@@ -95,7 +95,7 @@ def fewest_bytes(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the machine with the smaller tables in C: one reads observations, the other reads runs.
+    """Find the machine with the smallest tables in C, which reads either observations or runs.
 
     **Arguments:** `source` and `output` of [`MooreMachine.of`][], and `seconds` and `say` of
     [`smallest`][] for each of the two searches.
@@ -126,6 +126,8 @@ def table_bits(machine: MooreMachine) -> dict[str, int]:
 
 def machine_bytes(machine: MooreMachine) -> int:
     """Compute the total number of bytes of the tables of [`machine_to_c_header`][].
+
+    **Arguments:** a machine. **Returns:** the number of bytes.
 
     The smallest filter of a ring has three states of three bytes:
 

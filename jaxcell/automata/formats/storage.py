@@ -27,7 +27,10 @@ def write_arrays(
     header: Mapping[str, Any],
     arrays: Mapping[str, Int32[np.ndarray, "_"]],
 ) -> None:
-    """Write a file completely or not at all; equal contents give equal bytes."""
+    """Write a header and arrays to a file, completely or not at all.
+
+    Equal contents give equal bytes.
+    """
     text = json.dumps(header, sort_keys=True).encode()
     stored: dict[str, Any] = {_HEADER: np.frombuffer(text, np.uint8)}
     stored |= {name: np.diff(arrays[name], prepend=np.int32(0)) for name in sorted(arrays)}
@@ -63,7 +66,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Convert metadata to the JSON object that a file of it would be read to."""
+    """Check that metadata is a JSON object; return a copy of it as it would be read from a file."""
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:

@@ -29,7 +29,7 @@ def folded(
 
 
 class _Partition:
-    """A partition of states. The smallest state of a class has its entries in the attributes."""
+    """A partition of states. The attributes have an entry per class, by its smallest state."""
 
     def __init__(
         self,

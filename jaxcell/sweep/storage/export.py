@@ -1,7 +1,6 @@
 """Write the result of a sweep as a Zarr store, which xarray can open."""
 
 import dataclasses
-import hashlib
 import json
 import math
 import warnings
@@ -15,6 +14,7 @@ from ...base.paths import replacing
 from ..design import LIST_DIMENSION, RANDOM_DIMENSION
 from ..spec import Spec, packed
 from ..workers.work import Variable
+from .digests import digest_of
 from .records import fill_value
 from .store import DONE, FAILED, TO_DO, SweepStore
 
@@ -51,14 +51,8 @@ def export(store: SweepStore) -> None:
 
 def digests_of_files(folder: Path) -> dict[str, str]:
     """Compute the SHA-256 of each file below a folder, by its relative path."""
-    digests = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            with open(path, "rb") as file:
-                digests[str(path.relative_to(folder))] = hashlib.file_digest(
-                    file, "sha256"
-                ).hexdigest()
-    return digests
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): digest_of(path) for path in files}
 
 
 def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:

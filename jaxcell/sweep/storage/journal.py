@@ -72,7 +72,7 @@ class Journal:
         os.close(self._file)
 
     def records(self) -> Iterator[Record | int]:
-        """Yield all complete records; for a damaged header, yield its position in the file."""
+        """Yield each complete record, or the position in the file of a damaged header."""
         size = os.fstat(self._file).st_size
         if size == 0:
             return

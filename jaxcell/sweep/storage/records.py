@@ -19,7 +19,7 @@ _ZSTD = Zstd(level=1)
 
 
 class Begun(msgspec.Struct):
-    """The first record of a journal: the specification, and the attributes of the result."""
+    """The record of a sweep as a whole: its specification, and the attributes of its result."""
 
     text: bytes
     "The content of the specification file."

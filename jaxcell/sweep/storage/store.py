@@ -33,10 +33,9 @@ class SweepStore:
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
-        """Open a store to read it, or if `append` to write it, too.
+        """Open a store for reading; if `append`, check all records, and open it for writing too.
 
-        If `append`, all records are checked: chunks with damaged records become `TO_DO`, and an
-        incomplete record at the end is removed.
+        Chunks with damaged records become `TO_DO`, and an incomplete record at the end is removed.
         """
         path = folder / JOURNAL
         if not path.is_file():

@@ -109,11 +109,8 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 def scheduler_address(file: str | os.PathLike[str]) -> str:
     """Read the address of a cluster from the file of its scheduler.
 
-    **Arguments:**
-
-    - `file`: the file that `dask scheduler --scheduler-file FILE` wrote.
-
-    **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
+    **Arguments:** the file that `dask scheduler --scheduler-file FILE` wrote. **Returns:** the
+    address, such as `tcp://host:port`, for [`engine_named`][].
 
     The file of a scheduler:
 
