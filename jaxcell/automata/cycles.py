@@ -6,10 +6,7 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of a filter, without exits, on which the robot is localized.
-
-    Alam 2018, section 2.4.3.
-    """
+    """A simple cycle of a filter without exits, on which the robot is localized."""
 
     states: Int32[np.ndarray, "length"]
     "The states in the order of the cycle, from the smallest state on."

@@ -18,9 +18,7 @@ Observations = str | Iterable[int] | Shaped[np.ndarray, "_"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Filter:
-    """A localization filter: a deterministic I-state automaton with colours.
-
-    Alam 2018, Definitions 2.4.5 and 2.4.6.
+    """A localization filter, an automaton with colours (Alam 2018, Definitions 2.4.5 and 2.4.6).
 
     State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.
     [`Filter.of`][] makes a filter from an automaton; the constructor only checks its arguments.

@@ -26,9 +26,7 @@ def subset_construction(
     image: Integer[np.ndarray, "cells"],
     observation: Bool[np.ndarray, "cells"],
 ) -> Automaton:
-    """Make the deterministic automaton of the I-state graph of a simple map.
-
-    Alam 2018, section 2.4.3.
+    """Make the deterministic automaton of the I-state graph of a map (Alam 2018, section 2.4.3).
 
     The states are the non-empty sets of cells that observation strings leave possible; at the start
     all cells are possible. The sets of a level of the breadth-first search are mapped together. A

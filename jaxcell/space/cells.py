@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 import os
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -193,8 +194,7 @@ class CellSpace:
                 f"a configuration needs finite numbers x, y, theta of at most {_LARGEST:g}"
             )
         rows, columns = self.free.shape
-        column = np.floor(np.round((x - self.origin[0]) / self.cell, 9)).astype(np.int64)
-        row = np.floor(np.round((y - self.origin[1]) / self.cell, 9)).astype(np.int64)
+        row, column = _squares(self, x, y)
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         position = np.where(
             inside,
@@ -207,9 +207,52 @@ class CellSpace:
                 "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
             )
             raise ValueError(f"the point ({x.flat[bad]:g}, {y.flat[bad]:g}) {where}")
-        turn = 2 * np.pi / self.directions
-        direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % self.directions
-        return np.asarray(direction * self.positions + position, np.int32)
+        return _numbered(self, position, theta)
+
+
+def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
+    """Find the cell of each configuration, in the nearest free square.
+
+    **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map
+    or in obstacles, unlike in [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
+
+    A robot that has slipped a little off a map of three squares:
+
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
+        >>> int(space.nearest_cell(cells, 2.5, 1.01, 0.0))
+        2
+    """
+    square = tuple(
+        np.clip(place, 0, size - 1)
+        for place, size in zip(_squares(cells, x, y), cells.free.shape, strict=True)
+    )
+    return _numbered(cells, _nearest_positions(cells)[square], theta)
+
+
+@functools.lru_cache(maxsize=8)
+def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
+    # A robot that only carries a filter does not have SciPy.
+    from scipy import ndimage
+
+    row, column = ndimage.distance_transform_edt(
+        ~cells.free, return_distances=False, return_indices=True
+    )
+    return cells.position_of_square[row, column]
+
+
+def _squares(cells: CellSpace, x: Any, y: Any) -> tuple[Any, Any]:
+    row, column = (
+        np.floor(np.round((place - low) / cells.cell, 9)).astype(np.int64)
+        for place, low in zip((y, x), cells.origin[::-1], strict=True)
+    )
+    return row, column
+
+
+def _numbered(cells: CellSpace, position: Any, theta: Any) -> Int[np.ndarray, "..."]:
+    turn = 2 * np.pi / cells.directions
+    direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % cells.directions
+    return np.asarray(direction * cells.positions + position, np.int32)
 
 
 def _check_side(cell: float) -> None:

@@ -142,7 +142,7 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
 
 
 def patrol(extent: Extent) -> float | int:
-    """Estimate the bytes of a patrol of a map: matrices over pairs of cells, or of few edges."""
+    """Estimate the bytes of a patrol of a map, with matrices over pairs of cells or edges."""
     cells = min(extent.positions, MAX_CELLS)
     return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 

@@ -1,24 +1,11 @@
 """Sweeps run one task for many parameters, on one or many machines. Kills lose no results.
 
-A *specification*, a TOML file read by `Spec.load`, names a *task* and the parameters of its
-*members*:
-
-```toml
-task = "groups"            # or "module:function"
-seed = 0
-chunk = 64                 # members computed together; or {bounce = 16, map = 1}
-
-[fixed]                    # parameters that all members share
-directions = 8
-
-[grid]                     # each parameter is a dimension
-map = ["@lab_a", "@lab_b"]
-bounce = {start = 0, stop = 360, step = 5}
-
-[random]                   # the dimension `sample`; or [list], with the dimension `member`
-samples = 100              # with design = "sobol", "latin_hypercube" or "saltelli": evenly spread
-cell = {uniform = [0.5, 1.0]}
-```
+A *specification*, a TOML file read by `Spec.load`, names a *task*: a study of jaxcell, or
+`module:function`. The tables `[grid]`, `[list]` and `[random]` give the parameters of its
+*members*, and `[fixed]` the parameters that all members share. Each parameter of a grid is a
+dimension of the result; a list has the dimension `member`, and random samples have the dimension
+`sample`. The page "Sweeps" of the documentation has examples. It also describes the behaviour after
+kills, damage, full disks, failures of members, and changes of versions.
 
 A task is a function of a *batch* (an array for each parameter, with a value for each member), the
 fixed values, and the seed. It returns an `xarray.Dataset` whose variables have `member` as their
@@ -32,10 +19,8 @@ with a dimension for each parameter, and a `status` that is 1 for members that a
 `sweep_status` returns the progress of a sweep, even while it runs. Each job of a job array writes
 its own store (`Shard`), and `merge_sweep` merges the stores. `sobol_indices` estimates the share of
 the variance that each parameter causes, for the design `saltelli`. `verify_sweep` finds damaged
-data, and computes them again.
-
-The page "Sweeps" of the documentation describes the behaviour after kills, damage, full disks,
-failures of members, and changes of versions.
+data, and computes them again. A sweep can be resumed, enlarged by more values of its parameters,
+and moved together with the files that its members read.
 
 This package does not import JAX; the tasks do.
 """

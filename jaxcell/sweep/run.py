@@ -3,7 +3,7 @@
 import contextlib
 import errno
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
 from .workers.engines import Engine, engine_named
-from .workers.halving import Halving
 from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Failed, Failure, Job, failure, jax_is_wide, prepared
 
@@ -95,7 +94,7 @@ def run_sweep(
             numbers = np.intersect1d(numbers, [*chunks])
         wanted = spec.chunk_count if chunks is None else len(chunks)
         count = Count(wanted, wanted - numbers.size)
-        work = Halving(_job(store, checked, int(number), wide) for number in numbers)
+        work = _Jobs(_job(store, checked, int(number), wide) for number in numbers)
         # The failures in chunks that have not ended.
         failures: defaultdict[int, list[Failure]] = defaultdict(list)
         with (
@@ -128,6 +127,31 @@ def run_sweep(
         if chunks is None:
             update_result(store)
     return sweep_status(folder)
+
+
+class _Jobs:
+    """The jobs of a run: chunks, and after failures halves of chunks, down to single members."""
+
+    def __init__(self, jobs: Iterator[Job]) -> None:
+        self._jobs = jobs
+        self._halves: list[Job] = []
+        # The number of open jobs of each chunk, less one.
+        self._open: Counter[int] = Counter()
+
+    def take(self) -> Job | None:
+        """Return the next job, or `None` if there is none now; a failure may add jobs later."""
+        return self._halves.pop() if self._halves else next(self._jobs, None)
+
+    def split(self, job: Job) -> None:
+        """Replace a job by two jobs with half of its members each."""
+        halves = np.array_split(job.places, 2)
+        self._halves += [job.part(half) for half in reversed(halves)]
+        self._open[job.number] += 1
+
+    def end(self, job: Job) -> bool:
+        """Count a job as done; return true if it was the last job of its chunk."""
+        self._open[job.number] -= 1
+        return self._open[job.number] < 0
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:

@@ -5,8 +5,6 @@ import sys
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from automata.fa.dfa import DFA
-from automata.fa.nfa import NFA
 from hypothesis import given
 
 from jaxcell.automata import subset, subset_construction
@@ -58,38 +56,6 @@ def test_automata_of_larger_maps_equal_sets_one_by_one(labs, bounce):
     for image, observation in graphs:
         result = subset_construction(image.astype(np.int32), observation)
         assert lists(result) == sets_one_by_one(image, observation)
-
-
-@given(data=st.data())
-def test_automaton_equals_automata_lib(graphs, data):
-    image, observation = data.draw(graphs)
-    cells = range(image.size)
-    nfa = NFA(
-        states={"start", *cells},
-        input_symbols={"0", "1"},
-        transitions={
-            "start": {"": set(cells)},
-            **{z: {str(int(observation[z])): {int(image[z])}} for z in cells},
-        },
-        initial_state="start",
-        final_states=set(cells),
-    )
-    dfa = DFA.from_nfa(nfa, retain_names=True, minify=False)
-    transition, sets = lists(subset_construction(image, observation))
-    # The start of the library contains its extra state; its empty set is no state here.
-    theirs = {
-        (frozenset(s) - {"start"}, bit): frozenset(t) - {"start"}
-        for s, row in dfa.transitions.items()
-        for bit, t in row.items()
-        if t
-    }
-    ours = {
-        (frozenset(sets[s]), str(bit)): frozenset(sets[t])
-        for s, row in enumerate(transition)
-        for bit, t in enumerate(row)
-        if t >= 0
-    }
-    assert ours == theirs
 
 
 @given(data=st.data(), bits=st.integers(0, 2))
