@@ -158,8 +158,7 @@ class Filter:
     def run(self, observations: Observations) -> "FilterRun":
         """Run the filter on observations 0 and 1, as numbers or as a string of digits.
 
-        **Raises:** `ValueError` for an observation that is neither 0 nor 1, or that is impossible
-        in a closed-world filter.
+        It raises `ValueError` for an impossible observation, except in an open-world filter.
         """
         state = self.start()
         states = [state.index]

@@ -74,8 +74,8 @@ class MooreMachine:
         its output. The outputs of a policy with `n` angles are the numbers of angles, `n` at the
         start, and `n + 1` or more at an end.
 
-        **Raises:** `ValueError` for an output that the filter or the policy does not have; if
-        `runs`, also for an open-world filter, and for a filter whose robot may never bump again.
+        **Raises:** `ValueError` if `runs`, for an open-world filter, and for a filter whose robot
+        may never bump again.
         """
         choices: tuple[str, ...] = ("color", "count", "cells", "localized")
         if isinstance(source, Policy):

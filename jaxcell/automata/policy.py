@@ -162,10 +162,7 @@ class PolicyState:
     "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
-        """Return the state after one more observation: 0 for a step, 1 for a bump.
-
-        **Raises:** `ValueError` for another observation, or if the policy has ended.
-        """
+        """Return the state after one more observation, 0 for a step or 1 for a bump."""
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         if self.refuted:

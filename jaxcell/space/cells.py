@@ -69,8 +69,8 @@ class CellSpace:
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
         """Divide the free space of a map into cells, whose side is in metres.
 
-        **Raises:** `ValueError` for a number out of range, no free centre, or more than `2**31 - 1`
-        cells; `MemoryError` if the squares do not fit the free memory.
+        **Raises:** `ValueError` if no cell is free, or for more than `2**31 - 1` cells;
+        `MemoryError` if the squares do not fit the free memory.
         """
         _check_side(cell)
         left, bottom = workspace.boundary.min(axis=0).tolist()
@@ -89,9 +89,6 @@ class CellSpace:
         """Read a map file and divide its free space into cells, by default as the map suggests.
 
         Lengths are in metres; there are 8 directions if the map suggests none.
-
-        **Raises:** as [`Workspace.load`][] and [`CellSpace.of`][]; `ValueError` if neither `cell`
-        nor the map gives the side of a cell.
 
         A lab whose map suggests cells of 1 m:
 

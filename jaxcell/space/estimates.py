@@ -153,9 +153,8 @@ def check(
     """Refuse a study that takes more memory than is free, and return the estimated bytes.
 
     `doing` describes the study in the error, and `also` begins the sentence with its remedies.
-    `step` is the length of a step in metres, which a cell must not exceed, or `None`.
-
-    **Raises:** `MemoryError` with the numbers, and with the smallest cell that would fit.
+    `step` is the length of a step in metres, which a cell must not exceed, or `None`. The error
+    names the smallest cell that would fit.
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))

@@ -45,8 +45,7 @@ def visible_cells(
     **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`. It takes a
     byte per pair of positions.
 
-    **Raises:** `ValueError` for a number out of range; `MemoryError` if the pairs do not fit the
-    free memory.
+    **Raises:** `MemoryError` if the pairs do not fit the free memory.
 
     In a corridor of three squares, the far corners of the next square are 1.58 m away:
 

@@ -71,9 +71,8 @@ class Workspace:
         A polygon is a shapely polygon without holes, or the vertices of a simple polygon, in either
         order; the first vertex may be repeated at the end.
 
-        **Raises:** `ValueError` that names the field and the place, for a polygon that crosses or
-        touches itself or has no area; a vertex beyond 10^7 m; an obstacle wholly outside the
-        boundary; obstacles that leave nothing free; a robot that fits nowhere.
+        **Raises:** `ValueError` for a polygon that crosses or touches itself or has no area, a
+        vertex beyond 10^7 m, an obstacle outside, or a map in which the robot fits nowhere.
         """
         boundary = _ring("boundary", boundary)
         rings = tuple(_ring(f"obstacles[{i}]", ring) for i, ring in enumerate(obstacles))

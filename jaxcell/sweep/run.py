@@ -60,11 +60,10 @@ def run_sweep(
     **Returns:** the progress of the sweep. A chunk that fails is split into halves repeatedly, so
     that only members that fail alone count as failed. Failures do not stop other members.
 
-    **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
-    not have, or if the sweep in the folder has another specification, or was made with other
-    versions of jaxcell or JAX, another task, or other files; `FileExistsError` if the folder has a
-    sweep and `resume` is false; `BlockingIOError` if another run writes to it; `OSError` if the
-    disk is full, or the scheduler of a cluster cannot be reached.
+    **Raises:** `ValueError` if the sweep in the folder has another specification, or was made with
+    other versions of jaxcell or JAX, another task, or other files; `FileExistsError` if the folder
+    has a sweep and `resume` is false; `BlockingIOError` if another run writes to it; `OSError` if
+    the disk is full, or the scheduler of a cluster cannot be reached.
 
     The periodic groups of two angles on one map:
 

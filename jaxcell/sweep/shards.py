@@ -76,8 +76,7 @@ def merge_sweep(
     **Returns:** the progress of the sweep. Members that failed in a shard count as failed.
 
     **Raises:** `ValueError` if a shard is missing, damaged, or not done, or if shards differ in
-    their specification, task, versions, or input files; `BlockingIOError` if a run writes to a
-    shard; and the errors of [`run_sweep`][].
+    their specification, task, versions, or input files; and the errors of [`run_sweep`][].
 
     Two shards of two angles:
 

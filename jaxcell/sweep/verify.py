@@ -64,9 +64,8 @@ def verify_sweep(
 
     **Returns:** [`Verified`][].
 
-    **Raises:** `ValueError` if there is no sweep, if its specification is lost, or if chunks are
-    damaged and the versions, the task or the input files have changed since they were computed;
-    `BlockingIOError` if a run writes to the sweep.
+    **Raises:** `ValueError` if chunks are damaged, and the versions, the task or the input files
+    have changed since they were computed; `BlockingIOError` if a run writes to the sweep.
 
     A byte of a result is changed:
 

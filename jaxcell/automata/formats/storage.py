@@ -47,10 +47,9 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read the header and the arrays of a file of one kind; name the file in errors of the block.
+    """Read the header and the arrays of a file of one kind, with metadata that is a JSON object.
 
-    **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
-    `KeyError` or a `ValueError` in the block.
+    A `KeyError` or a `ValueError` of the block becomes a `ValueError` that names the file.
     """
     header, arrays = read_arrays(path)
     try:

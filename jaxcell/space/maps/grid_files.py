@@ -121,10 +121,8 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     trinary; other keys are ignored. Occupied and unknown pixels are both obstacles. As in
     map_server, the channels of a pixel, including alpha, are averaged first.
 
-    The path of the image is relative to `folder`. Returns keyword arguments of `Workspace`.
-
-    **Raises:** `ValueError` that names the field, also for an image that is missing, broken, or
-    over Pillow's limit of size (about 9 * 10^7 pixels), which is checked before decoding.
+    The path of the image is relative to `folder`. Images over Pillow's limit of size (about 9 *
+    10^7 pixels) are refused before decoding. Returns keyword arguments of `Workspace`.
     """
     try:
         # All scalars as text, because in YAML 1.1 `5e-2` is no number and `no` is a Boolean.

@@ -82,9 +82,7 @@ def random_room(
 
     The sides of an obstacle are a twentieth to a fifth of the sides of the room, at least one cell.
     Obstacles may overlap and touch walls. A room is drawn again if its free cells are not connected
-    by their edges. The room depends on the seed and its `number`, from 0.
-
-    **Raises:** `ValueError` if such rooms are almost never in one piece.
+    by their edges, at most a thousand times. The room depends on the seed and its `number`, from 0.
     """
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):

@@ -24,10 +24,8 @@ def opened(
 ) -> Iterator[SweepStore]:
     """Open the store of a sweep for a run, after the caller has locked the store.
 
-    An existing sweep grows if the specification has all its members and more.
-
-    **Raises:** `FileExistsError` if the folder has a sweep and `resume` is false; `ValueError` if
-    that sweep has another specification, or was made with other versions or files.
+    The arguments and errors are those of `run_sweep`. An existing sweep grows if the specification
+    has all its members and more.
     """
     tidy(folder)
     if not (folder / JOURNAL).exists():

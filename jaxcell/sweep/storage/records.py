@@ -108,10 +108,7 @@ class Contents:
 
     @classmethod
     def read(cls, journal: Journal, *, check: bool) -> "Contents":
-        """Read a journal; without `check`, the records of chunks are not checked for damage.
-
-        **Raises:** `msgspec.DecodeError` for a record with unknown content.
-        """
+        """Read a journal; without `check`, the records of chunks are not checked for damage."""
         read = cls()
         for record in journal.records():
             if isinstance(record, int):
