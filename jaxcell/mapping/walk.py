@@ -121,13 +121,8 @@ def _numbered(
     def step(state: Any) -> Any:
         cell, count, here, number, periods = state
         periods, number = _put(periods, count, here), _put(number, cell, count)
-        return (
-            cell + 1,
-            count + (here > 0).astype(jnp.int32),
-            _at(number, cell + 1),
-            number,
-            periods,
-        )
+        count = count + (here > 0).astype(jnp.int32)
+        return cell + 1, count, _at(number, cell + 1), number, periods
 
     zero, periods = jnp.zeros((), jnp.int32), jnp.zeros(period.size - 1, jnp.int32)
     _, count, _, number, periods = lax.while_loop(

@@ -100,16 +100,9 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
         estimates, low, high = _estimated(rows, seed)
         at = {name: subset[name].item() for name in grid}
         for i, name in enumerate(names):
-            first, total = ((float(low[k, i]), float(high[k, i])) for k in range(2))
-            yield SobolIndex(
-                str(values.name),
-                name,
-                at,
-                float(estimates[0, i]),
-                first,
-                float(estimates[1, i]),
-                total,
-            )
+            first, total = estimates[:, i].tolist()
+            of_first, of_total = zip(low[:, i].tolist(), high[:, i].tolist(), strict=True)
+            yield SobolIndex(str(values.name), name, at, first, of_first, total, of_total)
 
 
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -33,8 +33,6 @@ class Chunk:
 
     number: int
     "The number of the chunk, from 0. Chunks are numbered along the last dimension first."
-    index: tuple[int, ...]
-    "The number of chunks before this chunk along each dimension."
     region: tuple[slice, ...]
     "The indices of the members along each dimension."
 
@@ -182,12 +180,12 @@ class Spec:
 
     def chunk(self, number: int) -> Chunk:
         """Return the chunk with a number."""
-        index = tuple(int(place) for place in np.unravel_index(number, self.chunk_grid))
+        index = map(int, np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
             for place, (name, size) in zip(index, self.dimensions.items(), strict=True)
         )
-        return Chunk(number, index, region)
+        return Chunk(number, region)
 
     def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
         """Return the values of each parameter for the members of a chunk, in C order."""

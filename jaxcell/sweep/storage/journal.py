@@ -63,7 +63,6 @@ class Journal:
     """The open file of a journal. If `append`, records can be added."""
 
     def __init__(self, path: Path, *, append: bool = False) -> None:
-        self.path = path
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND if append else os.O_RDONLY
         self._file = os.open(path, flags, 0o666)
         self._synced = time.monotonic()

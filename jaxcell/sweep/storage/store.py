@@ -113,12 +113,8 @@ class SweepStore:
                 continue
             own = [np.flatnonzero(along == i) for along, i in zip(chunks, index, strict=True)]
             target = np.ix_(*own)
-            source = np.ix_(
-                *(
-                    places[axis][chosen] - index[axis] * lengths[axis]
-                    for axis, chosen in enumerate(own)
-                )
-            )
+            inside = zip(places, own, index, lengths, strict=True)
+            source = np.ix_(*(along[chosen] - i * length for along, chosen, i, length in inside))
             chunk_states, chunk_arrays = self.read(number)
             states[target] = chunk_states[source]
             for name, array in arrays.items():
