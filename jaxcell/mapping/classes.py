@@ -16,7 +16,7 @@ class PersistentGroups:
     """The persistent groups of a chain (Alam 2018, Definition 3.3.3)."""
 
     group: Int[Array, "cells"]
-    "The persistent group of each cell, in the order of their smallest cells; -1 if transient."
+    "The group of each cell, from 0 in the order of the smallest cells of groups; -1 if transient."
     count: int
     "Number of persistent groups."
     size: Int[Array, "groups"]
@@ -73,8 +73,8 @@ def next_cells(
 ) -> Int[np.ndarray, "cells"]:
     """Return the next cell on a shortest path from each cell to a set of cells.
 
-    The entry of a cell of the set is the number of all cells; that of a cell without a path is
-    negative. `matrix` is a transition matrix without explicit zeros.
+    The entry is the number of all cells for a cell of the set, and negative for a cell without a
+    path. `matrix` is a transition matrix without explicit zeros.
     """
     cells = target.size
     goals = np.flatnonzero(target)

@@ -19,7 +19,7 @@ _CHUNK = 1 << 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TransientGroups:
-    """The transient groups of a chain: the transient cells with the same domiciles are a group.
+    """The transient groups of a chain: transient cells with the same domiciles form a group.
 
     A *domicile* of a transient cell is a persistent group that it can reach, or the sink, written
     -1, if it can reach the sink. A cell with one domicile is *single-domicile*, in the domain of
@@ -30,7 +30,7 @@ class TransientGroups:
     group: Int[Array, "cells"]
     "The transient group of each cell, from 0 in the order of `domiciles`; -1 if persistent."
     domiciles: tuple[tuple[int, ...], ...]
-    "The domiciles of each transient group, in ascending order. The fewest domiciles come first."
+    "The domiciles of each group, in ascending order; groups with few domiciles come first."
     size: Int[Array, "groups"]
     "Number of cells of each transient group."
 

@@ -21,10 +21,10 @@ class Chain:
     """A generalized cell mapping: every cell has several images with probabilities.
 
     It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
-    `b`-th image of every cell and its probability. A cell with fewer images is padded with images
-    at itself of probability 0, which are not edges of the chain. If the probabilities of a cell sum
-    to less than 1, the rest is the probability to leave the space for a *sink*, from which nothing
-    returns. Probabilities are never rescaled.
+    `b`-th image of every cell and its probability. Unused entries of a cell with fewer images have
+    the cell itself and probability 0; they are not edges of the chain. If the probabilities of a
+    cell sum to less than 1, the rest is the probability to leave the space for a *sink*, from which
+    nothing returns. Probabilities are never rescaled.
 
     Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space in one of ten steps:
 

@@ -17,11 +17,11 @@ class PeriodicGroups:
     """
 
     group: Int[Array | np.ndarray, "*batch cells"]
-    "The periodic group that each cell reaches, in the order of the smallest cells of the groups."
+    "The number of the group that each cell reaches; groups are in the order of smallest cells."
     step: Int[Array | np.ndarray, "*batch cells"]
     "Number of mappings until each cell is on its periodic group; 0 for cells of the group."
     group_period: Int[Array | np.ndarray, "*batch groups"]
-    "Period of each group; zeros past `count`."
+    "Period of each group; entries past `count` are 0."
     count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
 
@@ -40,7 +40,7 @@ class PeriodicGroups:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GroupSummary:
-    """Period, basin and longest transient of each periodic group; zeros past `count`."""
+    """Period, basin and longest transient of each periodic group; entries past `count` are 0."""
 
     count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
@@ -52,7 +52,7 @@ class GroupSummary:
     "Longest transient of each group: the largest number of mappings from a cell to the group."
 
     def totals(self) -> "GroupTotals":
-        """Compute the largest and smallest numbers over all groups of each map, with NumPy."""
+        """Compute statistics over all groups of each map, with NumPy."""
         count, period, basin, transient = map(
             np.asarray, (self.count, self.period, self.basin, self.transient)
         )
