@@ -18,7 +18,7 @@ square is free if its centre lies in `E`; the `N_E` free squares are the *positi
 row from the bottom left, x fastest. With `N_S` *directions*, `theta_k = 2 pi k / N_S`, the cells
 are
 
-    z = k N_E + position,     0 <= z < N = N_E N_S     (the source counts from 1).
+    z = k N_E + position,     0 <= z < N = N_E N_S     (from 1 in the dissertation).
 
 A configuration belongs to the square that contains its point (on an edge, to the upper or right
 square) and to the nearest direction. Coordinates are compared with a tolerance of 1e-9 of a cell,

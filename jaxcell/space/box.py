@@ -10,11 +10,8 @@ from .cells import TOLERANCE
 
 
 Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
-"""The treatment of points beyond the ends of an axis.
-
-They go to a `"sink"`, are continued from the other end (`"periodic"`), or stay in the cell at the
-end (`"clamp"`).
-"""
+"""The treatment of points beyond the ends of an axis: they go to a `"sink"`, are continued from the
+other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +117,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert differences of indices to distances in cells, the shorter on periodic axes."""
+        """Convert differences of indices to distances in cells, the shorter if axes are periodic."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):

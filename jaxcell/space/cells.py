@@ -179,7 +179,7 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """Find the cell of each configuration, given in metres and radians.
+        """Find the cell of each configuration, in metres and radians; its square must be free.
 
         A point on an edge between squares belongs to the upper or right square.
         """
