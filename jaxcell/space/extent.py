@@ -54,9 +54,9 @@ class Extent:
     def of(cls, cells: CellSpace) -> "Extent":
         """Measure the extent of a cell space."""
         walls = np.empty((0, 2, 2)) if cells.workspace is None else cells.walls[:, 1:]
-        return cls(
-            cells.workspace, *cells.free.shape, cells.positions, cells.directions, cells.cell, walls
-        )
+        rows, columns = cells.free.shape
+        sizes = cells.positions, cells.directions, cells.cell
+        return cls(cells.workspace, rows, columns, *sizes, walls)
 
     @functools.cached_property
     def gridded(self) -> bool:
