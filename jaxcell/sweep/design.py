@@ -100,7 +100,7 @@ def check_name(name: str) -> None:
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
-    samples = count_of("random.samples", random.get("samples"))
+    samples = _count("random.samples", random.get("samples"))
     distributions = {
         name: _named(f"random.{name}", _distribution, given)
         for name, given in random.items()
@@ -191,7 +191,7 @@ def _list_values(given: Any) -> np.ndarray:
 def _range_values(given: Mapping[str, Any]) -> np.ndarray:
     fields = set(given)
     if fields == {"count"}:
-        return np.arange(count_of("count", given["count"]), dtype=np.int64)
+        return np.arange(_count("count", given["count"]), dtype=np.int64)
     if fields not in ({"start", "stop", "step"}, {"start", "stop", "num"}):
         raise ValueError(
             "expected a list, {start, stop, step}, {start, stop, num} or {count}, "
@@ -202,7 +202,7 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
             raise ValueError(f"{field}: expected a finite number, got {reprlib.repr(given[field])}")
     start, stop = given["start"], given["stop"]
     if "num" in fields:
-        return np.linspace(float(start), float(stop), count_of("num", given["num"]))
+        return np.linspace(float(start), float(stop), _count("num", given["num"]))
     step = given["step"]
     parts = (stop - start) / step if step else 0
     if parts > _MAX_VALUES:
@@ -216,7 +216,7 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
     return start + step * np.arange(count, dtype=kind)
 
 
-def count_of(field: str, given: Any) -> int:
+def _count(field: str, given: Any) -> int:
     if not _whole(given) or not 0 < given <= _MAX_VALUES:
         raise ValueError(
             f"{field}: expected a number from 1 to {_MAX_VALUES}, got {reprlib.repr(given)}"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
-from .design import SALTELLI, Parameter, check_name, count_of, read_parameters
+from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
 _PARAMETERS = ("grid", "list", "random")
@@ -296,9 +296,10 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
         for name, length in given.items():
             if name not in sizes:
                 raise ValueError(f"chunk.{name}: expected a dimension, {', '.join(sizes)}")
-            count_of(f"chunk.{name}", length)
+            _check_length(f"chunk.{name}", length)
         return {name: min(given.get(name, size), size) for name, size in sizes.items()}
-    return packed(sizes, count_of("chunk", given))
+    _check_length("chunk", given)
+    return packed(sizes, given)
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
@@ -310,3 +311,8 @@ def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
         lengths[name] = -(-size // parts)
         most = max(most // lengths[name], 1)
     return {name: lengths[name] for name in sizes}
+
+
+def _check_length(field: str, given: Any) -> None:
+    if not isinstance(given, int) or isinstance(given, bool) or given < 1:
+        raise ValueError(f"{field}: expected a number of members from 1, got {given!r}")
