@@ -21,8 +21,6 @@ class Homing:
     "The numbers of the inputs."
     least: int
     "A lower bound on the length of every such sequence."
-    searched: int
-    "Number of searched sequences; sequences that leave the same sets of states count once."
 
     @property
     def optimal(self) -> bool:
@@ -65,7 +63,7 @@ def homing_sequence(
     numbers = (search.number(tuple(sorted(map(int, root)))) for root in roots)
     start: _Family = frozenset(number for number in numbers if search.lower[number] > 0)
     best = _greedy(search, start)
-    least, searched = _least(search, start), 0
+    least = _least(search, start)
     length = {start: 0}
     before: dict[_Family, tuple[_Family, int]] = {}
     queue = [(least, 0, 0, start)]
@@ -74,7 +72,7 @@ def homing_sequence(
         least = min(bound, len(best))
         if least == len(best) or limit <= 0:
             break
-        searched, limit = searched + 1, limit - len(family)
+        limit -= len(family)
         for i in range(len(images)):
             after, longer = _after(search, family, i), length[family] + 1
             if longer >= length.get(after, len(best)):
@@ -92,7 +90,7 @@ def homing_sequence(
             heapq.heappush(queue, entry)
     if not queue:
         least = len(best)
-    return Homing(np.array(best, np.int64), least, searched)
+    return Homing(np.array(best, np.int64), least)
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:

@@ -26,10 +26,7 @@ class PersistentGroups:
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups of an unrolled sequence of chains to its states at phase 0.
-
-        These states are the first `cells` of all states.
-        """
+        """Restrict the groups of an unrolled sequence of chains to its cells at phase 0."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))

@@ -66,15 +66,9 @@ def read_parameters(
         Parameter(name, name, _named(f"grid.{name}", _grid_values, given))
         for name, given in grid.items()
     ]
-    parameters += [
-        Parameter(name, LIST_DIMENSION, _named(f"list.{name}", _list_values, given))
-        for name, given in listed.items()
-    ]
-    lengths = {
-        parameter.name: parameter.values.size
-        for parameter in parameters
-        if parameter.dimension == LIST_DIMENSION
-    }
+    lists = {name: _named(f"list.{name}", _list_values, given) for name, given in listed.items()}
+    parameters += [Parameter(name, LIST_DIMENSION, values) for name, values in lists.items()]
+    lengths = {name: values.size for name, values in lists.items()}
     if len(set(lengths.values())) > 1:
         given = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ValueError(f"[list]: expected lists of one length, got {given}")

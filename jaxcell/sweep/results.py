@@ -64,18 +64,10 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         spec, at_work = store.spec, holder(folder / "lock")
         with reading(folder):
             rate, left = read_down(folder) if at_work is not None else (None, None)
-        return SweepStatus(
-            spec.task,
-            spec.dimensions,
-            spec.members,
-            spec.chunk_count,
-            int((store.states == DONE).sum()),
-            tuple(store.failures()),
-            len(store.contents.damage) + len(store.lost_files()),
-            at_work,
-            rate,
-            left,
-        )
+        about = spec.task, spec.dimensions, spec.members, spec.chunk_count
+        done = int((store.states == DONE).sum())
+        damaged = len(store.contents.damage) + len(store.lost_files())
+        return SweepStatus(*about, done, tuple(store.failures()), damaged, at_work, rate, left)
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":

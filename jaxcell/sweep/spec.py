@@ -146,10 +146,7 @@ class Spec:
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find a file or folder that the specification names, or a bundled file `@NAME`.
-
-        Returns `None` if it does not exist.
-        """
+        """Find a file or folder that the specification names, or a bundled `@NAME`, or `None`."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)

@@ -123,13 +123,10 @@ class SweepStore:
 
     def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Make arrays of states and variables in which no member is done."""
-        variables = {} if self.frame is None else self.frame.variables
-        arrays = {
-            name: np.full(
-                (*shape, *one.values.shape[1:]), fill_value(one.values.dtype), one.values.dtype
-            )
-            for name, one in variables.items()
-        }
+        arrays = {}
+        for name, one in ({} if self.frame is None else self.frame.variables).items():
+            dtype, inner = one.values.dtype, one.values.shape[1:]
+            arrays[name] = np.full((*shape, *inner), fill_value(dtype), dtype)
         return np.full(shape, TO_DO, np.int8), arrays
 
     def write_failures(self) -> None:

@@ -40,10 +40,7 @@ class Worker:
             )
 
     def compute(self, job: Job, timeout: float | None) -> Computed | Failed:
-        """Send a job to the process and wait for its outcome.
-
-        The timeout in seconds does not include the start of the process.
-        """
+        """Compute a job. The timeout in seconds does not include the start of the process."""
         try:
             if not self._ready:
                 self._connection.recv()
