@@ -115,8 +115,7 @@ def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
 def main() -> None:
     arguments = options(__doc__, repeats=5, full="10,000 cells among slanted walls").parse_args()
     begin("numpy", "shapely")
-    print(f"Fully visible cells, range {REACH} cells; least seconds, ratio of medians
-")
+    print(f"Fully visible cells, range {REACH} cells; least seconds, ratio of medians\n")
     header("map", "cells", "visible pairs", "jaxcell", "shapely", "ratio")
     rows = []
     for name in ("depot.json", "harbour.json", "arena.json", "office.yaml"):
