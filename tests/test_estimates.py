@@ -19,7 +19,7 @@ from jaxcell.bounce import (
     group_summary,
     moves,
 )
-from jaxcell.space import CellSpace, Motion, Workspace, estimates, visible_cells, visible_centres
+from jaxcell.space import CellSpace, Motion, Workspace, estimates, visible_cells
 from jaxcell.space.extent import Extent
 
 
@@ -156,7 +156,6 @@ def test_the_error_suggests_the_smallest_round_cell_that_fits(monkeypatch):
         lambda: Roadmap.of(CellSpace.of(LAB, 0.5, 8), [math.pi]),
         lambda: coverage_policy(CellSpace.of(LAB, 0.5, 8), [math.pi], 0.0, 1.0),
         lambda: visible_cells(CellSpace.of(LAB, 0.2, 8), 1.0),
-        lambda: visible_centres(CellSpace.of(LAB, 0.2, 8), 1.0),
     ],
 )
 def test_functions_that_need_too_much_memory_refuse(monkeypatch, study):

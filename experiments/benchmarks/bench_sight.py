@@ -17,7 +17,7 @@ from timing import begin, header, line, take_turns
 
 from experiments.shared.data import MAPS
 from jaxcell.space import CellSpace, Workspace
-from jaxcell.space.sight import visible_cells, visible_centres
+from jaxcell.space.sight import visible_cells
 
 
 REACH = 6
@@ -100,7 +100,6 @@ def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
         {
             "jaxcell": lambda: visible_cells(cells, reach),
             "shapely": peer.visible,
-            "jaxcell, centres": lambda: visible_centres(cells, reach),
         },
         repeats,
         check,
@@ -109,7 +108,6 @@ def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
     ratio = timings["shapely"].median / timings["jaxcell"].median
     least = (f"{timing.least:.3f}" for timing in timings.values())
     line(name, f"{cells.positions:,}", f"{seen:,}", *least, f"{ratio:.0f}")
-    del timings["jaxcell, centres"]
     what = f"cells wholly in sight of each, {name}"
     return rows_of("sight", what, f"{cells.positions:,} cells", timings)
 
@@ -118,7 +116,7 @@ def main() -> None:
     arguments = options(__doc__, repeats=5, full="10,000 cells among slanted walls").parse_args()
     begin("numpy", "shapely")
     print(f"Fully visible cells, range {REACH} cells; least seconds, ratio of medians\n")
-    header("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
+    header("map", "cells", "visible pairs", "jaxcell", "shapely", "ratio")
     rows = []
     for name in ("depot.json", "harbour.json", "arena.json", "office.yaml"):
         rows += side_by_side(name, cells_of(name), arguments.repeats)

@@ -1,14 +1,14 @@
-"""Labelled graphs, and the filters that follow from them, without JAX, because robots run them.
+"""Automata that localize a robot. The package does not import JAX, so that robots can run them.
 
 The *I-state graph* of a simple map has a vertex for each cell and an edge from each cell to its
-image, labelled with the observation of the robot between them, 0 or 1. A robot that may be in any
+image, labelled with the observation of the robot on this step, 0 or 1. A robot that may be in any
 cell and knows only the observations is a nondeterministic automaton. The states of the equivalent
 deterministic automaton are the sets of cells, *configurations*, that an observation string allows.
 
 A *knowledge cycle* is a simple cycle of the deterministic automaton without exits. A *filter*
 colours the automaton: 1 outside the knowledge cycles, and 2, 3, ... in them, one colour per cycle,
-in the order of their smallest states. A robot whose filter is in a knowledge cycle is *localized*:
-it is in one of the configurations of the state, whose number is the *uncertainty*.
+in the order of their smallest states. A robot whose filter is in a knowledge cycle is *localized*.
+The *uncertainty* of a state is the number of its configurations.
 
 In a *closed-world* filter an impossible observation is an error. An *open-world* filter has one
 more state for it, the *trap*, with the last colour: in the trap the map is *refuted*.
@@ -18,23 +18,26 @@ in `{0, 1}` the observation from `z` to `C(z)` (Definition 2.4.1). The states ar
 
     Q_0 = {0, ..., N-1},     delta(Q, a) = { C(z) : z in Q, y(z) = a },
 
-where an empty set is not a state: that observation is missing (Definitions 2.4.2 and 2.4.3). The
+where an empty set is not a state: that observation is impossible (Definitions 2.4.2 and 2.4.3). The
 states reachable from `Q_0`, including it, are numbered in breadth-first order, 0 before 1.
 
 **Size.** `|delta(Q, 0)| + |delta(Q, 1)| <= |Q|`, so that sets never grow along a string. Around a
 cycle of the automaton they keep their size; hence all configurations of a state give the same
 observation, the cycle has no exit, and every cycle is a knowledge cycle. Its configurations can
-never be distinguished. There are `O(N^2)` states (Proposition 2.4.4), and time and memory are
-linear in the total size of the sets.
+never be distinguished. There are `O(N^2)` states (Proposition 2.4.4). The time and the memory to
+construct them are linear in the total size of the sets.
 
 **Running.** Each observation is one table look-up, for any map, so a microcontroller can run a
-filter. For `k` maps, `k` open-world filters run side by side, and the robot is in one of the maps
-not refuted (section 2.4.4).
+filter. For `k` maps, `k` open-world filters run side by side (`Environments`), and the robot is in
+one of the maps that are not refuted (section 2.4.4).
 
-`subset_construction`, `minimize`, `fastest_localization`; `smallest`, `fewest_bytes`,
-`machine_bytes`; `equivalence`, `homing_sequence`, `adaptive_choice`; `credible`,
-`expected_entropy`; `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json`,
-`to_jflap`.
+`subset_construction` makes the automaton of a simple map, and `minimize` a filter with fewer states
+and the same colours. `smallest` finds the least machine with the same outputs, and `fewest_bytes`
+the one with the smallest tables, of `machine_bytes`. `equivalence` finds equivalent states of a
+machine with inputs, `homing_sequence` a fixed sequence of inputs that identifies its state, and
+`adaptive_choice` inputs that depend on observations. `credible` and `expected_entropy` are about
+beliefs. `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json` and
+`to_jflap` write files.
 """
 
 from ..base.hosted import attach

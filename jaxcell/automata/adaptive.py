@@ -20,8 +20,8 @@ _DEEPEST = 200
 class Decisions:
     """An adaptive strategy: the input for each set of possible states, and the cost.
 
-    Sets are numbered by their places in `sets`. A set that two branches of the strategy reach has
-    one number.
+    The number of a set is its index in `sets`. Each set is listed once, even if several branches of
+    the strategy reach it. The strategy ends at *settled* sets, which need not be divided further.
     """
 
     sets: list[tuple[int, ...]]
@@ -29,9 +29,9 @@ class Decisions:
     choice: list[int]
     "The input for each set; -1 for a settled set, which needs none."
     after: list[dict[int, int]]
-    "For each set, the next set by the observation; empty for a settled set."
+    "For each set, the number of the next set by observation; empty for a settled set."
     roots: list[int]
-    "The numbers of the first sets."
+    "The numbers of the sets at which the strategy starts, as in the argument `roots`."
     lower: list[int]
     "For each root, a lower bound on the cost of every strategy."
     upper: list[int]
@@ -61,12 +61,12 @@ def adaptive_choice(
     strategy ends when the remaining states are *settled*: all are equivalent, or all are in one
     place.
 
-    A greedy strategy comes first. It takes the input that divides a set best; if no input
+    A greedy strategy is computed first. It takes the input that divides a set best; if no input
     distinguishes two states, it takes an input after which some pair is easier to distinguish. Then
-    all strategies are searched depth first. Choices that cannot improve the best
-    strategy are skipped, because a set costs at least as much as the pair of its states that is
-    hardest to distinguish. A complete search proves the strategy optimal; if `limit` ends the
-    search, `lower` is still a bound.
+    all strategies are searched depth first. An input is skipped if it cannot improve the best
+    strategy, because a set costs at least as much as the pair of its states that is hardest to
+    distinguish. A complete search proves the strategy optimal; if `limit` ends the search, `lower`
+    is still a bound.
 
     **Arguments:**
 
@@ -74,9 +74,9 @@ def adaptive_choice(
     - `observations`: the observation between each state and its image.
     - `roots`: the possible first sets, without repeats.
     - `place`: labels of places; states in one place are settled. By default all places differ.
-    - `aim`: the cost of a set: the number of inputs in the worst case, or (`"mean"`) the sum of
-        this number over the states of the set.
-    - `limit`: largest total number of states of the searched sets.
+    - `aim`: the cost of a set: the number of inputs in the worst case (`"worst"`), or the sum of
+        the number of inputs over the states of the set (`"mean"`).
+    - `limit`: the search ends when the sets that it examined have this number of states in total.
 
     **Returns:** [`Decisions`][].
 
@@ -117,10 +117,10 @@ def check_apart(
 def levels(
     images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> list[Int[np.ndarray, "states"]]:
-    """Compute the classes of states that no sequence of 0, 1, 2, ... inputs distinguishes.
+    """Compute the class of each state at level 0, 1, 2, ...
 
-    Two states whose classes first differ at level `i` are distinguished by `i` inputs. The classes
-    of the last level are those of equivalent states.
+    States are in one class at level `i` if no sequence of `i` inputs distinguishes them, and in one
+    class at the last level if no sequence of any length does.
     """
     levels = [np.zeros(images.shape[1], np.int64)]
     seen = np.zeros(images.shape[1], np.int64)
@@ -136,7 +136,10 @@ def levels(
 
 
 class Search:
-    """The sets that a search has met, by number, with bounds on their costs."""
+    """A search for a strategy: the sets of states found so far, with bounds on their costs.
+
+    The attributes `sets`, `lower`, `upper`, `choice` and `after` have an entry per set.
+    """
 
     def __init__(
         self,
@@ -159,7 +162,7 @@ class Search:
         self.after: list[list[dict[int, int]] | None] = []
 
     def number(self, states: tuple[int, ...]) -> int:
-        """Return the number of a set; a set without a number gets the next one."""
+        """Return the number of a set; a new set gets the next number."""
         number = self.numbers.setdefault(states, len(self.sets))
         if number == len(self.sets):
             bound = self._bound(states)
@@ -196,7 +199,7 @@ class Search:
         return total
 
     def parts(self, number: int) -> list[dict[int, int]]:
-        """Return, for each input, the set after each observation."""
+        """Return a dictionary for each input: the number of the next set by observation."""
         known = self.after[number]
         if known is not None:
             return known
@@ -212,13 +215,13 @@ class Search:
     def cost(
         self, number: int, bounds: Sequence[float | int], after: dict[int, int]
     ) -> float | int:
-        """Compute the cost of a set from bounds on the costs of the sets after an input."""
+        """Compute a bound on the cost of a set from bounds on the costs of the sets `after` it."""
         if self.aim == "worst":
             return 1 + max(bounds[part] for part in after.values())
         return len(self.sets[number]) + sum(bounds[part] for part in after.values())
 
     def greedy(self, root: int) -> None:
-        """Compute the cost of the greedy strategy for a set and the sets after it."""
+        """Compute the cost of the greedy strategy for a set, and for all sets that it leads to."""
         # Successors come first; each choice brings the strategy nearer to its end.
         stack = [root]
         while stack:
@@ -251,7 +254,7 @@ class Search:
         return min(splits, key=left)
 
     def toward_nearest(self, sets: Sequence[int]) -> int:
-        """Choose an input after which the easiest pair to distinguish needs one input fewer."""
+        """Choose an input after which the most easily distinguished pair needs one input fewer."""
         depth, number = min(
             (next(d for d, level in enumerate(self.levels) if _differ(level, self.sets[n])), n)
             for n in sets
@@ -261,7 +264,7 @@ class Search:
         return next(i for i, image in enumerate(images) if _differ(before, image))
 
     def solve(self, root: int) -> None:
-        """Search for the best strategy for a set whose greedy strategy is known."""
+        """Search for the best strategy for a set, after its greedy strategy was computed."""
         if self.upper[root] > _DEEPEST * (1 if self.aim == "worst" else len(self.sets[root])):
             return
         if self.aim == "mean":
@@ -297,7 +300,7 @@ class Search:
         self.lower[number] = max(self.lower[number], int(min(least, self.upper[number])))
 
     def decisions(self, roots: list[int]) -> Decisions:
-        """Return the strategy; its sets are numbered breadth first."""
+        """Return the best strategy found, with its sets numbered in breadth-first order."""
         number = {old: i for i, old in enumerate(dict.fromkeys(roots))}
         queue = list(number)
         choice, after = [], []
@@ -322,5 +325,5 @@ class Search:
 
 
 def _differ(level: list[int], states: Sequence[int]) -> bool:
-    """Check whether two of the states are in different classes."""
+    """Check whether the states are in two or more classes; `level` is the class of each state."""
     return any(level[a] != level[b] for a, b in itertools.pairwise(states))

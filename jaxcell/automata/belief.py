@@ -14,19 +14,19 @@ _COIN = 0.5
 # The expected entropy ignores bumps after this many steps, or if they are less probable than this.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"Least probability of being nowhere on the map at which a robot stops."
+"A robot stops if the probability that it is nowhere on the map exceeds this value."
 SMALL = 4
-"Largest number of configurations in the credible set of a localized robot."
+"A robot is localized if its credible set has at most this number of configurations."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BeliefState:
-    """The belief after a number of observations."""
+    """A belief: the probability of each cell after some observations."""
 
     weight: Float[np.ndarray, "cells"]
     "The probability of each cell."
     nowhere: float
-    "The probability that the robot is in no cell; all probabilities sum to 1."
+    "The probability that the robot is nowhere on the map; it and `weight` sum to 1."
     turn: int | None = None
     "The number of the angle by which the robot turns after a bump; `None` after a step."
 
@@ -36,8 +36,8 @@ class Belief:
     """The forward filter of a hidden map: the probability of each cell given the observations.
 
     At each observation the robot may, with a small probability, get lost: then it is nowhere on the
-    map, and its observations are tosses of a fair coin. If a coin explains a run better than the
-    map does, the robot is probably lost.
+    map, and its observations are tosses of a fair coin. If a coin explains the observations better
+    than the map does, the robot is probably lost.
 
     A robot that can turn by several angles takes, at each bump, the angle with the least
     [`jaxcell.automata.expected_entropy`][].
@@ -56,7 +56,7 @@ class Belief:
 
     hidden: HiddenMap
     share: float = 0.95
-    "The probability that the configurations of an estimate have together, if the map is right."
+    "The least total probability of the configurations in an estimate, if the robot is on the map."
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
@@ -86,7 +86,7 @@ class Belief:
         return credible(self.hidden.masses(state.weight), self.share, state.nowhere)
 
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
-        """Compute the probability of each cell at each time of a run, given the whole run.
+        """Compute the probability of each cell at each time, given all events of a run.
 
         `events` are numbered as in [`HiddenMap.leaving`][]; for one angle they are observations.
 
@@ -105,7 +105,7 @@ class Belief:
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
         """Find the most probable sequence of cells of a run, by Viterbi's algorithm.
 
-        Events and errors are as in [`Belief.smoothed`][].
+        The argument and the errors are those of [`Belief.smoothed`][].
         """
         arriving = [self.hidden.leaving(event).T.tocsr() for event in range(1 + self.hidden.angles)]
         with np.errstate(divide="ignore"):
@@ -139,8 +139,8 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
     """Compute the mean entropy of the configuration of a robot after its next bump.
 
     The robot observes the number of its steps until the bump. Given this number, its configuration
-    has a distribution; the result is the mean entropy of these distributions. Runs of a hundred
-    steps without a bump are one more outcome.
+    has a distribution; the result is the mean entropy of these distributions. A robot that makes a
+    hundred steps without a bump observes only that.
 
     **Arguments:** a hidden map, and the probability of each cell now, up to a factor. **Returns:**
     the entropy in bits, 0 if all probabilities are 0.
@@ -171,7 +171,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
 
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Compute the entropy of the configuration, multiplied by the sum of the weights."""
+    """Compute the entropy of the configuration in bits, times the sum of the weights."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())

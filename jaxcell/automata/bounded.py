@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .hidden import FEW, Estimate, HiddenMap
-from .subset import Automaton
 
 
 if TYPE_CHECKING:
@@ -15,9 +14,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounded:
-    """A filter of sets: the possible cells of a robot, for maps with several images per cell.
+    """A filter whose state is the set of possible cells, for maps with several images per cell.
 
-    The set always contains the cell of a robot whose steps the map allows. It may grow.
+    The set contains the cell of the robot as long as the map allows all its steps. An observation
+    may make the set larger, because a cell has several images.
 
     A robot in one of three cells in a row moves on or stays, and bumps at the end:
 
@@ -29,25 +29,20 @@ class Bounded:
         >>> sets = automata.Bounded.of(hidden)
         >>> sets.observe(sets.observe(sets.start(), 1), 1).tolist()
         [2]
-        >>> sets.automaton().transition.tolist()
-        [[0, 1], [-1, 1]]
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, 0 and 1, matrices whose product has an entry `True` where the robot may
-    move from the row to the column. A matrix with fewer rows than cells applies to blocks of cells:
-    it moves each cell to the same place in another block."""
+    """For each observation, 0 and 1, the matrices whose product has an entry `True` where the robot
+    may move from the cell of the row to the cell of the column. A matrix with fewer rows than cells
+    applies to blocks of cells: it moves each cell to the same place in another block."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
-    "Numbers above 0 in the possible cells at the start, 0 in the other cells."
+    "A positive number for each cell in which the robot may start, 0 for other cells."
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """Make the filter of the possible images of a hidden map with one angle.
-
-        **Raises:** `ValueError` for a map with several angles.
-        """
+        """Make the filter of a hidden map with one angle, by the moves of positive probability."""
         if hidden.angles > 1:
             raise ValueError(f"hidden: expected a map of one angle, got {hidden.angles}")
         moves, bumps = (part > 0 for part in (hidden.moves, hidden.bumps[0]))
@@ -62,7 +57,7 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1; empty if it is impossible."""
+        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
@@ -77,34 +72,6 @@ class Bounded:
         return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
-        """Return the configurations of a set of cells; `nowhere` is 1 if the set is empty."""
+        """Return the configurations of a set of cells; if it is empty, `nowhere` is 1."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
-
-    def automaton(self, *, limit: int = 10_000_000) -> Automaton:
-        """Make the automaton of the sets for all observation strings.
-
-        **Raises:** `ValueError` if the sets have more than `limit` cells in all; then use
-        [`Bounded.observe`][].
-        """
-        sets, number = [self.start()], {self.start().tobytes(): 0}
-        transition, members, state = [], sets[0].size, 0
-        while state < len(sets):
-            after = [-1, -1]
-            for bit in (0, 1):
-                possible = self.observe(sets[state], bit)
-                if not possible.size:
-                    continue
-                after[bit] = number.setdefault(possible.tobytes(), len(sets))
-                if after[bit] == len(sets):
-                    sets.append(possible)
-                    members += possible.size
-                if members > limit:
-                    raise ValueError(
-                        f"the sets of the first {len(sets)} states have {members} members, more "
-                        f"than the limit of {limit}; follow sets one observation at a time instead"
-                    )
-            transition.append(after)
-            state += 1
-        ends = np.cumsum([0, *map(len, sets)], dtype=np.int64)
-        return Automaton(np.array(transition, np.int32), ends, np.concatenate(sets))

@@ -6,19 +6,16 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of a filter, without exits, on which the robot is localized.
-
-    Alam 2018, section 2.4.3.
-    """
+    """A simple cycle of a filter without exits, on which the robot is localized."""
 
     states: Int32[np.ndarray, "length"]
-    "The states in the order of the cycle, the smallest first."
+    "The states in the order of the cycle, from the smallest state on."
     color: int
     "The colour of the states of the cycle in the filter, 2 or more."
     uncertainty: int
-    "The number of possible configurations at each state of the cycle."
+    "The number of possible configurations in each state of the cycle."
     word: str
-    "The observations of one round, as digits, from the smallest state on."
+    "The observations of one round of the cycle, as digits, from the smallest state on."
 
 
 def knowledge_cycles(
@@ -55,7 +52,7 @@ def knowledge_cycles(
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
     """Find the nodes of a functional graph that are on a cycle.
 
-    They are the images of every power of the map whose exponent is at least the number of nodes.
+    These are the images of any power of the map whose exponent is at least the number of nodes.
     """
     for _ in range(successor.size.bit_length()):
         successor = successor[successor]

@@ -1,92 +1,33 @@
-import dataclasses
-from collections import deque
-
 import numpy as np
 from jaxtyping import Int, Int32, Integer, Shaped
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Equivalence:
-    """The equivalence classes of the states of a machine with inputs and observations.
-
-    Two states are *equivalent* if every sequence of inputs gives the same observations from both.
-    The proof that the states of a class are equivalent: under each input they give one observation,
-    and their images are in one class. [`Equivalence.distinguish`][] proves that two classes differ.
-    """
-
-    images: Integer[np.ndarray, "inputs states"]
-    "The state after each input."
-    observations: Shaped[np.ndarray, "inputs states"]
-    "The observation between each state and its image."
-    label: Int32[np.ndarray, "states"]
-    "The class of each state; classes are numbered in the order of their smallest states."
-
-    @property
-    def count(self) -> int:
-        """Number of classes."""
-        return int(self.label.max()) + 1
-
-    def distinguish(self, a: int, b: int) -> Int[np.ndarray, "length"]:
-        """Find a shortest sequence of inputs whose last observation differs between two states.
-
-        Of several shortest sequences it is the first in lexicographic order.
-
-        **Raises:** `ValueError` if the states are equivalent, or if a state does not exist.
-        """
-        for state in (a, b):
-            if not 0 <= state < self.label.size:
-                raise ValueError(
-                    f"state {state} does not exist; states are 0 to {self.label.size - 1}"
-                )
-        if self.label[a] == self.label[b]:
-            raise ValueError(f"states {a} and {b} are equivalent: no inputs distinguish them")
-        image, observation, label = self.images.item, self.observations.item, self.label.item
-        start = (min(a, b), max(a, b))
-        before: dict[tuple[int, int], tuple[tuple[int, int], int] | None] = {start: None}
-        queue = deque([start])
-        while True:
-            here = queue.popleft()
-            x, y = here
-            for i in range(len(self.images)):
-                if observation(i, x) != observation(i, y):
-                    word = [i]
-                    while (step := before[here]) is not None:
-                        here, i = step
-                        word.append(i)
-                    return np.array(word[::-1])
-                x_after, y_after = image(i, x), image(i, y)
-                after = (min(x_after, y_after), max(x_after, y_after))
-                if label(x_after) != label(y_after) and after not in before:
-                    before[after] = (here, i)
-                    queue.append(after)
-
-
 def equivalence(
     images: Integer[np.ndarray, "inputs states"], observations: Shaped[np.ndarray, "inputs states"]
-) -> Equivalence:
-    """Find the classes of states that no sequence of inputs distinguishes.
+) -> Int32[np.ndarray, "states"]:
+    """Find the equivalence classes of the states of a machine with inputs and observations.
 
-    The partition of the states is refined until the images of each class are in one class. It is
-    first refined by repeats of each single input: `i` sorts find the differences after up to `2^i`
-    repeats, so that a long corridor takes few sorts. Then it is refined by all inputs, in rounds.
-    Each round examines only the states with an image whose class has changed (Hopcroft 1971).
+    Two states are *equivalent* if every sequence of inputs gives the same observations from both.
+
+    The partition of the states is refined until under each input the images of a class are in one
+    class. First it is refined by repeats of each single input: `i` sorts find all differences after
+    up to `2^i` repeats, so that a long corridor takes few sorts. Then it is refined by all inputs,
+    in rounds. A round examines only states with an image whose class has changed (Hopcroft 1971).
 
     **Arguments:**
 
     - `images`: the state after each input.
     - `observations`: the observation between each state and its image; any sortable values.
 
-    **Returns:** [`Equivalence`][].
+    **Returns:** the class of each state, in the order of the smallest states of the classes.
 
-    A bell rings in state 2 of a ring of three states. Input 0 moves along the ring, and input 1
-    stays. One input distinguishes states 0 and 2, and two distinguish 0 and 1:
+    A bell rings in states 0 and 2 of a ring of four states. States 0 and 2 are equivalent, and so
+    are states 1 and 3:
 
         >>> import numpy as np
         >>> from jaxcell import automata
-        >>> images = np.array([[1, 2, 0], [0, 1, 2]])
-        >>> classes = automata.equivalence(images, np.array([[0, 0, 1], [0, 0, 0]]))
-        >>> classes.label.tolist(), classes.distinguish(0, 1).tolist()
-        ([0, 1, 2], [0, 0])
+        >>> automata.equivalence(np.array([[1, 2, 3, 0]]), np.array([[1, 0, 1, 0]])).tolist()
+        [0, 1, 0, 1]
     """
     if images.ndim != 2 or images.size == 0:
         raise ValueError(f"images: expected at least one input and state, got {images.shape}")
@@ -111,13 +52,13 @@ def equivalence(
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     number = np.empty(first.size, np.int32)
     number[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
-    return Equivalence(images, observations, number[inverse])
+    return number[inverse]
 
 
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Refine labels by the observations after any number of repeats of one input."""
+    """Split the classes of states that repeats of one input distinguish; return the new labels."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -133,7 +74,10 @@ def _along(
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each."""
+    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each `i`.
+
+    The entries of `b` are not negative.
+    """
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
 
@@ -141,7 +85,7 @@ def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, 
 def _refined(
     images: Integer[np.ndarray, "inputs states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Compute the labels of the coarsest refinement that all inputs preserve."""
+    """Split classes until under each input the images of a class are in one class."""
     label, count = label.copy(), int(label.max()) + 1
     size = np.bincount(label, minlength=label.size)
     into = np.argsort(images, axis=None, kind="stable")

@@ -18,13 +18,10 @@ Observations = str | Iterable[int] | Shaped[np.ndarray, "_"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Filter:
-    """A localization filter: a deterministic I-state automaton with colours.
+    """A localization filter, an automaton with colours (Alam 2018, Definitions 2.4.5 and 2.4.6).
 
-    Alam 2018, Definitions 2.4.5 and 2.4.6.
-
-    State 0 is the start, and states are numbered in breadth-first order, observation 0 before
-    observation 1. [`Filter.of`][] makes a filter of an automaton; the constructor only checks that
-    its arguments match.
+    State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.
+    [`Filter.of`][] makes a filter from an automaton; the constructor only checks its arguments.
 
     Three cells in a ring, with a bump between cells 2 and 0:
 
@@ -44,15 +41,15 @@ class Filter:
     transition: Int32[np.ndarray, "states 2"]
     "The state after observation 0 or 1, or -1 if that observation cannot occur."
     uncertainty: Int32[np.ndarray, "states"]
-    "The number of possible configurations of each state, 0 in the trap."
+    "The number of possible configurations in each state, 0 in the trap."
     offsets: Int64[np.ndarray, "states+1"]
-    "The places in `members` at which the configurations of each state begin, and the last end."
+    "The configurations of state `i` are `members[offsets[i] : offsets[i + 1]]`."
     members: Int32[np.ndarray, "total"]
-    "The configurations of each state in ascending order, one state after the other."
+    "The possible configurations in each state, in ascending order, one state after the other."
     open_world: bool = False
     "`True` if the last state is a trap, to which impossible observations lead."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object that is stored with the filter: its map and its bounce."
+    "A JSON object that is stored with the filter, such as its map and the bouncing angle."
 
     def __post_init__(self) -> None:
         transition, offsets, states = self.transition, self.offsets, len(self.transition)
@@ -83,7 +80,7 @@ class Filter:
     def of(
         automaton: Automaton, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
     ) -> "Filter":
-        """Make the filter of a deterministic I-state automaton; with `open_world` it has a trap.
+        """Make the filter of a deterministic I-state automaton, by default without a trap.
 
         `metadata` is a JSON object to store with the filter.
         """
@@ -97,9 +94,9 @@ class Filter:
         return closed.with_trap() if open_world else closed
 
     def with_trap(self) -> "Filter":
-        """Return the open-world filter, in which every missing observation leads to a trap.
+        """Return the open-world filter, in which every impossible observation leads to a trap.
 
-        The trap is the last state, without exits (Alam 2018, Definition 2.4.6).
+        The trap is the last state; it has no exits (Alam 2018, Definition 2.4.6).
         """
         if self.open_world:
             return self
@@ -115,7 +112,7 @@ class Filter:
 
     @property
     def trap(self) -> int | None:
-        """The trap of an open-world filter, its last state, or `None`."""
+        """The number of the trap, the last state of an open-world filter; else `None`."""
         return len(self.transition) - 1 if self.open_world else None
 
     @functools.cached_property
@@ -126,7 +123,7 @@ class Filter:
 
     @property
     def closed_transition(self) -> Int32[np.ndarray, "ordinary 2"]:
-        """The transitions without the trap; -1 if an observation is impossible."""
+        """The transitions between all states but the trap; -1 for an impossible observation."""
         if not self.open_world:
             return self.transition
         transition = self.transition[:-1]
@@ -134,9 +131,10 @@ class Filter:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of every state.
+        """The colour of each state.
 
-        States of a knowledge cycle have its colour, the trap the last colour, and other states 1.
+        States of a knowledge cycle have its colour, the trap has the last colour, and all other
+        states have colour 1.
         """
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
@@ -146,10 +144,7 @@ class Filter:
         return color
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of a robot in a state, in ascending order.
-
-        **Raises:** `ValueError` if the state does not exist.
-        """
+        """Return the configurations that are possible in a state, in ascending order."""
         if not 0 <= state < len(self.transition):
             raise ValueError(f"state {state} does not exist; there are {len(self.transition)}")
         cells = self.members[self.offsets[state] : self.offsets[state + 1]]
@@ -163,8 +158,7 @@ class Filter:
     def run(self, observations: Observations) -> "FilterRun":
         """Run the filter on observations 0 and 1, as numbers or as a string of digits.
 
-        **Raises:** `ValueError` for an observation that is neither 0 nor 1, or that is impossible
-        in a closed-world filter.
+        It raises `ValueError` for an impossible observation, except in an open-world filter.
         """
         state = self.start()
         states = [state.index]
@@ -182,7 +176,7 @@ class Filter:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the filter to one file with a checksum, completely or not at all.
+        """Write the filter to a file with a checksum, completely or not at all.
 
         Equal filters give equal bytes.
         """
@@ -197,10 +191,7 @@ class Filter:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Filter":
-        """Read a filter that [`Filter.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a filter of this version, or was altered.
-        """
+        """Read a filter that [`Filter.save`][] wrote."""
         with reading(path, "filter") as (header, arrays):
             sizes = arrays["sizes"]
             if (
@@ -222,7 +213,7 @@ class Filter:
 class FilterRun:
     """The states and colours of a filter along an observation string.
 
-    Entry `i` is after `i` observations, so entry 0 is the start.
+    Entry `i` of the arrays is the state or colour after `i` observations.
     """
 
     states: Int32[np.ndarray, "entries"]
@@ -251,10 +242,7 @@ class FilterState:
     "The index of the first impossible observation, or `None`; open world only."
 
     def observe(self, observation: int) -> "FilterState":
-        """Return the state after one more observation, 0 or 1.
-
-        **Raises:** `ValueError` as [`Filter.run`][].
-        """
+        """Return the state after one more observation, 0 or 1."""
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         index = self.filter.transition.item(self.index, int(observation))
@@ -275,7 +263,7 @@ class FilterState:
 
     @property
     def uncertainty(self) -> int:
-        """The number of possible configurations."""
+        """The number of possible configurations of the robot."""
         return self.filter.uncertainty.item(self.index)
 
     @property
@@ -295,7 +283,7 @@ class FilterState:
 
 
 def digits(observations: Observations) -> Iterable[int]:
-    """Return observations as numbers; a string has a digit per observation."""
+    """Convert observations to numbers; a string has one digit per observation."""
     if isinstance(observations, np.ndarray):
         return observations.tolist()
     if not isinstance(observations, str):

@@ -7,27 +7,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.documents import Fields
 from ..base.optional_modules import import_module
-from .formats.storage import read_arrays, write_arrays
+from .formats.storage import reading, write_arrays
 
 
 if TYPE_CHECKING:
     import scipy.sparse
 
 
-_FORMAT, _VERSION = "jaxcell-hidden-map", 1
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Share of nonzero cells below which products use only the rows of these cells."
+"Products skip cells of weight 0 if the share of the other cells is below this number."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
     """A hidden Markov model: a map with several images per cell, and observations of steps.
 
-    Cells may be parts of the *configurations* of interest.
+    A *configuration* is a set of cells. Estimates are about configurations, because the cells of
+    one need not be distinguished.
 
     The first two of three cells are one configuration. A robot moves on or stays, and bumps at the
     end:
@@ -42,15 +41,15 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    "The probability of a move from a cell, the row, to a cell, the column, with observation 0."
+    "The probability of a move from the cell of the row to that of the column, with observation 0."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
     "For each angle by which the robot may turn, the probability of a move with observation 1."
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
-    "The distribution over the cells at the start."
+    "The probability of each cell at the start."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object with further information."
+    "A JSON object that is stored with the map."
 
     @classmethod
     def of(
@@ -61,11 +60,7 @@ class HiddenMap:
         start: Float[np.ndarray, "cells"],
         metadata: Mapping[str, Any] | None = None,
     ) -> "HiddenMap":
-        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix.
-
-        **Raises:** `ValueError` for arrays that do not match, wrong probabilities, or a probability
-        of a bump that depends on the angle.
-        """
+        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix."""
         # A robot that runs a filter does not need SciPy.
         sparse = import_module("scipy.sparse")
         several = bumps if isinstance(bumps, list | tuple) else [bumps]
@@ -108,17 +103,17 @@ class HiddenMap:
         return len(self.bumps)
 
     def leaving(self, event: int) -> "scipy.sparse.csr_array":
-        """Return the matrix of the probabilities of an event; its rows are the cells before it.
+        """Return the matrix of the probabilities of moves with an event.
 
         Event 0 is a step, and event `1 + i` is a bump and the turn by angle `i`. If there is one
-        angle, events are observations.
+        angle, events are observations. Rows are the cells before the event, columns those after it.
         """
         return (self.moves, *self.bumps)[event]
 
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute the joint probability of an event, as in `leaving`, and of each cell after it.
+        """Compute the joint probability of an event and of each cell after it.
 
-        `weight` is the probability of each cell before the event.
+        Events are numbered as in `leaving`; `weight` is the probability of each cell before.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:
@@ -126,7 +121,7 @@ class HiddenMap:
         return leaving.T @ weight
 
     def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
-        """Compute the sum of the weights of the cells of each configuration."""
+        """Compute the sum of the weights of the cells in each configuration."""
         return np.bincount(self.configuration, weight, self.configurations)
 
     def by_position(
@@ -141,7 +136,7 @@ class HiddenMap:
         return np.asarray(self.bumps[0].sum(axis=1)).ravel()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to a file, replacing an existing one."""
+        """Write the map to a file, and replace an existing file."""
         arrays = {"configuration": self.configuration, "start": _whole(self.start)}
         for name, matrix in zip(_names(self.angles), (self.moves, *self.bumps), strict=True):
             arrays |= {
@@ -149,42 +144,25 @@ class HiddenMap:
                 f"{name}_indices": matrix.indices.astype(np.int32),
                 f"{name}_data": _whole(matrix.data),
             }
-        header = {"format": _FORMAT, "version": _VERSION, "metadata": dict(self.metadata)}
-        write_arrays(path, header, arrays)
+        write_arrays(path, {"kind": "hidden map", "metadata": dict(self.metadata)}, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
-        """Read a map that [`HiddenMap.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a map, or was altered.
-        """
+        """Read a map that [`HiddenMap.save`][] wrote."""
         sparse = import_module("scipy.sparse")
-        header, arrays = read_arrays(path)
-        if (header.get("format"), header.get("version")) != (_FORMAT, _VERSION):
-            raise ValueError(
-                f"{path}: expected a map for a belief, format {_FORMAT!r} version {_VERSION}, got "
-                f"{header.get('format')!r} version {header.get('version')!r}"
-            )
-        metadata = Fields(header, f"{path}: ").get("metadata")
-        try:
+        with reading(path, "hidden map") as (header, arrays):
             start = arrays["start"] * _UNIT
             matrices = []
             angles = sum(name.endswith("_indptr") for name in arrays) - 1
             for name in _names(angles):
-                data, indices, ends = (
-                    arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")
-                )
+                parts = [arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")]
                 matrix = sparse.csr_array(
-                    (data * _UNIT, indices, ends), shape=(start.size, start.size)
+                    (parts[0] * _UNIT, *parts[1:]), shape=(start.size, start.size)
                 )
                 matrix.check_format()
                 matrices.append(matrix)
-            if not isinstance(metadata, dict):
-                raise ValueError("metadata: expected an object")
             moves, *bumps = matrices
-            return cls.of(moves, bumps, arrays["configuration"], start, metadata)
-        except (KeyError, ValueError, TypeError) as error:
-            raise ValueError(f"{path}: not a map for a belief, or altered: {error}") from None
+            return cls.of(moves, bumps, arrays["configuration"], start, header["metadata"])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -194,18 +172,18 @@ class Estimate:
     cells: Int[np.ndarray, "configurations"]
     "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "The probability of each configuration, given that the robot is on the map; equal if unknown."
+    "The probability of each configuration if the robot is on the map; equal if unknown."
     nowhere: float
     "The probability that the robot is nowhere on the map, 0 to 1."
 
 
 def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: float) -> Estimate:
-    """Find the fewest configurations with a given total probability.
+    """Find the credible set: the fewest configurations that have a share of the probability.
 
     **Arguments:**
 
     - `mass`: the probability of each configuration, up to a factor.
-    - `share`: the least total probability of the result, as a share of that of all configurations.
+    - `share`: the least share of the credible set in the total of `mass`.
     - `nowhere`: the probability that the robot is in no configuration.
 
     **Returns:** [`Estimate`][], with no configurations if all masses are 0.

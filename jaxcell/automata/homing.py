@@ -15,14 +15,12 @@ _Family: TypeAlias = frozenset[int]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """A fixed sequence of inputs after which the state of the machine is known."""
+    """A fixed sequence of inputs whose observations identify the state of a machine."""
 
     inputs: Int[np.ndarray, "length"]
-    "The inputs, by number."
+    "The numbers of the inputs."
     least: int
-    "A lower bound on the length of every sequence."
-    searched: int
-    "Number of sequences that were searched, if sequences that leave equal sets count once."
+    "A lower bound on the length of every such sequence."
 
     @property
     def optimal(self) -> bool:
@@ -40,15 +38,15 @@ def homing_sequence(
 ) -> Homing:
     """Find a fixed sequence of inputs whose observations identify the state of a machine.
 
-    It settles all roots, in the sense of [`adaptive_choice`][]. A sequence always exists, because
-    pairs of states can be distinguished one after the other. A greedy sequence comes first; it
-    takes the input that leaves the fewest states together. Then all sequences are searched, first
-    those whose remaining pairs of states permit the least total length.
+    After the sequence every root is settled, in the sense of [`adaptive_choice`][]. A sequence
+    always exists, because pairs of states can be distinguished one after the other. A greedy
+    sequence is found first: each input leaves the fewest states together. Then all sequences are
+    searched, in the order of a lower bound on their total length.
 
     **Arguments:**
 
     - `images`, `observations`, `roots`, `place`: as in [`adaptive_choice`][].
-    - `limit`: largest total number of sets that the searched sequences leave unsettled.
+    - `limit`: the search ends when its sequences have left this number of unsettled sets in total.
 
     **Returns:** [`Homing`][].
 
@@ -65,7 +63,7 @@ def homing_sequence(
     numbers = (search.number(tuple(sorted(map(int, root)))) for root in roots)
     start: _Family = frozenset(number for number in numbers if search.lower[number] > 0)
     best = _greedy(search, start)
-    least, searched = _least(search, start), 0
+    least = _least(search, start)
     length = {start: 0}
     before: dict[_Family, tuple[_Family, int]] = {}
     queue = [(least, 0, 0, start)]
@@ -74,7 +72,7 @@ def homing_sequence(
         least = min(bound, len(best))
         if least == len(best) or limit <= 0:
             break
-        searched, limit = searched + 1, limit - len(family)
+        limit -= len(family)
         for i in range(len(images)):
             after, longer = _after(search, family, i), length[family] + 1
             if longer >= length.get(after, len(best)):
@@ -92,11 +90,11 @@ def homing_sequence(
             heapq.heappush(queue, entry)
     if not queue:
         least = len(best)
-    return Homing(np.array(best, np.int64), least, searched)
+    return Homing(np.array(best, np.int64), least)
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Return the unsettled sets after an input, for all observations."""
+    """Return the unsettled sets after input `i`, for all observations."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 

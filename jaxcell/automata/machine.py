@@ -17,8 +17,8 @@ Output: TypeAlias = Literal["color", "count", "cells", "localized", "action"]
 class MooreMachine:
     """A Moore machine: the states, transitions and outputs of a filter or a policy.
 
-    State 0 is the start. The output of a state is its colour. A machine reads *observations*, 0 for
-    a step and 1 for a bump, or *runs*, the numbers of steps between two bumps.
+    State 0 is the start. The output of a state is its colour. A machine reads either
+    *observations*, 0 for a step and 1 for a bump, or *runs*, the number of steps before each bump.
 
     The filter of three cells in a ring has two colours. If it reads runs, it has two states,
     because the first run has 0 to 2 steps, and all later runs have 2:
@@ -37,7 +37,7 @@ class MooreMachine:
     runs: bool = False
     "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
     final: int = 2
-    "The least output of a state in which the robot is localized, or has come to the end."
+    "The least output of the states in which the robot is localized, or its plan has ended."
 
     def __post_init__(self) -> None:
         states = len(self.transition)
@@ -65,17 +65,17 @@ class MooreMachine:
         - `output`: the output to keep. For a filter: `"color"`, the colour (the default);
             `"count"`, the number of possible configurations; `"cells"`, the possible configurations
             in knowledge cycles, and 1 elsewhere; `"localized"`, 2 in knowledge cycles, and 1
-            elsewhere. For a policy: `"cells"`, the angle of the next turn, or the possible
-            configurations at the end (the default); `"action"`, the angle, or the end.
-        - `runs`: make a machine that reads runs, and has outputs only at bumps, of a filter. The
+            elsewhere. For a policy: `"cells"`, the angle of the next turn, or at an end the
+            possible configurations (the default); `"action"`, the angle, or that the policy ends.
+        - `runs`: whether the machine of a filter reads runs; it then has outputs only at bumps. The
             machine of a policy always reads runs.
 
         **Returns:** [`MooreMachine`][]. With `"cells"`, each set of configurations has a number as
         its output. The outputs of a policy with `n` angles are the numbers of angles, `n` at the
         start, and `n + 1` or more at an end.
 
-        **Raises:** `ValueError` for an output that the filter or the policy does not have; if
-        `runs`, also for an open-world filter, and for a filter whose robot may never bump again.
+        **Raises:** `ValueError` if `runs`, for an open-world filter, and for a filter whose robot
+        may never bump again.
         """
         choices: tuple[str, ...] = ("color", "count", "cells", "localized")
         if isinstance(source, Policy):
@@ -95,9 +95,9 @@ class MooreMachine:
 
     @staticmethod
     def of_plan(actions: Sequence[float]) -> "MooreMachine":
-        """Make the machine of a plan: a list of 0 for a step, or the angle to turn by at a bump.
+        """Make the machine of a plan. An action is 0 for a step, or the angle to turn at a bump.
 
-        The machine reads observations, and has a state for the start and one after each action.
+        The machine reads observations. It has a state for the start, and a state after each action.
         With `n` different angles, in ascending order, its output is `i` to turn by angle `i`, `n`
         to go on, `n + 1` at the end, and `n + 2 + i` at an end with a turn by angle `i`.
 
@@ -115,10 +115,7 @@ class MooreMachine:
         return MooreMachine(transition, color, final=len(angles) + 1)
 
     def run(self, symbols: Iterable[int]) -> Int32[np.ndarray, "entries"]:
-        """Return the outputs at the start and after each symbol.
-
-        **Raises:** `ValueError` for a symbol that cannot occur, with its index.
-        """
+        """Run the machine on symbols; return the outputs at the start and after each symbol."""
         state, colors = 0, [self.color.item(0)]
         for index, symbol in enumerate(symbols):
             known = 0 <= symbol < self.transition.shape[1]

@@ -8,15 +8,15 @@ from .filter import Filter
 def minimize(filter: Filter) -> Filter:
     """Find the smallest filter with the same colours and the same impossible observations.
 
-    It is the quotient by bisimulation, which merges equivalent states (Moore's equivalence; states
-    with different impossible observations differ). The possible cells of a merged state are those
-    of all its states, and its uncertainty is the largest of theirs, which can be less than the
-    number of these cells: the quotient has the same colours as the filter, and less precise cells.
+    Equivalent states are merged (Moore's equivalence; states with different impossible observations
+    are not equivalent). The possible cells of a merged state are the possible cells of all its
+    states, and its uncertainty is the largest of their uncertainties. So the smallest filter gives
+    the same colours, but its cells may be less precise.
 
-    **Arguments:** a filter. **Returns:** the quotient.
+    **Arguments:** a filter. **Returns:** the smallest filter.
 
-    A ring of four cells that bumps every second step, and a path into it. The filter finds the cell
-    of the ring; its colours only give the half of the ring:
+    A robot bumps every second step on a ring of four cells with a path into it. The original filter
+    finds the cell on the ring; the colours tell only two halves of the ring apart:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -54,12 +54,13 @@ def moore_classes(
 ) -> tuple[Int[np.ndarray, "states"], Int[np.ndarray, "classes"]]:
     """Find the class of each state under Moore's equivalence, and the first state of each class.
 
-    States with different outputs or different impossible symbols, -1 in `transition`, differ.
+    States with different outputs, or different impossible symbols (-1 in `transition`), are not
+    equivalent.
     """
     states = len(transition)
     # An impossible symbol leads to one more state, with an output of its own.
     images = np.where(transition < 0, states, transition)
     images = np.vstack([images, np.full_like(images[:1], states)]).T
     color = np.append(color, color.max() + 1)
-    label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
+    label = equivalence(images, np.tile(color, (len(images), 1)))[:-1]
     return label, np.unique(label, return_index=True)[1]

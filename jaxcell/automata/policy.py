@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import graphlib
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -14,9 +15,9 @@ from .formats.storage import checked_metadata, reading, write_arrays
 class Policy:
     """A localization policy: the angle by which a robot turns at each bump until it is localized.
 
-    A state is the set of the possible configurations of the robot at a bump; state 0 is the start,
-    before the first bump. Each possible number of steps to the next bump leads to another state; an
-    impossible number refutes the map. A state that leads to no other state is an *end*: the robot
+    A state is a set of possible configurations of the robot at a bump; state 0 is the start, before
+    the first bump. Each possible number of steps to the next bump leads to another state; an
+    impossible number refutes the map. In a state that leads to no other state, an *end*, the robot
     is localized.
 
     A first bump after two steps localizes the robot. After a bump without a step it turns by angle
@@ -41,17 +42,17 @@ class Policy:
     turn: Int32[np.ndarray, "states"]
     "The number of the angle by which the robot turns in each state; -1 at the start and at ends."
     first: Int32[np.ndarray, "states+1"]
-    "The place in `steps` and `target` at which the next bumps of each state begin."
+    "State `i` has the entries `first[i]` to `first[i + 1] - 1` of `steps` and `target`."
     steps: Int32[np.ndarray, "bumps"]
-    "The possible numbers of steps to the next bump, state by state, in ascending order."
+    "The possible numbers of steps from each state to the next bump, in ascending order."
     target: Int32[np.ndarray, "bumps"]
     "The state at the next bump, for each number in `steps`."
     offsets: Int32[np.ndarray, "states+1"]
-    "The places in `members` at which the configurations of each state begin, and the last end."
+    "The configurations of state `i` are `members[offsets[i] : offsets[i + 1]]`."
     members: Int32[np.ndarray, "total"]
-    "The configurations of each state in ascending order, one state after the other."
+    "The possible configurations in each state, in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object that is stored with the policy: its map and the angles."
+    "A JSON object that is stored with the policy, such as its map and the angles."
 
     def __post_init__(self) -> None:
         states = self.turn.size
@@ -69,11 +70,12 @@ class Policy:
             raise ValueError("steps: expected numbers from 0, rising in each state")
         # States are numbered in the order in which they are met, so the start leads to all others.
         new = np.maximum.accumulate(np.append(0, self.target))
-        late = new[self.first[:-1]] < np.arange(states)
         if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
             raise ValueError("target: expected states in the order in which they are met")
-        if late.any() or not self._ends_everywhere():
-            raise ValueError("target: expected no state to lead back to itself")
+        try:
+            graphlib.TopologicalSorter({x: self.after(x).values() for x in range(states)}).prepare()
+        except graphlib.CycleError:
+            raise ValueError("target: expected no state to lead back to itself") from None
         turns = np.diff(self.first) > 0
         turns[0] = False
         if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
@@ -82,7 +84,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The number that stands for a refuted map: one more than that of the last state."""
+        """The index of a [`PolicyState`][] whose map is refuted: the number of states."""
         return self.turn.size
 
     @functools.cached_property
@@ -99,20 +101,17 @@ class Policy:
 
     @functools.cached_property
     def uncertainty(self) -> Int32[np.ndarray, "states"]:
-        """The number of possible configurations of each state."""
+        """The number of possible configurations in each state."""
         return np.diff(self.offsets).astype(np.int32)
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of the robot in a state, in ascending order.
-
-        **Raises:** `ValueError` if the state does not exist.
-        """
+        """Return the configurations that are possible in a state, in ascending order."""
         if not 0 <= state < self.turn.size:
             raise ValueError(f"state {state} does not exist; there are {self.turn.size}")
         return self.members[self.offsets[state] : self.offsets[state + 1]]
 
     def after(self, state: int) -> dict[int, int]:
-        """Return the state at the next bump for each possible number of steps."""
+        """Return the next state for each possible number of steps from a state to the next bump."""
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
@@ -121,7 +120,7 @@ class Policy:
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the policy to one file with a checksum, completely or not at all.
+        """Write the policy to a file with a checksum, completely or not at all.
 
         Equal policies give equal bytes.
         """
@@ -130,10 +129,7 @@ class Policy:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Policy":
-        """Read a policy that [`Policy.save`][] wrote.
-
-        **Raises:** `ValueError` if the file is not a policy, or was truncated or altered.
-        """
+        """Read a policy that [`Policy.save`][] wrote."""
         with reading(path, "policy") as (header, arrays):
             named = {name: arrays[name] for name in _ARRAYS}
             sizes = {name: array.size for name, array in named.items()}
@@ -144,17 +140,6 @@ class Policy:
                 raise ValueError("its tables are of different lengths")
             return Policy(**named, metadata=header["metadata"])
 
-    def _ends_everywhere(self) -> bool:
-        """Check that no state leads back to itself, so that every run of the policy ends."""
-        into = np.bincount(self.target, minlength=self.turn.size)
-        queue = [0]
-        for state in queue:
-            for target in self.after(state).values():
-                into[target] -= 1
-                if into[target] == 0:
-                    queue.append(target)
-        return len(queue) == self.turn.size
-
 
 _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 
@@ -163,12 +148,12 @@ _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 class PolicyState:
     """The state of a policy after some observations; `observe` returns a new object.
 
-    An impossible observation refutes the map, and then every later observation does.
+    After an impossible observation the map stays refuted.
     """
 
     policy: Policy
     index: int
-    "The state at the last bump, or the trap."
+    "The state of the policy at the last bump; `Policy.trap` if the map is refuted."
     steps: int
     "The number of steps since the last bump."
     time: int
@@ -177,10 +162,7 @@ class PolicyState:
     "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
-        """Return the state after one more observation: 0 for a step, 1 for a bump.
-
-        **Raises:** `ValueError` for another observation, or if the policy has ended.
-        """
+        """Return the state after one more observation, 0 for a step or 1 for a bump."""
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         if self.refuted:
@@ -196,14 +178,14 @@ class PolicyState:
 
     @property
     def color(self) -> int:
-        """The colour: 1 until localized, then one colour per end; the last colour if refuted."""
+        """The colour of the state in [`Policy.color`][]; one more colour if the map is refuted."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
 
     @property
     def turn(self) -> int | None:
-        """The number of the angle by which to turn now, or `None`."""
+        """The number of the angle by which the robot has to turn now, or `None`."""
         if self.steps or self.refuted:
             return None
         turn: int = self.policy.turn.item(self.index)
@@ -211,7 +193,7 @@ class PolicyState:
 
     @property
     def uncertainty(self) -> int:
-        """The number of possible configurations."""
+        """The number of possible configurations of the robot."""
         if self.refuted:
             return 0
         if not self.steps:
@@ -234,6 +216,6 @@ class PolicyState:
 
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
-        """The possible configurations of the robot at a bump; empty between bumps."""
+        """The possible configurations at a bump; empty between bumps, and if refuted."""
         known = not self.steps and not self.refuted
         return self.policy.cells(self.index) if known else np.empty(0, np.int32)

@@ -11,44 +11,37 @@ from ..base.memory import check
 class Automaton:
     """A deterministic I-state automaton: each state is a set of possible cells of the robot.
 
-    States are numbered in breadth-first order from the start, which is state 0, observation 0
-    before observation 1.
+    State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.
     """
 
     transition: Int32[np.ndarray, "states 2"]
     "The state after observation 0 or 1, or -1 if no cell of the state gives that observation."
     offsets: Int64[np.ndarray, "states+1"]
-    "The places in `members` at which the cells of each state begin, and the last end."
+    "The cells of state `i` are `members[offsets[i] : offsets[i + 1]]`."
     members: Int32[np.ndarray, "total"]
-    "The cells of each state in ascending order, one state after the other."
+    "The possible cells in each state, in ascending order, one state after the other."
 
 
 def subset_construction(
     image: Integer[np.ndarray, "cells"],
     observation: Bool[np.ndarray, "cells"],
-    *,
-    limit: int = 2**31 - 1,
 ) -> Automaton:
-    """Make the deterministic automaton of the I-state graph of a simple map.
+    """Make the deterministic automaton of the I-state graph of a map (Alam 2018, section 2.4.3).
 
-    Alam 2018, section 2.4.3.
-
-    The states are the non-empty sets of cells that observation strings leave possible, including
-    the start, all cells. The sets of a level of the breadth-first search are mapped together. A set
-    is identified by its hash, the sum of a random 64-bit word per cell. Sets with equal hashes are
-    compared cell by cell, so the result is exact. Time and memory are linear in the total size of
-    the sets, except that each level takes a sort if the map does not keep the order of the cells.
+    The states are the non-empty sets of cells that observation strings leave possible; at the start
+    all cells are possible. The sets of a level of the breadth-first search are mapped together. A
+    set is identified by a hash, the sum of one random 64-bit word per cell. Sets with equal hashes
+    are compared cell by cell, so the result is exact. Time and memory are linear in the total size
+    of the sets, except for a sort at each level if the map does not keep the order of the cells.
 
     **Arguments:**
 
     - `image`: the image of each cell.
     - `observation`: whether the robot observes 1 (a bump) between a cell and its image.
-    - `limit`: the largest total size of all sets, in cells of 4 bytes.
 
     **Returns:** [`Automaton`][].
 
-    **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets exceed
-    `limit`; `MemoryError` if they exceed the free memory.
+    **Raises:** `MemoryError` if the sets exceed the free memory.
 
     Three cells in a ring, with a bump between cells 2 and 0. The states are the sets `{0, 1, 2}`,
     `{1, 2}`, `{0}`, `{2}` and `{1}`:
@@ -70,8 +63,6 @@ def subset_construction(
         raise ValueError(
             f"image[{cell}] is {image[cell]}; expected a cell from 0 to {image.size - 1}"
         )
-    if image.size > limit:
-        raise ValueError(f"image: {image.size} cells are more than the limit of {limit}")
     image = image.astype(np.int32)
     graph = _Graph(
         image,
@@ -81,7 +72,7 @@ def subset_construction(
     seed = 0
     while True:
         try:
-            return _construct(graph, random_words(image.size, seed), limit)
+            return _construct(graph, random_words(image.size, seed))
         except _HashCollisionError:
             seed += 1
 
@@ -91,7 +82,7 @@ class _Graph:
     image: Int32[np.ndarray, "cells"]
     observation: Bool[np.ndarray, "cells"]
     increasing: tuple[bool, ...]
-    "For each observation, `True` if the images of sorted sets are sorted, without repeats."
+    "For each observation, `True` if larger cells have larger images, so sorted sets stay sorted."
 
 
 class _HashCollisionError(Exception):
@@ -99,11 +90,10 @@ class _HashCollisionError(Exception):
 
 
 class _Subsets:
-    """The sets that were found so far, in their order, and the edges between them."""
+    """The sets found so far, in the order of their states, and the edges between the states."""
 
-    def __init__(self, words: UInt64[np.ndarray, "cells"], limit: int):
+    def __init__(self, words: UInt64[np.ndarray, "cells"]):
         self.words = words
-        self.limit = limit
         self.members = np.arange(words.size, dtype=np.int32)
         self.offsets = [0, words.size]
         self.table = {int(np.sum(words)): 0}
@@ -117,11 +107,6 @@ class _Subsets:
         begin = self.offsets[-1]
         self.offsets.extend(itertools.accumulate(map(len, sets[1:]), initial=begin + len(sets[0])))
         end = self.offsets[-1]
-        if end > self.limit:
-            raise ValueError(
-                f"the sets of cells of the first {len(self)} states have {end} members, "
-                f"more than the limit of {self.limit}"
-            )
         if end > self.members.size:
             size = max(end, self.members.size * 5 // 4)
             check(
@@ -134,8 +119,8 @@ class _Subsets:
         np.concatenate(sets, out=self.members[begin:end])
 
 
-def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) -> Automaton:
-    sets = _Subsets(words, limit)
+def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"]) -> Automaton:
+    sets = _Subsets(words)
     low, high = 0, 1
     while low < high:
         _add_successors(graph, sets, low, high)
@@ -189,9 +174,9 @@ def _add_successors(graph: _Graph, subsets: _Subsets, low: int, high: int) -> No
 def _images(
     graph: _Graph, bit: int, cells: Int32[np.ndarray, "_"], lengths: Integer[np.ndarray, "sets"]
 ) -> tuple[Int32[np.ndarray, "_"], Integer[np.ndarray, "sets"]]:
-    """Compute the images of consecutive sets of cells, sorted and without repeats, and their sizes.
+    """Compute the images of sets, sorted and without repeats, and the sizes of the images.
 
-    All cells give observation `bit`, and `lengths` are the sizes of the sets.
+    `cells` has one set after the other, of the sizes `lengths`; all cells give observation `bit`.
     """
     images = graph.image[cells]
     if graph.increasing[bit] or not lengths.size:
@@ -209,9 +194,9 @@ def _images(
 def _check_equal(
     subsets: _Subsets, images: Int32[np.ndarray, "_"], known: Int64[np.ndarray, "sets 3"]
 ) -> None:
-    """Compare sets of `images` with the states that have their hashes.
+    """Raise an error if a new set has the hash of a different set.
 
-    Each row of `known` is a state, and the start and length of a set in `images`.
+    Each row of `known` is the state of the hash, and the start and length of the set in `images`.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

@@ -11,16 +11,12 @@ from .generalized import Chain
 from .sequence import ChainSequence
 
 
-# The largest size of the table of domiciles, in bytes.
-LARGEST_TABLE = 2**32
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class PersistentGroups:
-    """The persistent groups of a chain, and the cells that reach them (Alam 2018, Def. 3.3.3)."""
+    """The persistent groups of a chain (Alam 2018, Definition 3.3.3)."""
 
     group: Int[Array, "cells"]
-    "The persistent group of each cell, numbered by smallest cells; -1 if transient."
+    "The group of each cell, from 0 in the order of the smallest cells of groups; -1 if transient."
     count: int
     "Number of persistent groups."
     size: Int[Array, "groups"]
@@ -29,29 +25,6 @@ class PersistentGroups:
     # The groups of all states of the matrix, if the cells are only the first of the states.
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
-    @property
-    def persistent(self) -> Bool[Array, "cells"]:
-        """A mask of the cells that belong to a persistent group."""
-        return self.group >= 0
-
-    @functools.cached_property
-    def domicile(self) -> Bool[Array, "groups cells"]:
-        """A mask of the cells that can reach each group, including the cells of the group.
-
-        **Raises:** `ValueError` if the table exceeds 4 GiB; use [`PersistentGroups.reaching`][] for
-        one group at a time then.
-        """
-        cells = self.group.shape[0]
-        if self.count * cells > LARGEST_TABLE:
-            raise ValueError(
-                f"domicile: {self.count} groups x {cells} cells make more than 4 GiB; "
-                "use reaching(group) for one group at a time"
-            )
-        table = np.zeros((self.count, cells), bool)
-        for group in range(self.count):
-            table[group] = self._reaching(group)
-        return jax.device_put(table)
-
     def first(self, cells: int) -> "PersistentGroups":
         """Restrict the groups of an unrolled sequence of chains to its cells at phase 0."""
         group = np.asarray(self.group)[:cells]
@@ -59,28 +32,9 @@ class PersistentGroups:
         group, size = jax.device_put((group, size))
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
-    def reaching(self, group: int) -> Bool[Array, "cells"]:
-        """Return a mask of the cells that can reach a group: one row of `domicile`."""
-        if not 0 <= group < self.count:
-            raise ValueError(f"group {group} does not exist; there are {self.count}")
-        return jax.device_put(self._reaching(group))
-
     @functools.cached_property
     def period(self) -> Int[Array, "groups"]:
         """The period of each group: the greatest common divisor of the lengths of its circuits."""
-        return self._circuits[0]
-
-    @functools.cached_property
-    def phase(self) -> Int[Array, "cells"]:
-        """The cyclic class of each cell in its group; -1 if transient.
-
-        The class of the smallest cell of the group is 0, and one step leads from each class to the
-        next, modulo the period.
-        """
-        return self._circuits[1]
-
-    @functools.cached_property
-    def _circuits(self) -> tuple[Int[Array, "groups"], Int[Array, "cells"]]:
         group = np.asarray(self.group if self._states is None else self._states)
         inside = np.flatnonzero(group >= 0)
         group = group[inside]
@@ -96,27 +50,17 @@ class PersistentGroups:
             level = distance.astype(np.int64)
         period = np.zeros(self.count, np.int64)
         np.gcd.at(period, group[edges.row], level[edges.row] + 1 - level[edges.col])
-        cells = self.group.shape[0]
-        phase = np.full(self._matrix.shape[0], -1, np.int32)
-        phase[inside] = level % period[group]
         # Whole periods lead from cells at a phase to cells at the same phase.
-        phases = self._matrix.shape[0] // cells
-        period = (period // phases).astype(np.int32)
-        return jax.device_put((period, phase[:cells] // phases))
-
-    def _reaching(self, group: int) -> Bool[np.ndarray, "cells"]:
-        cells = self.group.shape[0]
-        target = np.zeros(self._matrix.shape[0], bool)
-        target[:cells] = np.asarray(self.group) == group
-        return reaching(self._matrix, target)[:cells]
+        phases = self._matrix.shape[0] // self.group.shape[0]
+        return jax.device_put((period // phases).astype(np.int32))
 
 
 def reaching(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Bool[np.ndarray, "cells"]:
-    """Return a mask of the cells of a chain that can reach a set of cells, including the set.
+    """Return a mask of the cells from which a set of cells can be reached, including the set.
 
-    The matrix has no explicit zeros.
+    `matrix` is a transition matrix without explicit zeros, and `target` a mask of the set.
     """
     return next_cells(matrix, target) >= 0
 
@@ -124,10 +68,10 @@ def reaching(
 def next_cells(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Int[np.ndarray, "cells"]:
-    """Return the next cell of a shortest path from each cell to a set.
+    """Return the next cell on a shortest path from each cell to a set of cells.
 
-    A cell of the set has no next cell: its entry is the number of all cells. A cell without a path
-    has a negative entry.
+    The entry is the number of all cells for a cell of the set, and negative for a cell without a
+    path. `matrix` is a transition matrix without explicit zeros.
     """
     cells = target.size
     goals = np.flatnonzero(target)
@@ -144,14 +88,14 @@ def next_cells(
 def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
-    They are the strongly connected components without edges to other cells or to the sink; all
-    other cells are transient. They are found on the host, in time proportional to the number of
-    edges.
+    These are the strongly connected components without edges to other cells or to the sink; all
+    other cells are transient. The components are found on the host, in time proportional to the
+    number of edges.
 
-    **Arguments:** a chain, or a sequence of chains. The groups of a sequence are those of its
-    period map, which is not computed: they are the components of the unrolled chain at phase 0.
+    **Arguments:** a chain, or a sequence of chains, whose groups are those of its period map. The
+    period map is not computed; the groups are those of the unrolled chain, at phase 0.
 
-    **Returns:** the group of each cell, and the cells that can reach each group.
+    **Returns:** [`PersistentGroups`][].
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
 
@@ -162,8 +106,6 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
         >>> groups = mapping.persistent_groups(chain)
         >>> groups.group.tolist(), groups.period.tolist()
         ([-1, 0, 0, 1], [2, 1])
-        >>> groups.domicile.astype(int).tolist()
-        [[1, 1, 1, 0], [1, 0, 0, 1]]
     """
     if isinstance(chain, ChainSequence):
         return persistent_groups(chain.unrolled).first(chain.cells)

@@ -19,18 +19,18 @@ _CHUNK = 1 << 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TransientGroups:
-    """Transient cells by their domiciles: one group for each set of domiciles that occurs.
+    """The transient groups of a chain: transient cells with the same domiciles form a group.
 
-    A *domicile* of a transient cell is a persistent group that it can reach, and here also the
-    sink, written -1. A cell with one domicile is *single-domicile*, in the domain of attraction of
-    that group; a cell with several is *multiple-domicile*, in the boundary region between their
-    domains (Alam 2018, Definition 5.4.2).
+    A *domicile* of a transient cell is a persistent group that it can reach, or the sink, written
+    -1, if it can reach the sink. A cell with one domicile is *single-domicile*, in the domain of
+    attraction of that group. A cell with several domiciles is *multiple-domicile*, in the boundary
+    region between their domains of attraction (Alam 2018, Definition 5.4.2).
     """
 
     group: Int[Array, "cells"]
     "The transient group of each cell, from 0 in the order of `domiciles`; -1 if persistent."
     domiciles: tuple[tuple[int, ...], ...]
-    "The domiciles of each transient group, ascending; groups with fewer domiciles come first."
+    "The domiciles of each group, in ascending order; groups with few domiciles come first."
     size: Int[Array, "groups"]
     "Number of cells of each transient group."
 
@@ -45,7 +45,7 @@ class TransientGroups:
         return np.array([len(domiciles) == 1 for domiciles in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
-        """Restrict the groups to the first cells, as [`PersistentGroups.first`][]."""
+        """Restrict the groups to the first `cells`, as [`PersistentGroups.first`][] does."""
         group = np.asarray(self.group[:cells])
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
@@ -59,11 +59,11 @@ class TransientGroups:
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
-    Two searches against the steps, from the domiciles in ascending and in descending order, meet
-    each cell first from its smallest and from its largest domicile. If these are equal, the cell
-    has no other domicile. Among the other cells, strongly connected cells have the same domiciles:
-    the union of the domiciles of the components that they lead to. Equal unions are stored once, so
-    no table of groups and cells is needed.
+    Two searches go backward along the steps, one from the domiciles in ascending order, one in
+    descending order. They meet each cell first from its smallest and from its largest domicile. If
+    these are equal, the cell has no other domicile. The other cells are divided into strongly
+    connected components, whose domiciles are the union of those of the components that they lead
+    to. Equal unions are stored once, so no table of groups and cells is needed.
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the transient group of each
     cell, and the domiciles of each group.
@@ -124,11 +124,11 @@ def _outermost(
     seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
     def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find for each cell the first list of seeds that it leads to.
+        """Find the first list of seeds that each cell leads to.
 
         A depth-first search goes backward along the steps, and numbers strong components as it
         finishes them. A node for each list precedes the cells. The search from this node numbers
-        all cells that no search before has reached.
+        the cells that no earlier search has reached.
         """
         ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])
@@ -146,8 +146,8 @@ def _unions(
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
     """Find the set of domiciles to which each node of a graph leads.
 
-    The first nodes have no edges and are the domiciles: the sink, and the groups in their order.
-    All edges lead to preceding nodes. Returns the number of the set of each node, and the sets.
+    The first nodes are the domiciles, which have no edges: the sink, then the groups. All edges
+    lead to preceding nodes. Returns the number of the set of each node, and the sets.
     """
     number = list(range(domiciles))
     sets: list[tuple[int, ...]] = [(place + SINK,) for place in range(domiciles)]

@@ -21,9 +21,10 @@ class Chain:
     """A generalized cell mapping: every cell has several images with probabilities.
 
     It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
-    `b`-th image of every cell; cells with fewer images are padded with themselves at probability 0,
-    which is not an edge of the chain. The probabilities of a cell may sum to less than 1: the rest
-    leaves the space for a *sink*, from which nothing returns. The rest is never normalised away.
+    `b`-th image of every cell and its probability. Unused entries of a cell with fewer images have
+    the cell itself and probability 0; they are not edges of the chain. If the probabilities of a
+    cell sum to less than 1, the rest is the probability to leave the space for a *sink*, from which
+    nothing returns. Probabilities are never rescaled.
 
     Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space in one of ten steps:
 
@@ -42,14 +43,14 @@ class Chain:
     image: Int[Array, "branches cells"]
     probability: Float[Array, "branches cells"]
     half: "Chain | None" = None
-    """For a chain that is made from samples, the chain of half as many samples; else `None`. The
-    results of both chains differ by about the sampling error."""
+    """For a chain that is estimated from samples, the chain from half of the samples; else `None`.
+    The results of both chains differ by about the sampling error."""
 
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
-        """Copy and check two arrays of the shape `[branches, cells]`.
+        """Copy and check two arrays of shape `[branches, cells]`.
 
-        **Raises:** `ValueError` for arrays that are no chain; their values are checked only outside
-        `jit`. `RuntimeError` if JAX is set to 32 bits.
+        **Raises:** `ValueError` for arrays that are not a chain; their values are checked only
+        outside `jit`. `RuntimeError` if JAX is set to 32 bits.
         """
         require_x64("a chain")
         _check_arrays(image, probability)
@@ -95,7 +96,7 @@ class Chain:
 
     @functools.cached_property
     def can_leave(self) -> Bool[np.ndarray, "cells"]:
-        """A mask of the cells whose next step may go to the sink, on the host."""
+        """A mask of the cells whose next step may go to the sink, as a NumPy array."""
         return leaving_rows(self._matrix) > 0
 
     @property
@@ -148,7 +149,7 @@ class Chain:
 
 
 def _kept(array: Any, kind: Any) -> Any:
-    """Return an array of JAX that does not share memory with a NumPy array."""
+    """Convert to an array of JAX that shares no memory with a NumPy array."""
     if isinstance(array, jax.Array):
         return array.astype(kind)
     return jax.device_put(np.array(array, kind))
@@ -159,7 +160,7 @@ def slots_of(
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
     """Return the images of each cell and their probabilities from a transition matrix.
 
-    Duplicate entries of the matrix are summed, and zeros are removed, in place.
+    Duplicate entries of the matrix are summed in place, and zeros are removed.
     """
     rows.sum_duplicates()
     rows.eliminate_zeros()

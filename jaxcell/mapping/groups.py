@@ -17,11 +17,11 @@ class PeriodicGroups:
     """
 
     group: Int[Array | np.ndarray, "*batch cells"]
-    "The periodic group that the cell reaches; groups are in the order of their smallest cells."
+    "The number of the group that each cell reaches; groups are in the order of smallest cells."
     step: Int[Array | np.ndarray, "*batch cells"]
-    "Number of mappings until the cell is on its periodic group, 0 on it."
+    "Number of mappings until each cell is on its periodic group; 0 for cells of the group."
     group_period: Int[Array | np.ndarray, "*batch groups"]
-    "Period of each group; zeros past `count`."
+    "Period of each group; entries past `count` are 0."
     count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
 
@@ -40,19 +40,19 @@ class PeriodicGroups:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GroupSummary:
-    """Period, basin and longest transient of each periodic group; zeros past `count`."""
+    """Period, basin and longest transient of each periodic group; entries past `count` are 0."""
 
     count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
     period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group."
     basin: Int[Array | np.ndarray, "*batch groups"]
-    "Number of cells that reach each group, with the cells of the group."
+    "Number of cells that reach each group, including the cells of the group."
     transient: Int[Array | np.ndarray, "*batch groups"]
-    "Longest transient of each group: number of mappings from the farthest cell of its basin."
+    "Longest transient of each group: the largest number of mappings from a cell to the group."
 
     def totals(self) -> "GroupTotals":
-        """Compute statistics of all groups of each map, with NumPy."""
+        """Compute statistics over all groups of each map, with NumPy."""
         count, period, basin, transient = map(
             np.asarray, (self.count, self.period, self.basin, self.transient)
         )
@@ -67,7 +67,7 @@ class GroupSummary:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GroupTotals:
-    """Statistics of all periodic groups of a map."""
+    """Statistics over all periodic groups of a map."""
 
     count: Int[np.ndarray, "*batch"]
     "Number of periodic groups."
@@ -78,14 +78,14 @@ class GroupTotals:
     longest_period: Int[np.ndarray, "*batch"]
     "The largest number of cells of a group."
     periodic_cells: Int[np.ndarray, "*batch"]
-    "Number of cells of all groups."
+    "Total number of cells of the groups."
     largest_basin: Int[np.ndarray, "*batch"]
-    "The largest number of cells that reach the same group, with the cells of the group."
+    "The largest number of cells that reach one group, including the cells of the group."
 
 
 @jax.jit
 def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
-    """Compute [`jaxcell.mapping.periodic_groups`][] by pointer doubling, for any map."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] by doubling the map, as for an accelerator."""
     periodic = periodic_cells(image)
     leader, step = follow(image, periodic, jnp.ones_like(image))
     leads = periodic & (leader == jnp.arange(image.shape[0], dtype=image.dtype))
@@ -101,11 +101,11 @@ def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
 def periodic_cells(
     image: Int[Array | np.ndarray, "cells"],
 ) -> Bool[Any, "cells"]:
-    """Find the cells that return to themselves under a map, of JAX or of NumPy.
+    """Find the cells that return to themselves under a map, an array of JAX or NumPy.
 
-    The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. This
-    stop is exact: if `f^m` and `f^2m` have equally many images then `f^m` permutes its images, so
-    each is periodic, and a periodic cell is always an image.
+    The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. Then
+    the images are the periodic cells: if `f^m` and `f^2m` have equally many images, `f^m` permutes
+    its images, so each image is periodic, and a periodic cell is always an image.
     """
 
     def images(power: Any) -> tuple[Any, Any]:
@@ -135,7 +135,8 @@ def follow(
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
     """Find the smallest cell of the group of each cell, and sum weights on the way to the group.
 
-    If all weights are 1, the sum is the number of mappings until the cell is on its group.
+    A mapping has the weight of the cell before it. If all weights are 1, the sum is the number of
+    mappings until the cell is on its group.
     """
     xp = image.__array_namespace__()
     cells = image.shape[0]
@@ -156,7 +157,7 @@ def follow(
 
 
 def _repeat(function: Callable[[Any], Any], state: Any) -> Any:
-    """Apply a function until the last part of the state is false."""
+    """Apply a function to the tuple `state` until its last entry is false, with JAX or NumPy."""
     if not isinstance(state[0], np.ndarray):
         return jax.lax.while_loop(lambda state: state[-1], function, state)
     while state[-1]:

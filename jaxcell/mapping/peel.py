@@ -26,8 +26,8 @@ _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    It works under `jit` and `vmap`. A processor maps every cell once. If a large map is a concrete
-    array, and many of its cells have no preimage, these cells are peeled off first. An accelerator
+    It works under `jit` and `vmap`. A processor maps every cell once. If the map is large, and many
+    of its cells have no preimage, these cells are removed first, except under `jit`. An accelerator
     doubles the map: the number of rounds is about the binary logarithm of the longest transient or
     period, and each round is a few gathers.
 
@@ -53,8 +53,8 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host, in NumPy.
 
-    In addition to the image and the result it takes at most 16 bytes per cell. The periods of the
-    groups are not padded with zeros.
+    It takes at most 16 bytes per cell besides the image and the result. The periods of the groups
+    are not padded with zeros.
     """
     if _worth_peeling(image):
         groups = peeled_groups(image)
@@ -87,8 +87,9 @@ def _missed(image: Int[np.ndarray, "cells"]) -> float:
 def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host by peeling.
 
-    Cells without preimages are transient, so they are dropped; then cells whose preimages were all
-    dropped, as long as there are many. Few cells of a dissipative map remain.
+    Cells without preimages are transient, so they are removed. Then the cells are removed whose
+    preimages were all removed, and so on while there are many. Few cells of a dissipative map
+    remain, and their groups are found as usual.
     """
     dropped, left = _peeled(image)
     place = np.empty_like(image)
@@ -114,9 +115,9 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
 
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """Compute the groups of a map padded to one of a few lengths, each of which is compiled once.
+    """Compute the groups of a map after padding it to one of a few lengths.
 
-    All cells of the padding lead to the last cell, which is the last group.
+    JAX compiles once per length. The cells of the padding lead to the last cell, the last group.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)
@@ -131,7 +132,7 @@ def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 def _peeled(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[list[Int[np.ndarray, "_"]], Int[np.ndarray, "left"]]:
-    """Split the cells into lists of transient cells, in order of peeling, and the other cells."""
+    """Return the removed cells, in lists in the order of removal, and the remaining cells."""
     reached = np.zeros(image.size, bool)
     reached[image] = True
     dropped = [np.flatnonzero(~reached).astype(image.dtype)]

@@ -11,14 +11,14 @@ from .groups import follow, periodic_cells
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The first-return map of a simple map to a set of its cells that every orbit meets.
+    """The first-return map of a simple map to a *section*, a set of cells that every orbit meets.
+
+    It is a simple map with far fewer cells and the same cycles. Each cell of the section has a
+    *slot*, an index of the arrays. The arrays may be longer than the section, so that many sections
+    share one compiled program; `live` marks the slots in use.
 
     Outside the section the map must be one-to-one: no cell is the image of two cells outside, as on
-    straight runs. Then a slot and a number of mappings to it identify a cell.
-
-    The first-return map is a simple map with far fewer cells and the same cycles. The arrays may be
-    longer than the section, so that many sections share one compiled program; `live` marks the
-    slots in use.
+    straight runs. Then a slot and the number of mappings to it identify a cell.
     """
 
     successor: Int[Array | np.ndarray, "*batch slots"]
@@ -26,13 +26,13 @@ class Section:
     duration: Int[Array | np.ndarray, "*batch slots"]
     "Number of mappings until the return, at least 1."
     lowest: Int[Array | np.ndarray, "*batch slots"]
-    "The smallest cell on the way from each slot to its successor, which is included."
+    "The smallest cell on the way from each slot to its successor, including the successor."
     live: Bool[Array | np.ndarray, "*batch slots"]
     "A mask of the slots in use; other slots return to themselves."
 
 
 def bucket(size: int) -> int:
-    """Round a size up to one of four sizes per octave, so that many sizes share one program."""
+    """Round a size up to one of four sizes per power of 2, so that few programs are compiled."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 
@@ -40,22 +40,23 @@ def bucket(size: int) -> int:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionCycles:
-    """The periodic groups of a map, found on a section. One slot of each group leads the group.
+    """The periodic groups of a map, found on a section. One slot of each group is its *leader*.
 
     A cell that first meets the section in slot `s`, after `t` mappings, reaches the group of
     `leader[s]` in `max(0, t + lead[s])` mappings.
     """
 
     leader: Int[Array, "*batch slots"]
-    "The slot that leads the group of each slot."
+    "The leader of the group that each slot reaches."
     leads: Bool[Array, "*batch slots"]
-    "A mask of the slots that lead a group."
+    "A mask of the leaders."
     lead: Int[Array, "*batch slots"]
-    "The number of mappings from each slot to its group; 0 or less for a slot on its group."
+    """The number of mappings from each slot to its group. For a slot on its group it is 1 minus the
+    number of mappings of the return into the slot, because that whole return is on the group."""
     period: Int[Array, "*batch slots"]
-    "The period of each group in mappings, at its leading slot."
+    "The period of each group in mappings, in the entry of its leader."
     lowest: Int[Array, "*batch slots"]
-    "The smallest cell of each group, at its leading slot."
+    "The smallest cell of each group, in the entry of its leader."
 
 
 @jax.jit
@@ -64,7 +65,7 @@ def section_cycles(section: Section) -> SectionCycles:
 
     **Arguments:** a section. **Returns:** the group that each of its slots reaches.
 
-    On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
+    The section of cells 0 and 2, in slots 0 and 1, of a ring of cells 0, 1, 2:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import mapping

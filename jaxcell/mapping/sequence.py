@@ -13,13 +13,13 @@ from .generalized import Chain
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ChainSequence:
-    """Chains over the same cells that act in turn, periodically, as in a tide or a season.
+    """A periodic sequence of chains over the same cells, which act in turn, as in a tide or a year.
 
     The *phase* is the number of the chain that acts next. The product of all chains, the *period
-    map*, is not sparse; so it is never computed. Distributions are pushed, and values pulled,
+    map*, is not sparse, so it is never computed: distributions are pushed, and values are pulled,
     through one chain after another. Other analyses of chains apply to the *unrolled* chain, whose
-    states are the cells at each phase, phase after phase: it has as many edges as all chains
-    together. Its strong components at phase 0 are those of the period map.
+    states are the cells at phase 0, then the cells at phase 1, and so on. It has as many edges as
+    all chains together, and its strong components at phase 0 are those of the period map.
 
     Two cells change places, and then stay; half of cell 1 leaves the space, so no set is closed:
 
@@ -65,36 +65,31 @@ class ChainSequence:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The shape of values for each phase and cell."""
+        """The shape of an array with an entry per phase and cell."""
         return self.phases, self.cells
 
     def at(self, phase: Int[Array, ""] | int) -> Chain:
-        """Return the chain that acts at a phase; phases repeat after all chains have acted."""
+        """Return the chain that acts at a phase, modulo the number of chains."""
         fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
         return Chain.tree_unflatten(None, fields)
 
     @jax.jit
     def push(
-        self,
-        distribution: Float[Array, "cells"],
-        steps: Int[Array, ""] | int,
-        start: Int[Array, ""] | int = 0,
+        self, distribution: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the distribution `steps` steps after a phase; its missing mass is in the sink."""
-        return jax.lax.fori_loop(
-            start, start + steps, lambda n, p: self.at(n).push(p), distribution
-        )
+        """Compute the distribution `steps` steps after phase 0; its missing mass is in the sink."""
+        return jax.lax.fori_loop(0, steps, lambda n, p: self.at(n).push(p), distribution)
 
     def pushed(
-        self, distribution: Float[np.ndarray, "cells"], steps: int, start: int = 0
+        self, distribution: Float[np.ndarray, "cells"], steps: int
     ) -> Iterator[Float[np.ndarray, "cells"]]:
-        """Yield the distribution at the phase `start`, and after each of the next `steps` steps.
+        """Yield the distribution at phase 0, and after each of the next `steps` steps.
 
-        It is computed on the host because JAX would compile for each number of cells and phases.
+        It is computed on the host, because JAX would compile for each number of cells and phases.
         """
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
-        for step in range(start, start + steps):
+        for step in range(steps):
             phase = step % self.phases
             moved = probability[phase] * distribution
             distribution = np.bincount(image[phase].ravel(), moved.ravel(), self.cells)
@@ -102,18 +97,15 @@ class ChainSequence:
 
     @jax.jit
     def pull(
-        self,
-        value: Float[Array, "cells"],
-        steps: Int[Array, ""] | int,
-        start: Int[Array, ""] | int = 0,
+        self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the expected value `steps` steps after a phase; the value of the sink is 0."""
-        last = start + steps - 1
+        """Compute the expected value `steps` steps after phase 0; the value of the sink is 0."""
+        last = steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 
     @functools.cached_property
     def unrolled(self) -> Chain:
-        """The chain over the cells at each phase: from phase `k`, cell `i` to phase `k + 1`."""
+        """The chain whose state `k * cells + i` is cell `i` at phase `k`; steps lead to `k + 1`."""
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
         image = np.asarray(self.image) + later[:, None, None]
         both = (np.moveaxis(a, 1, 0) for a in (image, np.asarray(self.probability)))

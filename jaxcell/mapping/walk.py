@@ -1,7 +1,7 @@
-"""Periodic groups by one walk over a map, cell by cell, for processors.
+"""Find periodic groups on a processor, by one walk over the map, cell by cell.
 
-XLA compiles one machine-code function for a loop whose steps touch a few bytes. The arrays must not
-be copied, so each step reads only from arrays that it has written, and carries the numbers read.
+XLA compiles the loop to one function of machine code, whose steps touch a few bytes. To prevent
+XLA from copying arrays, a step reads only from arrays that it has already written.
 """
 
 from typing import Any
@@ -28,9 +28,9 @@ def walked_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
 def walked_leaders(
     image: Int[Array, "cells"] | Int[np.ndarray, "cells"],
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """Find the smallest cell of the group of each cell, and the steps to the group.
+    """Find the smallest cell of the group of each cell, and the number of steps to the group.
 
-    It takes 8 bytes per cell in addition to the image.
+    It takes 8 bytes per cell besides the image.
     """
     chain, place, _ = _chains(jnp.asarray(image), jnp.zeros(1, jnp.int32))
     return _ended(chain, place, None)
@@ -48,10 +48,10 @@ def _walk(
 def _chains(
     image: Int[Array, "cells"], period: Int[Array, "places"]
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "places"]]:
-    """Follow the orbit of each cell to a visited cell: a chain of new cells.
+    """Follow the orbit of each cell to a cell that was visited before; the new cells are a *chain*.
 
-    The argument `period` is an array of zeros to write the periods into: one entry per cell and one
-    more, or a single entry to discard the periods. Returns
+    The argument `period` is an array of zeros into which the periods are written. It has an entry
+    per cell and one more entry, or a single entry to discard the periods. Returns
 
     - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
         chain, -1 minus the smallest cell of the group.
@@ -112,18 +112,17 @@ def _chains(
 def _numbered(
     period: Int[Array, "places"],
 ) -> tuple[Int[Array, "places"], Int[Array, "places-1"], Int[Array, ""]]:
-    """Write the number of each group to its smallest cell; list the periods, and count them."""
+    """Number the groups in the order of their smallest cells.
+
+    Returns the number of each group at its smallest cell, the periods of the groups, and how many
+    groups there are. `period` is the result of `_chains`.
+    """
 
     def step(state: Any) -> Any:
         cell, count, here, number, periods = state
         periods, number = _put(periods, count, here), _put(number, cell, count)
-        return (
-            cell + 1,
-            count + (here > 0).astype(jnp.int32),
-            _at(number, cell + 1),
-            number,
-            periods,
-        )
+        count = count + (here > 0).astype(jnp.int32)
+        return cell + 1, count, _at(number, cell + 1), number, periods
 
     zero, periods = jnp.zeros((), jnp.int32), jnp.zeros(period.size - 1, jnp.int32)
     _, count, _, number, periods = lax.while_loop(
@@ -137,9 +136,9 @@ def _ended(
     place: Int[Array, "cells"],
     number: Int[Array, "places"] | None,
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """Compute the group and the steps of each cell; they overwrite its chain and its place.
+    """Compute the group of each cell, and the number of steps to it, from its chain and place.
 
-    If `number` is `None`, the smallest cell of each group stands for its number.
+    If `number` is `None`, the smallest cell of a group stands for the number of the group.
 
     Cells are processed from the last to the first, because a chain starts with its smallest cell.
     """

@@ -1,10 +1,9 @@
 from . import estimates as estimates
 from .box import Box as Box
-from .cells import CellSpace as CellSpace
+from .cells import CellSpace as CellSpace, nearest_cell as nearest_cell
 from .extent import Extent as Extent
 from .motion import CELL_BY_CELL as CELL_BY_CELL, ENDPOINT as ENDPOINT, Motion as Motion
-from .nearest import nearest_cell as nearest_cell
-from .sight import visible_cells as visible_cells, visible_centres as visible_centres
+from .sight import visible_cells as visible_cells
 from .slip import (
     Slip as Slip,
     felt_walls as felt_walls,

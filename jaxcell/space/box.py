@@ -10,7 +10,8 @@ from .cells import TOLERANCE
 
 
 Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
-"""The place beyond the ends of an axis: a sink, the other end, or the cell at the end."""
+"""The treatment of points beyond the ends of an axis: they go to a `"sink"`, are continued from the
+other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,11 +19,11 @@ class Box:
     """A box of equal cells, of any number of dimensions.
 
     Cells are numbered from 0, along the last axis first: `array.reshape(box.cells)` turns an array
-    over cells into an array over the axes. A point on the face between two cells, to 1e-9 of a
-    cell, belongs to the upper cell. Two sinks follow the cells: `outside` for points that left the
-    box, and `nowhere` for points with a coordinate that is not finite.
+    over cells into an array over the axes. A point within 1e-9 of a cell of the face between two
+    cells belongs to the upper cell. Two sinks have the numbers after the cells: `outside` for
+    points that left the box, and `nowhere` for points with a coordinate that is not finite.
 
-    A box is hashable. It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
+    A box is hashable. Its methods take arrays of NumPy or JAX, and work under `jit` and `vmap`.
 
     An angle and a speed, in two by four cells:
 
@@ -40,7 +41,7 @@ class Box:
     cells: tuple[int, ...]
     "Number of cells along each axis."
     axes: tuple[Axis, ...]
-    "The place beyond the ends of each axis."
+    "The treatment of points beyond the ends of each axis."
 
     def __init__(
         self,
@@ -49,13 +50,9 @@ class Box:
         cells: Sequence[int] | np.ndarray,
         axes: Sequence[Axis] | Axis = "sink",
     ) -> None:
-        """Make a box of corners and numbers of cells.
+        """Make a box from its lower and upper corner, and its number of cells along each axis.
 
-        Beyond the ends of each axis, or of all axes, are a `"sink"`, the other end (`"periodic"`),
-        or the cell at the end (`"clamp"`).
-
-        **Raises:** `ValueError` for a box without volume, lists of unequal length, or more cells
-        than 32 bits number.
+        A single `axes` holds for all axes.
         """
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))
@@ -111,16 +108,16 @@ class Box:
         return (np.array(self.upper) - np.array(self.lower)) / np.array(self.cells)
 
     def ticks(self, axis: int) -> Float[np.ndarray, "cells"]:
-        """The centres of the cells along an axis."""
+        """Return the coordinates of the centres of cells along an axis."""
         return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.width[axis]
 
     def coordinates(self, index: Int[Any, "..."]) -> Int[Any, "... axes"]:
-        """Compute the coordinates of cells, counted from 0 along each axis, from their numbers."""
+        """Convert the numbers of cells to their indices along each axis."""
         xp = index.__array_namespace__()
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Compute distances in cells from differences, the shorter way round on periodic axes."""
+        """Convert differences of indices to distances; on periodic axes take the shorter way."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
@@ -143,7 +140,7 @@ class Box:
         )
 
     def index(self, points: Float[Any, "... axes"]) -> Int[Any, "..."]:
-        """Find the cells of points, or their sinks."""
+        """Find the number of the cell, or of the sink, of each point."""
         xp = points.__array_namespace__()
         index = xp.zeros(points.shape[:-1], dtype=xp.int32)
         places, inside = self.places(points)
@@ -154,9 +151,9 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the coordinates of the cells of points; points outside get a cell at the end.
+        """Find the indices of the cells of points along each axis; clip them to the box.
 
-        Returns whole numbers of the data type of the points, and a mask of the points inside.
+        Returns indices in the data type of the points, and a mask of the points inside the box.
         """
         xp = points.__array_namespace__()
         inside = xp.ones(points.shape[:-1], dtype=bool)
@@ -174,9 +171,9 @@ class Box:
         return xp.stack(along, axis=-1), inside
 
     def wrapped(self, points: Float[Any, "... axes"]) -> Float[Any, "... axes"]:
-        """Bring the coordinates along periodic axes between the ends of the box.
+        """Shift the coordinates along periodic axes by whole periods into the box.
 
-        Points that are mapped many times would otherwise grow until their fractions are lost.
+        The coordinates of points that are mapped many times would otherwise lose their fractions.
         """
         xp = points.__array_namespace__()
         along = []

@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 import os
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,18 +18,18 @@ _LARGEST = 1e9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CellSpace:
-    """The free configurations of a robot, cut into cells (Alam 2018, section 2.3.2).
+    """The free configurations of a robot, divided into cells (Alam 2018, section 2.3.2).
 
-    Square cells of side `cell` cover the bounding box of the map; a cell is free if its centre lies
-    in the closed free space. The free cells of the plane are the *positions*, counted row by row
-    from the bottom left, x fastest. A cell of the space is a position and a direction, `z =
-    direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
-    counter-clockwise from the x axis (East).
+    Squares of side `cell` cover the bounding box of the map; a square is free if its centre lies in
+    the closed free space. The free squares are the *positions*, counted row by row from the bottom
+    left, x fastest. A cell is a position and a direction, with the number `z = direction *
+    positions + position`. Direction `k` points at `2 * pi * k / directions`, counter-clockwise from
+    the x axis (East).
 
-    Make one with [`CellSpace.load`][] from a map file, [`CellSpace.of`][] from a map or
+    [`CellSpace.load`][] makes a cell space from a map file, [`CellSpace.of`][] from a map, and
     [`CellSpace.of_grid`][] from a grid.
 
-    A corridor of three squares, with the directions East and West; cell 4 is the middle one,
+    A corridor of three squares, with the directions East and West; cell 4 is the middle square,
     Westward:
 
         >>> from jaxcell import space
@@ -66,12 +67,10 @@ class CellSpace:
 
     @classmethod
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
-        """Cut the free space of a map into cells.
+        """Divide the free space of a map into cells, whose side is in metres.
 
-        The side of a cell is in metres.
-
-        **Raises:** `ValueError` for a number out of range, no free centre, or more than `2**31 - 1`
-        cells; `MemoryError` if the squares do not fit the free memory.
+        **Raises:** `ValueError` if no cell is free, or for more than `2**31 - 1` cells;
+        `MemoryError` if the squares do not fit the free memory.
         """
         _check_side(cell)
         left, bottom = workspace.boundary.min(axis=0).tolist()
@@ -86,14 +85,10 @@ class CellSpace:
         *,
         cell: float | None = None,
         directions: int | None = None,
-        robot_radius: float | None = None,
     ) -> "CellSpace":
-        """Read a map file and cut its free space into cells, by default as the map suggests.
+        """Read a map file and divide its free space into cells, by default as the map suggests.
 
         Lengths are in metres; there are 8 directions if the map suggests none.
-
-        **Raises:** as [`Workspace.load`][] and [`CellSpace.of`][]; `ValueError` if neither `cell`
-        nor the map gives the side of a cell.
 
         A lab whose map suggests cells of 1 m:
 
@@ -102,7 +97,7 @@ class CellSpace:
             >>> cells.positions, cells.size
             (19, 76)
         """
-        return cls.of(*suggested(path, cell, directions, robot_radius))
+        return cls.of(*suggested(path, cell, directions, None))
 
     @classmethod
     def of_grid(
@@ -113,7 +108,7 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """Make the space of a grid whose other squares are obstacles; row 0 is the lowest.
+        """Make the cell space of a grid. Squares that are not free are obstacles; row 0 is lowest.
 
         The side of a square and the lower left corner of the grid are in metres.
         """
@@ -121,7 +116,7 @@ class CellSpace:
 
     @property
     def room(self) -> Workspace:
-        """The map of the cells. **Raises:** `ValueError` for cells of a grid, which has no map."""
+        """The map of the cells. **Raises:** `ValueError` if they were made from a grid."""
         if self.workspace is None:
             raise ValueError("cells: expected cells of a map, got cells of a grid")
         return self.workspace
@@ -157,19 +152,16 @@ class CellSpace:
 
     @functools.cached_property
     def walls(self) -> Float[np.ndarray, "walls 3 2"]:
-        """The edges of the free space: the corner before each, its start and its end.
+        """The edges of the free space: the corner before each edge, its start and its end.
 
-        The unit is a cell, from the origin. The free space lies to the left of an edge.
+        Coordinates are in cells, relative to `origin`. The free space lies to the left of an edge.
         """
         return (edges(self.room.free_space) - np.array(self.origin)) / self.cell
 
     def centre(
         self, z: Int[np.ndarray, "..."] | int
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """Compute the centre `(x, y, theta)` of each cell, in metres and radians.
-
-        **Raises:** `ValueError` if a cell does not exist.
-        """
+        """Compute the centre `(x, y, theta)` of each cell, in metres and radians."""
         z = np.asarray(z)
         if z.size and (z.min() < 0 or z.max() >= self.size):
             wrong = z[(z < 0) | (z >= self.size)].flat[0]
@@ -187,11 +179,9 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """Find the cell that holds each configuration, in the nearest direction.
+        """Find the cell of each configuration, in metres and radians; its square must be free.
 
-        A point on an edge between cells belongs to the upper or right cell. `theta` is in radians.
-
-        **Raises:** `ValueError` if a point is off the map or its cell is not free.
+        A point on an edge between squares belongs to the upper or right square.
         """
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
@@ -201,8 +191,7 @@ class CellSpace:
                 f"a configuration needs finite numbers x, y, theta of at most {_LARGEST:g}"
             )
         rows, columns = self.free.shape
-        column = np.floor(np.round((x - self.origin[0]) / self.cell, 9)).astype(np.int64)
-        row = np.floor(np.round((y - self.origin[1]) / self.cell, 9)).astype(np.int64)
+        row, column = _squares(self, x, y)
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         position = np.where(
             inside,
@@ -215,9 +204,52 @@ class CellSpace:
                 "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
             )
             raise ValueError(f"the point ({x.flat[bad]:g}, {y.flat[bad]:g}) {where}")
-        turn = 2 * np.pi / self.directions
-        direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % self.directions
-        return np.asarray(direction * self.positions + position, np.int32)
+        return _numbered(self, position, theta)
+
+
+def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
+    """Find the cell of each configuration, in the nearest free square.
+
+    **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map
+    or in obstacles, unlike in [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
+
+    A robot that has slipped a little off a map of three squares:
+
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
+        >>> int(space.nearest_cell(cells, 2.5, 1.01, 0.0))
+        2
+    """
+    square = tuple(
+        np.clip(place, 0, size - 1)
+        for place, size in zip(_squares(cells, x, y), cells.free.shape, strict=True)
+    )
+    return _numbered(cells, _nearest_positions(cells)[square], theta)
+
+
+@functools.lru_cache(maxsize=8)
+def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
+    # A robot that only carries a filter does not have SciPy.
+    from scipy import ndimage
+
+    row, column = ndimage.distance_transform_edt(
+        ~cells.free, return_distances=False, return_indices=True
+    )
+    return cells.position_of_square[row, column]
+
+
+def _squares(cells: CellSpace, x: Any, y: Any) -> tuple[Any, Any]:
+    row, column = (
+        np.floor(np.round((place - low) / cells.cell, 9)).astype(np.int64)
+        for place, low in zip((y, x), cells.origin[::-1], strict=True)
+    )
+    return row, column
+
+
+def _numbered(cells: CellSpace, position: Any, theta: Any) -> Int[np.ndarray, "..."]:
+    turn = 2 * np.pi / cells.directions
+    direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % cells.directions
+    return np.asarray(direction * cells.positions + position, np.int32)
 
 
 def _check_side(cell: float) -> None:
@@ -246,7 +278,7 @@ def suggested(
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
-    """Check whether walls run along edges of squares; their ends are in units of a cell."""
+    """Check whether all walls run along edges of squares. Coordinates are in cells."""
     on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
     level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
     return bool(on_lines.all() and level.any(axis=1).all())

@@ -1,7 +1,7 @@
-"""Estimates of the memory that a study of a cell space takes at its peak, in bytes.
+"""Estimates of the peak memory of studies of cell spaces, in bytes.
 
-The numbers were measured on maps of up to 10^8 cells. They leave out the memory of Python and its
-libraries, `jaxcell.base.memory.LIBRARIES`.
+The factors were measured on maps of up to 10^8 cells. The memory of Python and its libraries,
+`jaxcell.base.memory.LIBRARIES`, is not included.
 """
 
 import dataclasses
@@ -38,12 +38,12 @@ _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 def cutting(extent: Extent) -> float | int:
-    """Estimate the bytes of the grid and the positions."""
+    """Estimate the bytes to divide a map into cells: the grid and the positions."""
     return cutting_bytes(extent.squares, extent.positions)
 
 
 def moves(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the ends of steps from every position."""
+    """Estimate the bytes of the moves: the ends of the steps from every position."""
     ways = extent.ways(motion)
     any_shape = (50 + extent.directions) * extent.near_walls(motion)
     listed = 16 * extent.directions
@@ -51,18 +51,18 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the periodic groups at walls, with the runs between walls."""
+    """Estimate the bytes of periodic groups found at walls, with the runs between walls."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
 
 def groups(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the periodic groups, with the runs from all positions."""
+    """Estimate the bytes of the periodic groups of all cells, with the runs from all positions."""
     return section(extent, motion) + 8 * extent.ways(motion) * extent.positions
 
 
 def counts(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the numbers of periodic groups, which are found at walls."""
+    """Estimate the bytes to count the periodic groups, which are found at walls."""
     ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
         return section(extent, motion)
@@ -76,20 +76,20 @@ def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
 
 
 def images(extent: Extent, angles: int, motion: Motion) -> float | int:
-    """Estimate the bytes of groups, and of images and steps of all cells for several angles."""
+    """Estimate the bytes of the periodic groups, and the images of all cells for several angles."""
     return groups(extent, motion) + IMAGE * angles * extent.size
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of groups at walls, and of the cells of one direction at a time."""
+    """Estimate the bytes of periodic groups found at walls, and of the cells of one direction."""
     return section(extent, motion) + 50 * extent.positions
 
 
 def localization(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the images and a filter.
+    """Estimate the bytes of the images and a localization filter.
 
-    The number of states of a filter is not known beforehand: as measured, it grows with the sides
-    of the map. The filter also watches the free memory while it makes states.
+    The size of a filter is not known beforehand. In measurements its states per cell grew with the
+    sides of the map. The construction of the filter also watches the free memory.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
@@ -102,15 +102,15 @@ def plans(extent: Extent, motion: Motion) -> float | int:
 
 
 def choice(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of a roadmap and the choice of angles that localizes a robot."""
+    """Estimate the bytes of a roadmap and a choice of angles that localizes a robot."""
     return plans(extent, motion) + CHOICE * extent.size
 
 
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
-    """Estimate the bytes of the noisy maps of several angles, one at a time, and their results.
+    """Estimate the bytes of the coverage by noisy bounces at several angles, one at a time.
 
-    As measured, all cells are persistent if turns spread over three of eight directions, and
-    proportionally fewer if they spread less.
+    In measurements, all cells were persistent if turns spread over three of eight directions, and
+    proportionally fewer cells if turns spread less.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
@@ -124,22 +124,25 @@ def team(extent: Extent, motion: Motion) -> float | int:
 
 
 def drift(cells: Sequence[int]) -> float | int:
-    """Estimate the bytes of drift maps of layers with these cells, and of a solve for a layer."""
+    """Estimate the bytes of drift maps of several layers, from their numbers of cells.
+
+    This includes the solution of linear equations for one layer at a time.
+    """
     return 200 * sum(cells) + 1500 * max(cells)
 
 
 def draws(cells: int, samples: int) -> float | int:
-    """Estimate the bytes of a bootstrap of observed drifters: numbers per cell and sample."""
+    """Estimate the bytes of a bootstrap of observed drifters: a number per cell and sample."""
     return 80 * cells * samples
 
 
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
-    """Estimate the bytes of a walk on a graph; least commute takes a matrix of pairs of edges."""
+    """Estimate the bytes of a walk on a graph; if `weighted`, with a matrix over pairs of edges."""
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
 def patrol(extent: Extent) -> float | int:
-    """Estimate the bytes of a patrol: matrices of cells by cells, and of edges by edges if few."""
+    """Estimate the bytes of a patrol of a map, with matrices over pairs of cells or edges."""
     cells = min(extent.positions, MAX_CELLS)
     return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
@@ -149,10 +152,9 @@ def check(
 ) -> float | int:
     """Refuse a study that takes more memory than is free, and return the estimated bytes.
 
-    `also` is an alternative that would fit, the beginning of a sentence. `step` is the length of a
-    step in metres, the largest side of a cell, or `None`.
-
-    **Raises:** `MemoryError` with the numbers, and with the smallest cell that would fit.
+    `doing` describes the study in the error, and `also` begins the sentence with its remedies.
+    `step` is the length of a step in metres, which a cell must not exceed, or `None`. The error
+    names the smallest cell that would fit.
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))

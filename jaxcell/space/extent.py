@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -17,9 +18,9 @@ _MAX_DIRECTIONS = 3600
 _MAX_CROSSED = 50_000
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Extent:
-    """The size of a cell space, before or after it is made, for estimates of memory."""
+    """The size of a cell space, from which its memory is estimated before it is made."""
 
     workspace: Workspace | None
     rows: int
@@ -27,26 +28,14 @@ class Extent:
     positions: float | int
     directions: int
     cell: float
-    gridded: bool
-    "True if all walls run along edges of squares."
-    walls: int
-    "Number of walls."
-    wall_length: float
-    "The sum of the lengths of the walls, in cells."
+    walls: Float[np.ndarray, "walls 2 2"]
+    "The ends of each wall, in cells."
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is cut, from the area of its free space.
+        """Estimate the extent of a cell space before it is made, from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
-
-        A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
-
-            >>> from jaxcell import space
-            >>> from jaxcell.space.extent import Extent
-            >>> room = space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)])
-            >>> round(Extent.about(room, cell=0.1, directions=8).positions)
-            800
         """
         area = workspace.free_space.area
         corner = workspace.boundary.min(axis=0)
@@ -57,39 +46,31 @@ class Extent:
         positions = area / cell / cell
         if width * height > MOST_SQUARES or positions * directions > MAX_CELLS:
             return None
-        walls = (edges(workspace.free_space) - corner) / cell
-        shape = math.ceil(height - TOLERANCE), math.ceil(width - TOLERANCE)
-        return cls._of(workspace, walls, shape, positions, directions, cell)
+        walls = (edges(workspace.free_space)[:, 1:] - corner) / cell
+        rows, columns = math.ceil(height - TOLERANCE), math.ceil(width - TOLERANCE)
+        return cls(workspace, rows, columns, positions, directions, cell, walls)
 
     @classmethod
     def of(cls, cells: CellSpace) -> "Extent":
         """Measure the extent of a cell space."""
-        walls = np.empty((0, 3, 2)) if cells.workspace is None else cells.walls
+        walls = np.empty((0, 2, 2)) if cells.workspace is None else cells.walls[:, 1:]
         rows, columns = cells.free.shape
-        return cls._of(
-            cells.workspace, walls, (rows, columns), cells.positions, cells.directions, cells.cell
-        )
+        sizes = cells.positions, cells.directions, cells.cell
+        return cls(cells.workspace, rows, columns, *sizes, walls)
 
-    @classmethod
-    def _of(
-        cls,
-        workspace: Workspace | None,
-        walls: Float[np.ndarray, "walls 3 2"],
-        shape: tuple[int, int],
-        positions: float | int,
-        directions: int,
-        cell: float,
-    ) -> "Extent":
-        length = float(np.hypot(*(walls[:, 2] - walls[:, 1]).T).sum())
-        gridded = along_grid(walls[:, 1:])
-        rows, columns = shape
-        return cls(
-            workspace, rows, columns, positions, directions, cell, gridded, len(walls), length
-        )
+    @functools.cached_property
+    def gridded(self) -> bool:
+        """True if all walls run along edges of squares."""
+        return along_grid(self.walls)
+
+    @functools.cached_property
+    def wall_length(self) -> float:
+        """The sum of the lengths of the walls, in cells."""
+        return float(np.hypot(*(self.walls[:, 1] - self.walls[:, 0]).T).sum())
 
     @property
     def squares(self) -> float:
-        """Number of squares of the grid, free or not."""
+        """Number of squares of the grid, whether free or not."""
         return float(self.rows) * self.columns
 
     @property
@@ -98,7 +79,7 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the largest number of ways: sets of directions whose steps agree."""
+        """Estimate the largest number of ways, the sets of directions with equal steps."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
@@ -112,12 +93,12 @@ class Extent:
         return len(stencil(directions, Motion(length, motion.collision), grid).offset)
 
     def bumps(self, motion: Motion) -> float | int:
-        """Estimate the number of cells where a step is not possible."""
+        """Estimate the number of cells from which a step is not possible."""
         length = motion.in_cells(self.cell)
         return self.directions * min(self.positions, self.wall_length * length / 2)
 
     def near_walls(self, motion: Motion) -> float | int:
         """Estimate the number of pairs of a position and a wall within a step of it."""
         length = motion.in_cells(self.cell)
-        around = 2 * length * self.wall_length + self.walls * math.pi * length**2
-        return 0.0 if self.gridded else min(around, self.walls * self.positions)
+        around = 2 * length * self.wall_length + len(self.walls) * math.pi * length**2
+        return 0.0 if self.gridded else min(around, len(self.walls) * self.positions)

@@ -20,11 +20,11 @@ class Rule:
     """
 
     squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
-    "A function such as [`crossed_squares`][]: the squares that have to be free."
+    "A function such as [`crossed_squares`][], which returns the squares that have to be free."
     blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
-    "A function such as `_endpoint`: the centres near walls, and their blocked directions."
+    "A function such as `_endpoint`, which returns the centres near walls and the blocked steps."
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
-    "A function that returns the part of each path that has to be free, as geometries."
+    "A function that returns the part of each path that has to be free, as shapely geometries."
 
 
 def _endpoint(
@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Test whether steps from `near` centres end in an obstacle; `wall` is not used."""
+    """Return the `near` centres once each, and a mask of their steps that end in an obstacle."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)
@@ -60,8 +60,6 @@ RULES: dict[Collision, Rule] = {
 class Motion:
     """The motion of a robot: the length of a step, and the rule by which walls block a step.
 
-    **Raises:** `ValueError` for an unknown rule.
-
     Steps of half a metre of which only the end has to be free, as in the dissertation:
 
         >>> from jaxcell import space
@@ -70,11 +68,11 @@ class Motion:
     """
 
     step: float | None = None
-    "Length of a step in metres, at least a cell; `None` is one cell."
+    "Length of a step in metres, at least one cell; `None` stands for one cell."
     collision: Collision = "swept"
-    """The part of a step that must lie in the closed free space. `"swept"` is the whole step, which
-    may graze a corner, but not pass between two obstacles that meet in a point. `"endpoint"` is
-    its end only, as in Alam 2018. The end must also lie in a free cell."""
+    """The part of a step that must lie in the closed free space: the whole step (`"swept"`), or
+    only its end (`"endpoint"`, as in Alam 2018). The end must also lie in a free cell. A swept step
+    may graze a corner, but not pass between two obstacles that meet in a point."""
 
     def __post_init__(self) -> None:
         if self.collision not in RULES:
@@ -87,10 +85,7 @@ class Motion:
         return RULES[self.collision]
 
     def in_cells(self, cell: float) -> float:
-        """Compute the length of a step in cells of a side in metres.
-
-        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
-        """
+        """Convert the length of a step to cells; `cell` is the side of a cell in metres."""
         length = 1.0 if self.step is None else self.step / cell
         if not (math.isfinite(length) and length >= 1 - 1e-9):
             raise ValueError(f"step: expected at least one cell, {cell:g} m, got {self.step} m")
@@ -98,6 +93,6 @@ class Motion:
 
 
 CELL_BY_CELL = Motion()
-"Steps of one cell, all of which has to be free."
+"Steps of one cell that have to be free along their whole length."
 ENDPOINT = Motion(collision="endpoint")
-"Steps of one cell, of which only the end has to be free, as in Alam 2018."
+"Steps of one cell that have to be free at their ends only, as in Alam 2018."

@@ -1,7 +1,7 @@
-"""Occupancy grids as polygons, and polygons as occupancy grids.
+"""Convert occupancy grids to polygons, and polygons to occupancy grids.
 
 A grid is a Boolean array, true where a square is blocked, with row 0 at the bottom and column 0 at
-the left; coordinates are in units of its squares.
+the left.
 """
 
 import itertools
@@ -21,12 +21,12 @@ TOLERANCE = 1e-9
 
 
 def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndarray, "_ 2"]]:
-    """Cut the blocked squares of a grid into simple polygons that do not overlap.
+    """Divide the blocked squares of a grid into simple polygons that do not overlap.
 
-    An obstacle is one ring, so it cannot hold free squares inside. The squares are therefore cut as
+    A polygon has no holes, so it cannot surround free squares. The squares are therefore divided as
     in a boustrophedon decomposition: a run of blocked squares in a row continues the polygon of the
-    run below it only if neither overlaps another run of the other row. A wall around a room becomes
-    four polygons, and the squares inside stay free.
+    run below it only if neither run overlaps another run of the other row. A wall around a room
+    becomes four polygons.
 
     The vertices of each polygon are counter-clockwise, in units of squares.
     """
@@ -59,7 +59,10 @@ def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndar
 
 
 def _outline(left: list[int], right: list[int], bottom: int) -> Int[np.ndarray, "_ 2"]:
-    """Trace the ring around runs stacked upwards from row `bottom`, without collinear vertices."""
+    """Trace the polygon around runs in successive rows from `bottom`, without collinear vertices.
+
+    `left` and `right` are the ends of the run in each row.
+    """
     going_up, going_down = [(right[0], bottom)], [(left[0], bottom)]
     for side, ends in ((going_up, right), (going_down, left)):
         for height, (lower, upper) in enumerate(itertools.pairwise(ends), bottom + 1):
@@ -74,10 +77,10 @@ def rasterise(
 ) -> Bool[np.ndarray, "rows columns"]:
     """Make the occupancy grid of a polygonal environment.
 
-    The environment is a polygon, or several polygons that do not overlap, in metres. Squares start
-    at the lower left corner of the box of `bounds` (xmin, ymin, xmax, ymax); the last squares may
-    reach over its far sides. A square is blocked if its centre is farther than 10^-9 of a square
-    from the environment; row 0 is at the bottom.
+    The environment is a polygon, or several polygons that do not overlap, in metres. Squares begin
+    at the lower left corner of `bounds` (xmin, ymin, xmax, ymax), and the last squares may extend
+    beyond the other sides. A square is blocked if its centre is farther than 10^-9 of a square from
+    the environment. Row 0 is at the bottom.
 
     **Raises:** `ValueError` for more than 2^30 squares; `MemoryError` if the grid and the arrays of
     a [`jaxcell.space.CellSpace`][] do not fit the free memory.
@@ -110,7 +113,7 @@ def rasterise(
 def _crossings(
     environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
 ) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """Find the rows whose middle line each wall crosses, and the first column to the right."""
+    """Find where walls cross the middles of rows: the row, and the next column to the right."""
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )
@@ -127,5 +130,5 @@ def _crossings(
 
 
 def cutting_bytes(squares: float, positions: float | int) -> float:
-    """Estimate the memory of a grid and its positions while cells are cut, as measured."""
+    """Estimate the bytes of a grid and its positions while a cell space is made, as measured."""
     return 6 * squares + 16 * positions

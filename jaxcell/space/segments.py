@@ -11,7 +11,7 @@ STEPS_AT_ONCE = 2**21
 
 
 def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
-    """Compute the end of a step from the origin, rounded so that all platforms agree on ties."""
+    """Compute the end of a step from the origin, rounded so that ties agree on all platforms."""
     angle = 2 * math.pi * direction / directions
     return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
 
@@ -21,9 +21,9 @@ def crossed_squares(
 ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[tuple[int, int], tuple[int, int]], ...]]:
     """List the squares that a step from the centre of a square crosses.
 
-    `dx` and `dy` are in sides of a square, and the step ends in the square at `offset`, a row and a
-    column. Returns the squares whose interior the step crosses, with the last square, and the pair
-    of squares beside each corner that the step passes.
+    The step moves by `dx` and `dy` squares, and ends in the square `offset`. Squares are `(row,
+    column)` relative to the start. Returns the squares whose interior the step crosses, with the
+    last square, and the pair of squares beside each corner that the step passes.
     """
     crossed, beside = {offset: None}, []
     east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
@@ -57,11 +57,11 @@ def meets_wall(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Test whether steps meet walls, in units of a cell from the origin of the cells.
+    """Find the steps that meet a wall.
 
-    `near` and `wall` are the pairs of a centre and a wall in its reach, whose walls are those of
-    [`jaxcell.space.CellSpace.walls`][]. Returns the centres with a wall in reach, and a mask of
-    their steps that meet a wall.
+    `walls` are those of [`jaxcell.space.CellSpace.walls`][]; centres and steps have the same units.
+    `near` and `wall` are the indices of pairs of a centre and a wall within a step of it. Returns
+    the centres in these pairs, and a mask of the steps from them that meet a wall.
     """
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]
@@ -113,11 +113,14 @@ def _corners(
     Bool[np.ndarray, "corners directions"],
     Bool[np.ndarray, "corners directions"],
 ]:
-    """Find the corner where each wall starts, and the directions in which it is passed and left.
+    """Find the corner where each wall starts, and the steps that may pass or leave each corner.
 
     The free space at the start of a wall is the wedge that opens counter-clockwise from this wall
-    to the next wall that ends there. If obstacles meet in a point, several wedges share it, and a
-    robot has to stay in one wedge.
+    to the next wall that ends there. If obstacles meet in a point, several wedges share the corner,
+    and a robot has to stay in one wedge.
+
+    Returns the corner of each wall, a mask of the steps that may pass each corner, and a mask of
+    the steps that may leave it.
     """
     before, start, end = np.moveaxis(walls, 1, 0)
     _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)

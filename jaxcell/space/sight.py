@@ -7,14 +7,15 @@ from jaxtyping import Bool, Float, Int, Num
 
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
-from .segments import cross, meets_wall
+from .segments import cross
 from .view import check_reach
 from .workspace import edges, polygons
 
 
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
-"The `part` of a cell that counts as its centre. A ray that only grazes a corner does not see it."
+"""The `part` for [`visible_cells`][] with which a visible centre is enough. A centre does not count
+as visible by a ray that only grazes a corner."""
 
 
 def visible_cells(
@@ -23,30 +24,30 @@ def visible_cells(
     """Find the cells that are wholly visible from each centre (Alam 2018, Eq. 4.1 and Alg. 4.3).
 
     A point is visible if it is no farther than `reach` and the segment to it stays in the closed
-    environment. A cell is wholly visible if each point of its square that lies in the environment
-    is visible; otherwise cells along a slanted wall could never be seen. A cell that a thin wall
-    cuts in two may be visible from nowhere, not even from its own centre.
+    environment. A cell is wholly visible if all points of its square that lie in the environment
+    are visible. A cell that a thin wall divides may be visible from no cell, not even from its own
+    centre.
 
     Sight runs along walls and grazes corners. It does not pass between two obstacles that meet in a
     point. Shadows of less than 1e-9 of a cell are ignored, and so is the radius of the robot.
 
-    This is exact for polygons of any shape: a wall hides a cell if its shadow overlaps it, and two
-    convex polygons do not overlap if their projections onto the normal of some edge do not.
+    The result is exact for polygons of any shape. A wall hides a cell if the shadow of the wall
+    overlaps the cell. Two convex polygons do not overlap if their projections onto the normal of
+    some edge do not overlap.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
-    - `part`: side of the square around the centre of `j` that must be visible, in cells, at most
-        1; with `space.sight.AT_CENTRE`, 1e-6, its centre is enough.
+    - `part`: side of the square around the centre of a cell that must be visible, in cells, at most
+        1; with `space.sight.AT_CENTRE`, 1e-6, a visible centre is enough.
 
-    **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`, a byte per
-    pair: 100 MB for 10,000 positions.
+    **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`. It takes a
+    byte per pair of positions.
 
-    **Raises:** `ValueError` for a number out of range; `MemoryError` if the pairs do not fit the
-    free memory.
+    **Raises:** `MemoryError` if the pairs do not fit the free memory.
 
-    In a corridor of three squares; the far corners of the next one are 1.58 m away:
+    In a corridor of three squares, the far corners of the next square are 1.58 m away:
 
         >>> from jaxcell import examples, space
         >>> cells = examples.corridor()
@@ -56,7 +57,11 @@ def visible_cells(
     reach = check_reach(reach) / cells.cell
     if not AT_CENTRE <= part <= 1:
         raise ValueError(f"part: expected {AT_CENTRE:g} to 1, got {part}")
-    _check_pairs(cells, 1)
+    check(
+        float(cells.positions) ** 2,
+        f"sight between all pairs of {cells.positions:,} positions",
+        "use larger cells",
+    )
     scene = _Scene.of(cells, part)
     visible = np.zeros((cells.positions, cells.positions), bool)
     # The places that a viewer may see, from its centre or, if these are fewer, from the origin.
@@ -78,76 +83,20 @@ def visible_cells(
     return visible
 
 
-def visible_centres(
-    cells: CellSpace, reach: float | int
-) -> Bool[np.ndarray, "positions positions"]:
-    """Find the pairs of centres of cells that see each other.
-
-    The rule at walls and corners is that of a swept step: sight runs along walls and grazes
-    corners, and does not pass between two obstacles that meet in a point.
-
-    **Arguments:** a cell space, and the range of sight in metres, which may be infinite.
-    **Returns:** a symmetric mask.
-
-    **Raises:** `ValueError` for a `reach` of 0 or less; `MemoryError` if the pairs do not fit the
-    free memory.
-
-    In a corridor of three squares:
-
-        >>> from jaxcell import examples, space
-        >>> cells = examples.corridor()
-        >>> space.visible_centres(cells, reach=1.0).astype(int).tolist()
-        [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
-    """
-    reach = check_reach(reach) / cells.cell
-    # Memory holds the relation, its transpose, and their union.
-    _check_pairs(cells, 3)
-    scene = _Scene.of(cells)
-    near, wall = scene.walls_near(reach)
-    lines = shapely.linestrings(scene.walls[wall, 1:])
-    distance = shapely.distance(shapely.points(scene.centre[near]), lines)
-    visible = np.eye(cells.positions, dtype=bool)
-    # Each pair is tested from its lower left end.
-    offset = _offsets(cells, reach)
-    offset = offset[(offset[:, 1] > 0) | ((offset[:, 1] == 0) & (offset[:, 0] > 0))]
-    positions = np.arange(cells.positions)
-    lengths, same = np.unique(np.hypot(*offset.T), return_inverse=True)
-    for i, length in enumerate(lengths):
-        steps = offset[same == i]
-        target = _at(cells, positions, steps)
-        met = distance <= length + TOLERANCE
-        if met.any():
-            places, blocked = meets_wall(
-                scene.walls, scene.centre, steps.astype(float), near[met], wall[met]
-            )
-            target[places] = np.where(blocked, -1, target[places])
-        viewer, step = np.nonzero(target >= 0)
-        visible[viewer, target[viewer, step]] = True
-    return visible | visible.T
-
-
-def _check_pairs(cells: CellSpace, matrices: int) -> None:
-    check(
-        float(matrices) * cells.positions**2,
-        f"sight between all pairs of {cells.positions:,} positions",
-        "use larger cells",
-    )
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Scene:
-    """The squares and the walls that hide them, in units of a cell from the origin of the cells."""
+    """The squares, and the walls that may hide them, in cells from the origin of the cell space."""
 
     centre: Float[np.ndarray, "positions 2"]
     walls: Float[np.ndarray, "walls 3 2"]
-    "Edges of the environment, in the form of `CellSpace.walls`."
+    "The edges of the environment, in the form of `CellSpace.walls`."
     part: Float[np.ndarray, "parts 4 2"]
-    "Convex parts of the free part of each square: the square itself, or triangles (closed)."
+    "The corners of convex parts of the free part of each square: the square itself, or triangles."
     first: Int[np.ndarray, "bounds"]
-    "The parts of position `i` are `first[i]` to `first[i + 1]`."
+    "The parts of position `i` are `part[first[i] : first[i + 1]]`."
 
     @classmethod
-    def of(cls, cells: CellSpace, part_of_cell: float = 1.0) -> "_Scene":
+    def of(cls, cells: CellSpace, part_of_cell: float) -> "_Scene":
         row, column = np.divmod(cells.square, cells.free.shape[1])
         centre = np.stack([column, row], axis=1) + 0.5
         origin, cell = np.array(cells.origin), cells.cell
@@ -176,18 +125,10 @@ class _Scene:
         walls = (edges(environment) - origin) / cell
         return cls(centre, walls, part[order], first)
 
-    def walls_near(self, reach: float) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List the pairs of a position and a wall in its reach, by position."""
-        tree = shapely.STRtree(shapely.linestrings(self.walls[:, 1:]))
-        points = shapely.points(self.centre)
-        near, wall = tree.query(points, predicate="dwithin", distance=reach + TOLERANCE)
-        order = np.argsort(near, kind="stable")
-        return near[order], wall[order]
-
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
-        """List the parts of the target of each pair: the pair, and the corners from the viewer."""
+        """List the parts of all targets: the index of the pair, and the corners from the viewer."""
         count = self.first[target + 1] - self.first[target]
         pair = np.repeat(np.arange(len(target)), count)
         within = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
@@ -202,12 +143,12 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _of_all(
     part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Return a mask of the pairs whose parts are all true."""
+    """Return a mask of the pairs all of whose parts are true; `part` is the pair of each part."""
     return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
 
 
 def _offsets(cells: CellSpace, reach: float) -> Int[np.ndarray, "offsets 2"]:
-    """List the squares whose centres are in reach, as columns and rows from the viewer."""
+    """List the squares whose centres are within `reach`, as columns and rows from the viewer."""
     most = [int(min(reach + TOLERANCE, size - 1)) for size in cells.free.shape]
     up, across = (x.ravel() for x in np.mgrid[tuple(slice(-m, m + 1) for m in most)])
     near = np.hypot(up, across) <= reach + TOLERANCE
@@ -217,7 +158,7 @@ def _offsets(cells: CellSpace, reach: float) -> Int[np.ndarray, "offsets 2"]:
 def _at(
     cells: CellSpace, viewers: Int[np.ndarray, "viewers"], offset: Int[np.ndarray, "offsets 2"]
 ) -> Int[np.ndarray, "viewers offsets"]:
-    """Find the positions at offsets from viewers, -1 for none."""
+    """Find the position at each offset from each viewer; -1 if there is none."""
     rows, columns = cells.free.shape
     row, column = np.divmod(cells.square[viewers, None], columns)
     row, column = row + offset[:, 1], column + offset[:, 0]
@@ -226,13 +167,17 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """Yield viewers, a few at a time, and the ends of the walls that cast shadows for them.
+    """Yield a few viewers at a time, with the viewer and the ends of the wall of each shadow.
 
-    The shadow of an obstacle lies beyond a wall whose free side is the far side. (The near walls of
-    the obstacle fail if the viewer stands on one of them.) A wall whose line passes through the
-    viewer hides nothing.
+    The far walls of an obstacle cast its shadow: the walls whose free side is away from the viewer.
+    The near walls would fail for a viewer on one of them. A wall whose line passes through the
+    viewer hides nothing. The viewer of a shadow is an index into the few viewers, and the ends of
+    the wall are relative to it.
     """
-    viewer, wall = scene.walls_near(reach)
+    tree = shapely.STRtree(shapely.linestrings(scene.walls[:, 1:]))
+    points = shapely.points(scene.centre)
+    pairs = tree.query(points, predicate="dwithin", distance=reach + TOLERANCE)
+    viewer, wall = pairs[:, np.argsort(pairs[0], kind="stable")]
     a, b = (scene.walls[wall, end] - scene.centre[viewer] for end in (1, 2))
     longest = np.maximum.reduce([np.hypot(*v.T) for v in (a, b, b - a)])
     behind = cross(a, b) < -TOLERANCE * longest
@@ -256,11 +201,10 @@ def _hidden(
     place: Num[np.ndarray, "places 2"],
     origin: Float[np.ndarray, "viewers 2"],
 ) -> Bool[np.ndarray, "viewers places"]:
-    """Find the targets that are partly in a shadow.
+    """Return a mask of the targets whose free part is partly in a shadow.
 
-    Each shadow is that of the segment from `a` to `b`, which lie relative to the viewer with the
-    index `row`. The centre of a target lies at `place - origin` from its viewer. Of a target only
-    the part in the free space counts.
+    A shadow lies behind the segment from `a` to `b`, relative to the viewer of index `row`. The
+    centre of a target is at `place - origin` relative to its viewer; a target of -1 is none.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):
@@ -286,9 +230,10 @@ def _hidden(
 def _sides(
     a: Float[np.ndarray, "shadows 2"], b: Float[np.ndarray, "shadows 2"]
 ) -> Iterator[tuple[Float[np.ndarray, "shadows 2"], Float[np.ndarray, "shadows"]]]:
-    """Yield the inner unit normal of each side of a shadow, and its product with the side.
+    """Yield the three half planes whose intersection is a shadow.
 
-    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= 1`; `a` is to the left of `b`.
+    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= 1`; `a` is to the left of `b`. The half
+    plane is `normal @ x >= least`, with a unit normal.
     """
     for along, start in ((b, 0.0), (-a, 0.0), (b - a, 1.0)):
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
@@ -300,7 +245,7 @@ def _overlap(
     a: Float[np.ndarray, "parts 2"],
     b: Float[np.ndarray, "parts 2"],
 ) -> Bool[np.ndarray, "parts"]:
-    """Find the convex parts that overlap their shadows: no side of either separates the two."""
+    """Return a mask of the convex parts that overlap their shadows: no side separates the two."""
     overlap = np.ones(len(corners), bool)
     for normal, least in _sides(a, b):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE

@@ -11,11 +11,11 @@ from .workspace import Workspace, edges
 
 
 ERRORS = 9
-"Number of errors of a step, each a standard normal number."
+"Number of independent errors of a step; each is a standard normal number."
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability that the observation of a particle differs from that of the robot, for any reason."
+"Probability that the observation of a simulated robot differs from the observation of the robot."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
@@ -24,10 +24,10 @@ _CORNER = 1e-9
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Slip:
-    """The errors of the base of a robot, which its wheels do not measure.
+    """The errors of the motion of a robot that its wheel encoders do not measure.
 
-    The errors are normal, and drawn for each stretch and turn. A model of bounded errors takes
-    these numbers as bounds.
+    The errors are normal, and independent for each straight stretch and turn. A model of bounded
+    errors takes the standard deviations as bounds.
 
         >>> from jaxcell import space
         >>> space.Slip.of(0.02)
@@ -39,20 +39,20 @@ class Slip:
     turn: float = 0.0
     "Standard deviation of the relative error of a turn in place, 0 to 1."
     heading: float = 0.0
-    "Standard deviation of the drift of the heading along a metre, in radians, 0 to 1."
+    "Standard deviation of the drift of the heading on a metre of travel, in radians, 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of the place where a wall is felt, in metres: before the wall, so that a
-    bump comes too soon, or behind it, so that a bump is missed at the end of a step."""
+    """Standard deviation of the place where a wall is felt, in metres. If it is before the wall, a
+    bump comes too soon; if it is behind the wall, a bump at the end of a step is missed."""
     give: float = 0.0
-    "Distance that the bumper goes in before it is felt, in metres."
+    "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0
-    """Turn toward the wall by a bump at 45 degrees of incidence, in radians, -1 to 1. It is the
-    same at each bump, and the wheels do not measure it. At an incidence i it is `sin(2 i)` times as
-    much, so that a head-on bump turns the robot to neither side."""
+    """Turn toward the wall by a bump at an incidence of 45 degrees, in radians, -1 to 1. It is the
+    same at each bump. At an incidence `i` it is multiplied by `sin(2 i)`, so that a head-on bump
+    does not turn the robot."""
     bump_skid: float = 0.0
-    """Distance that the wheels skid at a head-on bump, in metres. The encoders count it as
-    travel, so a robot that drives back by its encoders goes too far back. At an incidence i it is
-    `cos(i)**2` times as much."""
+    """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
+    travel, so a robot that drives back by its encoders goes too far. At an incidence `i` it is
+    multiplied by `cos(i)**2`."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -70,16 +70,16 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Set the errors of steps, turns and heading to one number, as in an emulated robot."""
+        """Make a slip with one number for the errors of steps, turns and heading."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
-    """Move the walls back by the distance that a bumper goes in before it is felt.
+    """Move the walls back by the distance by which a bumper is pressed in before it is felt.
 
     **Arguments:** a map, and the distance in metres. **Returns:** the ends of each wall, in metres.
 
-    A room whose walls give 2 cm:
+    A corridor of 3 m, with a bumper that is pressed in by 2 cm:
 
         >>> from jaxcell import examples, space
         >>> room = examples.corridor().workspace
@@ -95,12 +95,12 @@ def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 
 def free_ahead(
     walls: Float[Any, "walls 2 2"], place: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]
 ) -> Float[Any, "*batch"]:
-    """Measure the distance to the first wall ahead.
+    """Compute the distance to the first wall ahead.
 
-    It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
+    It takes arrays of NumPy or JAX, and works under `jit` and `vmap`.
 
     **Arguments:** the ends of each wall and places in metres, and headings in radians. **Returns:**
-    distances in metres, `inf` for no wall.
+    distances in metres, `inf` if there is no wall.
 
     In a room of 3 m, from its middle to the East:
 
@@ -125,7 +125,7 @@ def to_wall(
     ux: Float[Any, "*batch"],
     uy: Float[Any, "*batch"],
 ) -> Float[Any, "*batch"]:
-    """Measure the distance to one wall along a unit vector, `inf` if they do not meet."""
+    """Compute the distance to a wall along the unit vector `(ux, uy)`; `inf` if it is not met."""
     xp = place.__array_namespace__()
     wide, high = wall[1, 0] - wall[0, 0], wall[1, 1] - wall[0, 1]
     x, y = wall[0, 0] - place[..., 0], wall[0, 1] - place[..., 1]
@@ -143,22 +143,10 @@ def incidence_slope(
     ahead: Float[Any, "*batch"],
     ahead_of: Callable[[Any, Any], Any],
 ) -> Float[Any, "*batch"]:
-    """Compute the tangent of the incidence at the wall ahead, by a second ray beside the first.
+    """Compute the tangent of the angle of incidence at the wall ahead, by a second ray beside.
 
-    It is positive where the wall is on the left of the robot. `ahead` is the distance to the wall,
-    in metres, and `ahead_of` measures it from other places with these headings.
-
-    At a wall that the robot meets at 45 degrees, on its right:
-
-        >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import examples, space
-        >>> from jaxcell.space.slip import incidence_slope
-        >>> walls = space.felt_walls(examples.corridor().workspace, 0.0)
-        >>> ahead_of = lambda place, heading: space.free_ahead(walls, place, heading)
-        >>> here = np.array([0.5, 0.5]), np.array(-math.pi / 4)
-        >>> round(float(incidence_slope(*here, ahead_of(*here), ahead_of)), 6)
-        -1.0
+    It is positive if the wall is on the left of the robot, and 0 for a head-on bump. `ahead` is the
+    distance to the wall in metres, and `ahead_of(place, heading)` computes it from other places.
     """
     xp = place.__array_namespace__()
     left = place + _BESIDE * _unit(xp, heading + math.pi / 2)
@@ -179,14 +167,14 @@ def slipping_step(
 ) -> tuple[Float[Any, "*batch 3"], Any]:
     """Move a robot that slips by a step, or by a bump and the turn after it.
 
-    The robot drives the stretches of the step. If it meets a wall it drives back to the start of
-    the step, by its wheels, and turns by the bouncing angle. It computes with arrays of NumPy or
-    JAX, under `jit` and `vmap` too.
+    The robot drives the stretches of the step. If it meets a wall, it drives back to the start of
+    the step, as far as its encoders tell, and turns by the bouncing angle. The function takes
+    arrays of NumPy or JAX, and works under `jit` and `vmap`.
 
-    **Arguments:** poses, x and y in metres and the heading in radians; the stretches that the robot
-    intends, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal numbers; the
-    walls of [`felt_walls`][]; the slip; and a function in place of [`free_ahead`][]. **Returns:**
-    the poses, and a mask of the robots that bumped.
+    **Arguments:** poses, x and y in metres and the heading in radians; the stretches of the
+    intended step, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal
+    numbers; the walls of [`felt_walls`][]; the slip; and a function in place of [`free_ahead`][].
+    **Returns:** the poses after the step, and a mask of the robots that bumped.
 
     A robot that does not slip, in a room of 3 m, with a step of 1 m:
 
@@ -208,7 +196,10 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive a stretch: return its end, headings, and the distance and slope of a wall."""
+        """Return the end of a stretch, the heading there, and the heading on its chord.
+
+        Then follow the distance to a wall on the stretch, or `inf`, and the slope of the wall.
+        """
         length = leg * (1 + slip.step * relative)
         drift = slip.heading * xp.sqrt(xp.abs(leg)) * drifts
         chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(leg) / 12) * sways

@@ -15,33 +15,32 @@ _Square: TypeAlias = tuple[int, int]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stencil:
-    """The squares that one step from the centre of a square depends on, for each direction.
+    """The squares that have to be free for a step from the centre of a square, in each direction.
 
-    A step in one direction leads to the same relative square from every start, over the same
-    relative squares. Many directions share these squares: 360 directions and a step of one square
-    make 16 different *ways*. So everything that depends on walls is computed once per way. A square
-    is relative to the start, `(row, column)`.
+    Relative to the start, these squares are the same for every start. Directions with the same
+    squares are one *way*: 360 directions and a step of one square make 16 ways. So everything that
+    depends on walls is computed once per way. Squares are `(row, column)` relative to the start.
     """
 
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The square that holds the end point of each way."
+    "The square in which a step of each way ends."
     crossed: tuple[tuple[_Square, ...], ...]
-    "The squares that have to be free: those whose interior the step passes, and the end."
+    "For each way, the squares whose interior the step crosses, and the last square."
     beside: tuple[tuple[tuple[_Square, _Square], ...], ...]
-    "The two squares beside each corner that the step passes, one of which has to be free."
+    "For each way and each corner on the step, two squares, one of which has to be free."
 
 
 @functools.lru_cache(maxsize=64)
 def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     """Make the stencil of a step on a grid.
 
-    All directions in which a step leads off the grid from every square are one way. So a stencil is
-    no larger than the grid, however long the step.
+    The directions in which a step leads off the grid from every square are one way. So a stencil is
+    no larger than the grid, even for a very long step.
 
     **Arguments:** the number of directions; a motion, for squares with sides of 1 m; and the number
-    of rows and of columns. **Returns:** the squares that each way crosses.
+    of rows and of columns. **Returns:** [`Stencil`][].
 
     Steps of one square in 360 directions make 16 ways; North leads one row up:
 
@@ -70,11 +69,11 @@ def _way(direction: int, directions: int, motion: Motion, grid: tuple[int, int])
 def line_places(
     square: Int[np.ndarray, "*shape"], grid: tuple[int, int], step: tuple[int, int]
 ) -> Int[np.ndarray, "*shape"]:
-    """Number the squares of a grid along the lines that steps of one offset follow.
+    """Number the squares of a grid along the lines that repeated steps of one offset follow.
 
-    The number grows by one from each square to the next square on its line, and the numbers of
-    different lines do not mix. Squares may be of several grids of one shape, one after the other.
-    The offset `step` is `(row, column)`.
+    The number grows by one from each square to the next square on its line, and the numbers on
+    different lines do not overlap. The squares may be in several grids of one shape, counted one
+    after the other. The offset `step` is `(row, column)`.
     """
     rows, columns = grid
     # The number of steps from where the line begins.

@@ -1,4 +1,4 @@
-"""The end of one step from every square of a map of any shape, one way at a time."""
+"""Compute the end of a step from every square of a map of any shape, for one way at a time."""
 
 import dataclasses
 import functools
@@ -25,8 +25,8 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions whose steps agree from every square share a *way*. To save memory, the squares with a
-    possible step are computed for one way at a time.
+    Directions whose steps end in the same square, from every start, are one *way*. The squares with
+    a possible step are computed for one way at a time to save memory.
     """
 
     free: Bool[np.ndarray, "grids rows columns"]
@@ -41,7 +41,7 @@ class Steps:
     def on_grids(
         cls, free: Bool[np.ndarray, "grids rows columns"], directions: int, motion: Motion
     ) -> "Steps":
-        """Make the steps on grids whose blocked squares are the obstacles (sides of 1 m)."""
+        """Make the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
         rows, columns = free.shape[1:]
         shape = stencil(directions, motion, (rows, columns))
         margin = max(max(map(abs, square)) for way in shape.crossed for square in way)
@@ -63,10 +63,7 @@ class Steps:
 
     @classmethod
     def of(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space, as a batch of one grid.
-
-        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
-        """
+        """Make the steps in a cell space, as a batch of one grid."""
         if cells.gridded:
             in_squares = Motion(motion.in_cells(cells.cell), motion.collision)
             return cls.on_grids(cells.free[None], cells.directions, in_squares)
@@ -97,7 +94,10 @@ class Steps:
     def starts(
         self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
     ) -> Bool[np.ndarray, "grids rows columns"]:
-        """Find the free squares in which no step of a way ends; `possible` are its starts."""
+        """Find the free squares in which no step of a way ends.
+
+        `possible` are the squares from which a step of the way is possible.
+        """
         begins = self.free.copy()
         end: tuple[slice, ...] = (slice(None),)
         start: tuple[slice, ...] = (slice(None),)
@@ -108,7 +108,7 @@ class Steps:
         return begins
 
     def targets(self, cells: CellSpace) -> Int32[np.ndarray, "ways positions"]:
-        """List the position at the end of each step; a step that is not possible stays."""
+        """List the position at the end of each step; an impossible step ends where it starts."""
         targets = np.tile(np.arange(cells.positions, dtype=np.int32), (len(self.offset), 1))
         for way, target in enumerate(targets):
             able = self.possible(way).ravel()[cells.square]
@@ -116,7 +116,7 @@ class Steps:
         return targets
 
     def places(self, way: int, square: Int[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"]:
-        """Number squares along the lines of a way, as [`line_places`][] does."""
+        """Number squares along the lines that steps of a way follow, as [`line_places`][] does."""
         grid, (up, across) = self.free.shape[1:], self.offset[way].tolist()
         if self.free[0].size > _SMALL:
             return line_places(square, grid, (up, across))
@@ -124,7 +124,7 @@ class Steps:
         return _listed(grid, (up, across))[square] + which * (self.free[0].size * sum(grid))
 
     def hop(self, way: int) -> int:
-        """Compute the difference of the numbers of squares at the end and start of a step."""
+        """Return the number of the square at the end of a step minus that at its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 
@@ -137,10 +137,10 @@ def _listed(grid: tuple[int, int], step: tuple[int, int]) -> Int[np.ndarray, "sq
 def _blocked_steps(
     cells: CellSpace, motion: Motion
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Find the steps that walls of any shape block, to a tolerance of 1e-9 of a cell.
+    """Find the steps that walls of any shape block, with a tolerance of 1e-9 of a cell.
 
-    Returns the free squares within a step of a wall, and the directions in which a wall blocks the
-    step from the centre of each. From other squares only the end has to be free.
+    Returns the free squares within a step of a wall, and a mask of the directions in which a wall
+    blocks the step from the centre of the square. From other squares only the end has to be free.
     """
     rows, columns = cells.free.shape
     # All longer steps lead off the map, too.
@@ -167,9 +167,7 @@ def free_steps(
     """Find the position at the end of a step from each centre, among walls of any shape.
 
     **Arguments:** a cell space and a motion. **Returns:** positions by direction; a step that is
-    not possible leads to the same position.
-
-    **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
+    not possible ends where it starts.
 
     In a corridor of three squares, with the directions East and West:
 

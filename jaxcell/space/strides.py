@@ -9,13 +9,12 @@ BEHIND = math.radians(170.0)
 
 
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
-    """Locate the centre of the cell that holds the end of a step.
+    """Compute the displacement from the centre of a cell to the centre of the cell after a step.
 
-    **Arguments:** the number of directions, the side of a cell, and the length of a step, in
-    metres. **Returns:** the distances of that centre, ahead and to the left, from the centre where
-    the step began.
+    **Arguments:** the number of directions, and the side of a cell and the length of a step in
+    metres. **Returns:** for each direction, the distance in metres ahead and to the left.
 
-    To the East, and to the North East, where the step ends short of the centre of its cell:
+    To the East, and to the North East, where the step ends short of the centre of a cell:
 
         >>> from jaxcell import space
         >>> space.cell_strides(8, 1.0, 1.0)[:2].round(3).tolist()
@@ -30,13 +29,13 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
 
 
 def stride_legs(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 3"]:
-    """Compute the straight stretches of one step of a walker, which ends at the centre of a cell.
+    """Compute the straight stretches of a step that ends at the centre of a cell.
 
     **Arguments:** as for [`cell_strides`][]. **Returns:** for each direction the length of the
     first stretch in metres, the angle of the turn after it in radians, and the length of the second
-    stretch, negative in reverse. The last two are 0 if the first stretch ends at the centre.
+    stretch, negative in reverse. Without a second stretch its length and the angle are 0.
 
-    To the East one stretch is enough; 15 degrees to the left a second one leads to the centre:
+    To the East one stretch is enough; 15 degrees to the left a second stretch leads to the centre:
 
         >>> from jaxcell import space
         >>> space.stride_legs(24, 1.0, 1.0)[:2].round(3).tolist()

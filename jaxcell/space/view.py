@@ -18,18 +18,14 @@ def visibility_polygon(
 ) -> shapely.Polygon | shapely.MultiPolygon:
     """Compute the polygon that is visible from a point (Alam 2018, Eq. 4.1).
 
-    Sight is that of [`visible_cells`][], in the environment, without a margin for the radius of the
-    robot.
+    The rules of sight are those of [`visible_cells`][]: the radius of the robot is ignored.
 
-    **Arguments:** a map, and a point and the range of sight in metres. The circle of the range is a
-    polygon of 64 chords, which misses 0.16 percent of its area.
+    **Arguments:** a map, and a point and the range of sight in metres. The circle of the range is
+    replaced by a polygon of 64 chords, whose area is 0.16 percent smaller.
 
     **Returns:** a polygon, with several pieces only if obstacles meet in the point.
 
-    **Raises:** `ValueError` if a number is out of range, or if the point lies in an obstacle or
-    outside the boundary.
-
-    Around the corner of an L-shaped room one sees a part:
+    A part of an L-shaped room is hidden by its corner:
 
         >>> from jaxcell import space
         >>> room = space.Workspace([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])
@@ -63,9 +59,9 @@ def visibility_polygon(
 def _star(
     walls: Float[np.ndarray, "walls 3 2"], tolerance: float
 ) -> Float[np.ndarray, "corners 2"]:
-    """Trace the ring around the area that is visible from the origin, within the walls.
+    """Trace the outline of the area that is visible from the origin.
 
-    Between the directions of two successive corners, sight ends on one wall.
+    Between the directions of two successive corners, sight ends on a single wall.
     """
     a, b = walls[:, 1], walls[:, 2]
     angle = np.unique(np.arctan2(a[:, 1], a[:, 0]))

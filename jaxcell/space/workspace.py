@@ -1,4 +1,4 @@
-"""The map that a robot moves in: a polygonal boundary minus polygonal obstacles."""
+"""Maps that a robot moves in: a polygonal boundary minus polygonal obstacles."""
 
 import dataclasses
 import functools
@@ -26,17 +26,16 @@ _LARGEST_COORDINATE = 1e7
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Workspace:
-    """A polygonal boundary minus polygonal obstacles, in metres (Alam 2018, section 2.3.1).
+    """A map: a polygonal boundary minus polygonal obstacles, in metres (Alam 2018, section 2.3.1).
 
-    Obstacles may touch or overlap the boundary and each other; their union counts. The arrays are
-    read-only.
+    Obstacles may touch or overlap the boundary and each other. The arrays are read-only.
 
     **Attributes:**
 
-    - `boundary`: vertices of the boundary, in order, the first not repeated.
+    - `boundary`: vertices of the boundary, in order, without repeating the first at the end.
     - `obstacles`: vertices of each obstacle, likewise.
     - `robot_radius`: radius of a disc robot; 0 for a point.
-    - `name`: the name of the map, one line.
+    - `name`: the name of the map, one line of text.
     - `cell`: the suggested side of cells, in metres, or `None`.
     - `directions`: the suggested number of directions, or `None`.
 
@@ -69,16 +68,11 @@ class Workspace:
     ) -> None:
         """Make a map, and check it.
 
-        **Arguments:**
+        A polygon is a shapely polygon without holes, or the vertices of a simple polygon, in either
+        order; the first vertex may be repeated at the end.
 
-        - `boundary`: a shapely polygon without holes, or the vertices of a simple polygon, in order
-            either way round; the first may be repeated at the end.
-        - `obstacles`: polygons, likewise.
-        - `robot_radius`, `name`, `cell`, `directions`: as the attributes.
-
-        **Raises:** `ValueError` that names the field and the place, for a polygon that crosses or
-        touches itself or has no area; a vertex beyond 10^7 m; an obstacle wholly outside the
-        boundary; obstacles that leave nothing free; a robot that fits nowhere.
+        **Raises:** `ValueError` for a polygon that crosses or touches itself or has no area, a
+        vertex beyond 10^7 m, an obstacle outside, or a map in which the robot fits nowhere.
         """
         boundary = _ring("boundary", boundary)
         rings = tuple(_ring(f"obstacles[{i}]", ring) for i, ring in enumerate(obstacles))
@@ -122,8 +116,8 @@ class Workspace:
         """The free space of a point: the boundary minus the union of the obstacles.
 
         Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
-        a map of 8 m). So polygons that are meant to touch do touch, although their vertices differ
-        by the rounding of float64.
+        a map of 8 m). So polygons that are meant to touch do touch, although the rounding of
+        float64 separates their vertices.
         """
         rounding = coordinate_rounding(self.boundary, self.obstacles)
         # NumPy would warn of the denormal numbers that GEOS meets in slivers.
@@ -137,9 +131,9 @@ class Workspace:
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The free space of the centre of the robot: the environment less a margin of its radius.
 
-        Around a convex corner of an obstacle the margin is an arc of 16 chords per quarter. The
-        chords lie within 0.13 percent of the radius of the arc, on the side of the obstacle. The
-        free space may have several pieces.
+        Around a convex corner of an obstacle the margin is an arc of 16 chords per quarter circle.
+        So the margin is up to 0.13 percent too narrow there. The free space may have several
+        pieces.
         """
         # GEOS turns polygons inside out for margins below the rounding of float64.
         if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
@@ -157,7 +151,7 @@ class Workspace:
         return len(shapely.get_parts(self.free_space))
 
     def describe(self) -> str:
-        """Describe the map in one line: its name, its size, and the pieces of its free space."""
+        """Describe the map in one line: its name and size, and the pieces of its free space."""
         width, height = np.ptp(self.boundary, axis=0)
         text = f"{self.name}: " if self.name else ""
         count = len(self.obstacles)
@@ -174,11 +168,8 @@ class Workspace:
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
         """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
 
-        The file of an ASCII grid ends in `.txt` or `.map`. The image of a map_server map is in the
-        folder of its `.yaml` file; see `jaxcell.space.maps.map_files`. A map without a name takes
-        the name of its file.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
+        The name of an ASCII grid ends in `.txt` or `.map`. The path of the image of a map_server
+        map is relative to its `.yaml` file. A map without a name gets the name of its file.
         """
         fields = read_map(path)
         try:
@@ -187,14 +178,11 @@ class Workspace:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a map file in the format of its suffix, whole or not at all.
+        """Write a map file in the format of its suffix, completely or not at all.
 
         A `.json` file keeps everything. A grid, `.txt` or `.map`, keeps the squares of side `cell`
-        whose centre is free. A map_server file, `.yaml` or `.yml`, has no place for the name, the
-        radius and the number of directions; its image has the suffix `.pgm`.
-
-        **Raises:** `ValueError` for another suffix, or for a grid if `cell` is `None` or leaves no
-        square free.
+        whose centre is free. A map_server file, `.yaml` or `.yml`, keeps these squares in an image
+        with the suffix `.pgm`, but not the name, the radius and the number of directions.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_map(path, fields, self.environment)
@@ -244,7 +232,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
-    """Compute the unit of rounded vertices: above the rounding of float64, below any real wall."""
+    """Compute the unit to which vertices are rounded: larger than the rounding of float64."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 
@@ -257,7 +245,7 @@ def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polyg
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List the corner before each edge, its start and its end; the interior is to its left."""
+    """List the corner before each edge, its start and its end; the interior is on the left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]

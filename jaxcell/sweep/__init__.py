@@ -1,40 +1,26 @@
-"""Sweeps run one task for many parameters, on one or many machines. A kill loses no result.
+"""Sweeps run one task for many parameters, on one or many machines. Kills lose no results.
 
-A *specification*, a TOML file read by `Spec.load`, names a *task* and the parameters of its
-*members*:
+A *specification*, a TOML file read by `Spec.load`, names a *task*: a study of jaxcell, or
+`module:function`. The tables `[grid]`, `[list]` and `[random]` give the parameters of its
+*members*, and `[fixed]` the parameters that all members share. Each parameter of a grid is a
+dimension of the result; a list has the dimension `member`, and random samples have the dimension
+`sample`. The page "Sweeps" of the documentation has examples. It also describes the behaviour after
+kills, damage, full disks, failures of members, and changes of versions.
 
-```toml
-task = "groups"            # or "module:function"
-seed = 0
-chunk = 64                 # members computed together; or {bounce = 16, map = 1}
+A task is a function of a *batch* (an array for each parameter, with a value for each member), the
+fixed values, and the seed. It returns an `xarray.Dataset` whose variables have `member` as their
+first dimension. The values of a member may depend on its parameters and the seed, but not on its
+place in the batch or on other members.
 
-[fixed]                    # parameters that all members share
-directions = 8
-
-[grid]                     # each parameter is a dimension
-map = ["@lab_a", "@lab_b"]
-bounce = {start = 0, stop = 360, step = 5}
-
-[random]                   # the dimension `sample`; or [list], with the dimension `member`
-samples = 100              # with design = "sobol", "latin_hypercube" or "saltelli": evenly spread
-cell = {uniform = [0.5, 1.0]}
-```
-
-A task is a function of a *batch* (an array for each parameter, with a value for each member), of
-the fixed values, and of the seed. It returns an `xarray.Dataset` whose variables have `member` as
-their first dimension. The values of a member may depend on its parameters and the seed, but not on
-its place in the batch or on other members.
-
-`run_sweep` computes the chunks by an engine (`engine_named`: this process, several processes, or
-Dask, at the `scheduler_address` of a cluster). `open_sweep` returns the result: one Dataset with a
-dimension for each parameter, and a `status` that is 1 for members that are done. `sweep_status`
-returns the progress of a sweep, also while it runs. Only one run at a time writes to a store. Each
-job of a job array writes its own store (`Shard`), and `merge_sweep` merges the stores.
-`sobol_indices` estimates the share of the variance that each parameter causes, for the design
-`saltelli`. `verify_sweep` finds damaged data, and computes them again.
-
-The page "Sweeps" of the documentation describes the behaviour after kills, damage, full disks,
-failures of members, and changes of versions.
+`run_sweep` computes the members in *chunks* with an engine (`engine_named`): this process, several
+processes, or a cluster of Dask, whose address `scheduler_address` reads. It writes to a folder, the
+*store*; only one run at a time can write to a store. `open_sweep` returns the result: a Dataset
+with a dimension for each parameter, and a `status` that is 1 for members that are done.
+`sweep_status` returns the progress of a sweep, even while it runs. Each job of a job array writes
+its own store (`Shard`), and `merge_sweep` merges the stores. `sobol_indices` estimates the share of
+the variance that each parameter causes, for the design `saltelli`. `verify_sweep` finds damaged
+data, and computes them again. A sweep can be resumed, enlarged by more values of its parameters,
+and moved together with the files that its members read.
 
 This package does not import JAX; the tasks do.
 """

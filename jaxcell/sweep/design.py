@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import reprlib
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,15 +19,11 @@ _MAX_VALUES = 10_000_000
 _LARGEST = 1e300
 # A range ends before its stop, even if rounding left the last value slightly below the stop.
 _STEP_TOLERANCE = 1e-9
-_MAX_LISTED = 6
-_MAX_LETTERS = 60
-_KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
 SALTELLI = "saltelli"
 _DESIGNS = ("sobol", "latin_hypercube", SALTELLI)
 _RANDOM_FIELDS = ("samples", "design")
 # A normal distribution has no quantiles of 0 and 1.
 _EDGE = 2.0**-53
-_TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,9 +32,14 @@ class Parameter:
 
     name: str
     dimension: str
-    "The dimension: the name in a grid, `member` in a list, and `sample` for random samples."
+    "`name` if the parameter is in a grid, `member` in a list, and `sample` for random samples."
     values: np.ndarray
     "A one-dimensional array of 64-bit integers or floats, booleans, or strings."
+
+    @property
+    def table(self) -> str:
+        """The table of the specification that has the parameter: grid, list or random."""
+        return {LIST_DIMENSION: "list", RANDOM_DIMENSION: "random"}.get(self.dimension, "grid")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +47,9 @@ class _Distribution:
     """The distribution of the samples of a parameter."""
 
     draw: Callable[[np.random.Generator, int], np.ndarray]
-    "Draws independent samples, given their number."
+    "A function that draws a number of independent samples."
     quantile: Callable[[np.ndarray], np.ndarray]
-    "Computes quantiles, given numbers between 0 and 1."
+    "A function that computes quantiles, such as the median from 0.5."
 
 
 def read_parameters(
@@ -57,8 +57,8 @@ def read_parameters(
 ) -> tuple[Parameter, ...]:
     """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
 
-    The page "Sweeps" of the documentation describes the tables. Without a design each parameter has
-    its own stream of random numbers, which does not depend on the other parameters.
+    The page "Sweeps" of the documentation describes the tables. If `[random]` has no design, the
+    samples of a parameter do not depend on the other parameters.
     """
     if listed and random:
         raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
@@ -66,15 +66,9 @@ def read_parameters(
         Parameter(name, name, _named(f"grid.{name}", _grid_values, given))
         for name, given in grid.items()
     ]
-    parameters += [
-        Parameter(name, LIST_DIMENSION, _named(f"list.{name}", _list_values, given))
-        for name, given in listed.items()
-    ]
-    lengths = {
-        parameter.name: parameter.values.size
-        for parameter in parameters
-        if parameter.dimension == LIST_DIMENSION
-    }
+    lists = {name: _named(f"list.{name}", _list_values, given) for name, given in listed.items()}
+    parameters += [Parameter(name, LIST_DIMENSION, values) for name, values in lists.items()]
+    lengths = {name: values.size for name, values in lists.items()}
     if len(set(lengths.values())) > 1:
         given = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ValueError(f"[list]: expected lists of one length, got {given}")
@@ -97,43 +91,6 @@ def check_name(name: str) -> None:
         raise ValueError(
             f"{name!r}: expected a name of letters, digits and underscores, other than {reserved}"
         )
-
-
-def parameter_difference(there: Parameter | None, here: Parameter | None) -> str | None:
-    """Describe the difference of the values of a parameter in two specifications, or `None`."""
-    if there is None or here is None:
-        sizes = ["nothing" if one is None else _values(one.values.size) for one in (there, here)]
-        return f"{sizes[0]} there, {sizes[1]} here"
-    if there.dimension != here.dimension:
-        tables = [_TABLE_OF.get(one.dimension, "[grid]") for one in (there, here)]
-        return f"in {tables[0]} there, in {tables[1]} here"
-    kinds = [_KIND_NAMES[one.values.dtype.kind] for one in (there, here)]
-    if kinds[0] != kinds[1]:
-        return f"{kinds[0]} there, {kinds[1]} here"
-    old, new = there.values.tolist(), here.values.tolist()
-    if old == new:
-        return None
-    counts = f"{_values(len(old))} there, {len(new)} here"
-    parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
-    if not any(parts.values()):
-        return f"{counts}; in a different order"
-    listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
-    return "; ".join([counts, ", ".join(listed)])
-
-
-def _values(count: int) -> str:
-    return f"{count} value{'s' * (count != 1)}"
-
-
-def _listed(values: Sequence[Any]) -> str:
-    """List values; of many values, list only the first ones and the last."""
-    texts = [
-        text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
-        for text in map(str, values)
-    ]
-    if len(texts) <= _MAX_LISTED:
-        return ", ".join(texts)
-    return f"{', '.join(texts[: _MAX_LISTED - 2])}, ..., {texts[-1]}"
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
@@ -161,9 +118,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """Make the points of a design, of shape `(members, parameters)`, with values from 0 to 1.
+    """Make the points of a design in the unit cube, as an array of shape `(members, parameters)`.
 
-    With more samples, `sobol` and `saltelli` begin with the same members.
+    If the number of samples is raised, `sobol` and `saltelli` keep the members that they had.
     """
     if design not in _DESIGNS:
         raise ValueError(
@@ -209,7 +166,7 @@ def _grid_values(given: Any) -> np.ndarray:
 
 
 def _list_values(given: Any) -> np.ndarray:
-    """Convert a list of values of one kind to an array."""
+    """Check that a list has values of one kind, and convert it to an array."""
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ValueError(f"expected a list of values, got {reprlib.repr(given)}")
     if all(isinstance(value, bool | str) for value in given) and len(set(map(type, given))) == 1:

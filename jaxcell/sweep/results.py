@@ -32,11 +32,11 @@ class SweepStatus:
     damaged: int
     "Number of damaged records and lost files; [`verify_sweep`][] also finds damage inside files."
     running: str | None
-    "The process that runs the sweep, or `None`."
+    "The process that runs the sweep now, or `None`."
     rate: float | None
-    "Members computed per second; `None` if unknown."
+    "Number of members that the run computes per second; `None` if unknown."
     left: float | None
-    "Estimated seconds until the end; `None` if unknown."
+    "Estimated seconds until the end of the run; `None` if unknown."
 
     @property
     def complete(self) -> bool:
@@ -44,15 +44,9 @@ class SweepStatus:
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """Read the progress of the sweep in a folder, also while it runs.
+    """Read the progress of the sweep in a folder, even while it runs.
 
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** [`SweepStatus`][].
-
-    **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
+    **Arguments:** the folder of the store. **Returns:** [`SweepStatus`][].
 
     A sweep that is done:
 
@@ -70,34 +64,20 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         spec, at_work = store.spec, holder(folder / "lock")
         with reading(folder):
             rate, left = read_down(folder) if at_work is not None else (None, None)
-        return SweepStatus(
-            spec.task,
-            spec.dimensions,
-            spec.members,
-            spec.chunk_count,
-            int((store.states == DONE).sum()),
-            tuple(store.failures()),
-            len(store.contents.damage) + len(store.lost_files()),
-            at_work,
-            rate,
-            left,
-        )
+        about = spec.task, spec.dimensions, spec.members, spec.chunk_count
+        done = int((store.states == DONE).sum())
+        damaged = len(store.contents.damage) + len(store.lost_files())
+        return SweepStatus(*about, done, tuple(store.failures()), damaged, at_work, rate, left)
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    If the sweep runs or was killed, the result is first made in memory. Where `status` is not 1,
-    floats are NaN, integers -1 (unsigned integers their maximum), and booleans `False`.
+    If the sweep is running or was killed, the result is first made in memory. Where `status` is not
+    1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are `False`.
 
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
-    its `status` is 1 where a member is done.
-
-    **Raises:** `ValueError` if the folder has no sweep, no member is done yet, or it is damaged.
+    **Arguments:** the folder of the store. **Returns:** a dataset with a dimension for each
+    parameter of a grid, or `member` or `sample`; its `status` is 1 where a member is done.
 
     The number of periodic groups for two angles on one map:
 

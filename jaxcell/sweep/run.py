@@ -3,7 +3,7 @@
 import contextlib
 import errno
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
 from .workers.engines import Engine, engine_named
-from .workers.halving import Halving
 from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Failed, Failure, Job, failure, jax_is_wide, prepared
 
@@ -35,11 +34,11 @@ def run_sweep(
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
-    """Run a sweep.
+    """Run or resume a sweep: compute all members that are not done yet.
 
-    The results of each chunk are appended to the journal of the store. A run may end at any moment,
-    also by a kill, and another run computes the rest. The final result is made when a run ends; its
-    bytes do not depend on the engine, the order of chunks, or interruptions.
+    The results of each chunk are appended to a journal in the store. A run may end at any moment,
+    for example by a kill, and the next run computes the rest. The final result is made when a run
+    ends; its bytes do not depend on the engine, the order of chunks, or interruptions.
 
     **Arguments:**
 
@@ -53,19 +52,18 @@ def run_sweep(
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
     - `chunks`: the numbers of the chunks to compute, without making the final result; by default
-        all chunks that are not done, and the final result.
+        all chunks are computed, and the result is made.
     - `timeout`: seconds after which a chunk is stopped and counts as failed; not for `local`.
     - `max_failures`: the run ends when more than this number of members have failed.
-    - `progress`: called when the work begins, and with each chunk that ends.
+    - `progress`: a function that is called when the work begins, and after each chunk.
 
     **Returns:** the progress of the sweep. A chunk that fails is split into halves repeatedly, so
     that only members that fail alone count as failed. Failures do not stop other members.
 
-    **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
-    not have, or if the sweep in the folder has another specification, or was made with other
-    versions of jaxcell or JAX, another task, or other files; `FileExistsError` if the folder has a
-    sweep and `resume` is false; `BlockingIOError` if another run writes to it; `OSError` if the
-    disk is full, or the scheduler of a cluster cannot be reached.
+    **Raises:** `ValueError` if the sweep in the folder has another specification, or was made with
+    other versions of jaxcell or JAX, another task, or other files; `FileExistsError` if the folder
+    has a sweep and `resume` is false; `BlockingIOError` if another run writes to it; `OSError` if
+    the disk is full, or the scheduler of a cluster cannot be reached.
 
     The periodic groups of two angles on one map:
 
@@ -95,7 +93,7 @@ def run_sweep(
             numbers = np.intersect1d(numbers, [*chunks])
         wanted = spec.chunk_count if chunks is None else len(chunks)
         count = Count(wanted, wanted - numbers.size)
-        work = Halving(_job(store, checked, int(number), wide) for number in numbers)
+        work = _Jobs(_job(store, checked, int(number), wide) for number in numbers)
         # The failures in chunks that have not ended.
         failures: defaultdict[int, list[Failure]] = defaultdict(list)
         with (
@@ -130,8 +128,33 @@ def run_sweep(
     return sweep_status(folder)
 
 
+class _Jobs:
+    """The jobs of a run: chunks, and after failures halves of chunks, down to single members."""
+
+    def __init__(self, jobs: Iterator[Job]) -> None:
+        self._jobs = jobs
+        self._halves: list[Job] = []
+        # The number of open jobs of each chunk, less one.
+        self._open: Counter[int] = Counter()
+
+    def take(self) -> Job | None:
+        """Return the next job, or `None` if there is none now; a failure may add jobs later."""
+        return self._halves.pop() if self._halves else next(self._jobs, None)
+
+    def split(self, job: Job) -> None:
+        """Replace a job by two jobs with half of its members each."""
+        halves = np.array_split(job.places, 2)
+        self._halves += [job.part(half) for half in reversed(halves)]
+        self._open[job.number] += 1
+
+    def end(self, job: Job) -> bool:
+        """Count a job as done; return true if it was the last job of its chunk."""
+        self._open[job.number] -= 1
+        return self._open[job.number] < 0
+
+
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Replace a result whose variables differ from those of the first result by a failure."""
+    """Return a result, or a failure if its variables differ from those of the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)
@@ -141,14 +164,14 @@ def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """Make the job of the members of a chunk that are not done."""
+    """Make the job that computes the members of a chunk that are not done."""
     job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
     return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Add advice to the error of a full disk."""
+    """Add advice to the `OSError` that the block raises if the disk is full."""
     try:
         yield
     except OSError as error:

@@ -30,30 +30,26 @@ class SobolIndex:
     variable: str
     parameter: str
     at: Mapping[str, Any]
-    "The values of the grid parameters for which the index is estimated; empty without a grid."
+    "The values of the grid parameters at which the index is estimated; empty without a grid."
     first_order: float
     "The share of the variance that the parameter alone causes."
     first_order_interval: tuple[float, float]
-    "Confidence interval of 95 %, by a bootstrap over the samples."
+    "Confidence interval of 95 % of `first_order`, by a bootstrap over the samples."
     total: float
-    "The share of the variance that the parameter and its interactions cause."
+    "The share of the variance that the parameter causes alone and by its interactions."
     total_interval: tuple[float, float]
+    "Confidence interval of 95 % of `total`."
 
 
 def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     """Estimate the first-order and total Sobol indices of each variable of a sweep.
 
-    `scipy.stats.sobol_indices` has the estimators of Saltelli et al. (2010). The indices of a
-    constant variable are 0.
+    The estimators are those of Saltelli et al. (2010), in `scipy.stats.sobol_indices`. The indices
+    of a constant variable are 0.
 
-    **Arguments:**
-
-    - `out`: the folder of a complete sweep with the design `saltelli`.
-
-    **Returns:** a [`SobolIndex`][] for each combination of a variable with one finite number per
-    member, a place of the grid, and a parameter of the table `[random]`.
-
-    **Raises:** `ValueError` for another design, if a member is not done, or without a sweep.
+    **Arguments:** the folder of a complete sweep with the design `saltelli`. **Returns:** a
+    [`SobolIndex`][] for each variable with one finite number per member, each combination of grid
+    parameters, and each parameter of the table `[random]`.
 
     The periodic groups of one map at three angles:
 
@@ -94,7 +90,7 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
 
 
 def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterator[SobolIndex]:
-    """Estimate the indices of a variable, at each place of a grid."""
+    """Estimate the indices of a variable for each combination of grid parameters."""
     grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
     for places in itertools.product(*(range(values.sizes[name]) for name in grid)):
         subset = values.isel(dict(zip(grid, places, strict=True)))
@@ -104,22 +100,16 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
         estimates, low, high = _estimated(rows, seed)
         at = {name: subset[name].item() for name in grid}
         for i, name in enumerate(names):
-            first, total = ((float(low[k, i]), float(high[k, i])) for k in range(2))
-            yield SobolIndex(
-                str(values.name),
-                name,
-                at,
-                float(estimates[0, i]),
-                first,
-                float(estimates[1, i]),
-                total,
-            )
+            first, total = estimates[:, i].tolist()
+            of_first, of_total = zip(low[:, i].tolist(), high[:, i].tolist(), strict=True)
+            yield SobolIndex(str(values.name), name, at, first, of_first, total, of_total)
 
 
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Estimate first-order and total indices, and their intervals, each of shape `(2, parameters)`.
+    """Estimate first-order and total indices, and the ends of their confidence intervals.
 
-    A row has the values at A, at B, and, for each parameter, at A with that parameter from B.
+    In Saltelli's design, a row has the values at a point of A, at a point of B, and at the points
+    of A with one parameter from B. The three arrays have the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -1,4 +1,4 @@
-"""Shards: parts of a sweep, computed by the jobs of an array and merged by `merge_sweep`."""
+"""Shards: parts of a sweep that the jobs of a job array compute, and `merge_sweep` merges."""
 
 import contextlib
 import dataclasses
@@ -28,7 +28,7 @@ _MAX_LISTED = 3
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """A part of a sweep: every `count`-th chunk, from chunk `number - 1` on.
+    """A part of a sweep: every `count`-th chunk, beginning with chunk `number - 1`.
 
     The second of three shards of a sweep in ten chunks:
 
@@ -41,13 +41,11 @@ class Shard:
     number: int
     "The number of the shard, from 1 to `count`."
     count: int
+    "The number of shards of the sweep."
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """Read a shard of the form `i/n`, from `1/n` to `n/n`.
-
-        **Raises:** `ValueError` for another text.
-        """
+        """Parse the text `i/n` of a shard; `i` is 1 to `n`."""
         match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"shard: expected i/n with i from 1 to n, got {text!r}")
@@ -65,10 +63,10 @@ class Shard:
 def merge_sweep(
     out: str | os.PathLike[str], *, progress: Callable[[Progress], None] | None = None
 ) -> SweepStatus:
-    """Merge the shards of a sweep into its store, once all of them are done.
+    """Merge the shards of a sweep into its store, after all of them are done.
 
-    The result has the same bytes as a run without shards. The shards are kept; you may remove them.
-    An interrupted merge continues when the function is called again.
+    The result has the same bytes as that of a run without shards. The shards are kept; you may
+    remove them. An interrupted merge continues when the function is called again.
 
     **Arguments:**
 
@@ -78,8 +76,7 @@ def merge_sweep(
     **Returns:** the progress of the sweep. Members that failed in a shard count as failed.
 
     **Raises:** `ValueError` if a shard is missing, damaged, or not done, or if shards differ in
-    their specification, task, versions, or input files; `BlockingIOError` if a run writes to a
-    shard; and the errors of [`run_sweep`][].
+    their specification, task, versions, or input files; and the errors of [`run_sweep`][].
 
     Two shards of two angles:
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
-from .design import SALTELLI, Parameter, check_name, parameter_difference, read_parameters
+from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
 _PARAMETERS = ("grid", "list", "random")
@@ -32,9 +32,7 @@ class Chunk:
     """Members that are computed together: a box of indices along the dimensions."""
 
     number: int
-    "The number of the chunk, from 0; the index along the last dimension changes fastest."
-    index: tuple[int, ...]
-    "The index of the chunk among the chunks along each dimension."
+    "The number of the chunk, from 0. Chunks are numbered along the last dimension first."
     region: tuple[slice, ...]
     "The indices of the members along each dimension."
 
@@ -68,7 +66,7 @@ class Spec:
     path: Path
     "The file of the specification."
     folder: Path
-    "The folder of the original file, where relative paths in the specification start."
+    "The folder of the original file; relative paths in the specification are relative to it."
     text: bytes
     "The content of the file."
     document: Mapping[str, Any]
@@ -80,14 +78,11 @@ class Spec:
     "Values of parameters that all members share."
     parameters: tuple[Parameter, ...]
     lengths: Mapping[str, int]
-    "The number of members of a chunk along each dimension; chunks at an edge may have fewer."
+    "The number of members of a chunk along each dimension; the last chunks may have fewer."
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Spec":
-        """Read a specification from a file.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
-        """
+        """Read a specification from a file."""
         path = Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is no such file")
@@ -97,15 +92,9 @@ class Spec:
 
     @classmethod
     def parse(cls, text: bytes, path: Path, folder: Path) -> "Spec":
-        """Parse a specification.
+        """Parse the text of a specification.
 
-        **Arguments:**
-
-        - `text`: the specification.
-        - `path`: the file of the specification, for errors.
-        - `folder`: the folder in which relative paths in the specification start.
-
-        **Raises:** `ValueError` that names the file, the field, and the fault.
+        `path` is its file, for errors, and `folder` the folder that its paths are relative to.
         """
         try:
             document = tomllib.loads(text.decode("utf-8"))
@@ -153,11 +142,11 @@ class Spec:
 
     @property
     def folders(self) -> list[Path]:
-        """Folders where relative paths may start: that of the specification, then the current."""
+        """The folders to search for relative paths: of the specification, then the current one."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find the file or folder of a path in the specification; return `None` if missing."""
+        """Find a file or folder that the specification names, or a bundled `@NAME`, or `None`."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)
@@ -170,7 +159,7 @@ class Spec:
 
     @property
     def has_indices(self) -> bool:
-        """True if Sobol indices can be estimated from the members."""
+        """True if the members have the design `saltelli`, which Sobol indices need."""
         return self.document.get("random", {}).get("design") == SALTELLI
 
     @functools.cached_property
@@ -187,16 +176,16 @@ class Spec:
         return math.prod(self.chunk_grid)
 
     def chunk(self, number: int) -> Chunk:
-        """Make the chunk with a number."""
-        index = tuple(int(place) for place in np.unravel_index(number, self.chunk_grid))
+        """Return the chunk with a number."""
+        index = map(int, np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
             for place, (name, size) in zip(index, self.dimensions.items(), strict=True)
         )
-        return Chunk(number, index, region)
+        return Chunk(number, region)
 
     def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """Make the parameters of the members of a chunk, in C order."""
+        """Return the values of each parameter for the members of a chunk, in C order."""
         ranges = (np.arange(part.start, part.stop) for part in chunk.region)
         places = np.meshgrid(*ranges, indexing="ij")
         along = dict(zip(self.dimensions, places, strict=True))
@@ -206,7 +195,7 @@ class Spec:
         }
 
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """Convert the index of a member in a chunk to the index along each dimension."""
+        """Convert the index of a member in a chunk to its index along each dimension."""
         inside = np.unravel_index(place, chunk.shape)
         return {
             name: part.start + int(offset)
@@ -214,42 +203,36 @@ class Spec:
         }
 
     def member(self, index: Mapping[str, int]) -> dict[str, Any]:
-        """Get the parameters of the member with an index along each dimension."""
+        """Return the parameters of a member, from its index along each dimension."""
         return {
             parameter.name: parameter.values[index[parameter.dimension]].item()
             for parameter in self.parameters
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """Describe the differences between this specification (there) and another (here).
+        """Describe the differences between this specification ("there") and another ("here").
 
-        A field is described by both values. A parameter is described by its numbers of values, and
-        by the values that are new or missing in the other specification.
+        Each text has the name of a field, and both values near their first difference.
         """
+        if self.text == other.text:
+            return []
         differences = []
-        ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
+        ours, theirs = dict(_flat(self._compared())), dict(_flat(other._compared()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
-                place = next((i for i, (a, b) in pairs if a != b), 0)
+                place = next((i for i, (a, b) in pairs if a != b), min(len(there), len(here)))
                 differences.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
-        there_by, here_by = (
-            {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
-        )
-        for name in dict.fromkeys(itertools.chain(there_by, here_by)):
-            difference = parameter_difference(there_by.get(name), here_by.get(name))
-            if difference is not None:
-                differences.append(f"{name}: {difference}")
         if not differences and list(self.dimensions) != list(other.dimensions):
             differences.append(f"grid: in the order {', '.join(self.dimensions)} there")
         return differences
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
-        """Find the indices of the members of this specification in a smaller one.
+        """Find the members of this specification in a smaller one, `old`.
 
-        **Returns:** for each dimension an array of indices in `old`, or -1 for new members; `None`
-        if this specification lacks a member of `old`, or if another field differs.
+        **Returns:** for each dimension, the index in `old` of each index here, or -1 if it is new;
+        `None` if this specification lacks a member of `old`, or if another field differs.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -272,18 +255,25 @@ class Spec:
         return places
 
     def _rest(self) -> dict[str, Any]:
-        """Return the document without the parameters, with sorted fields."""
+        """Return the document without the parameters, with its fields sorted."""
         rest = {name: self.document[name] for name in sorted(self.document)}
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
+    def _compared(self) -> dict[str, Any]:
+        """Return the document, with each parameter as the list of its values."""
+        tables: dict[str, dict[str, Any]] = {}
+        for parameter in self.parameters:
+            tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
+        return {**self._rest(), **tables}
+
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the values at each index along a dimension, with parameters sorted by name."""
+        """Yield the values of all parameters of a dimension, sorted by name, at each index."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield all fields of nested tables, with values as text, because 1 differs from 1.0."""
+    """Yield the fields of nested tables, with values as texts, so that 1 and 1.0 differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -310,7 +300,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """Choose box lengths, with at most `most` members, whose copies tile `sizes`."""
+    """Choose the lengths of a box with at most `most` members, whose copies tile `sizes`."""
     lengths = {}
     # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):

@@ -1,4 +1,4 @@
-"""Run a study as the task of a sweep. Each member is one set of parameters of the study."""
+"""Run a study as the task of a sweep. Each member is the study with other parameters."""
 
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
@@ -20,7 +20,10 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Make a study with the parameters of a document."""
+    """Make a study from parameters as a TOML or JSON document gives them.
+
+    A single value is accepted for a parameter that is a tuple.
+    """
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
     for name in parameters:
@@ -51,7 +54,7 @@ def study_task(
 ) -> "xr.Dataset":
     """Compute the scalar quantities of a study for each member of a batch.
 
-    Members that differ only in the parameter `Study.batch` are computed together.
+    Members that differ only in the parameter that `Study.batch` names are computed together.
     """
     import xarray as xr
 
@@ -72,7 +75,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Make the study of each member of a batch, by default with the seed of the sweep."""
+    """Make the study of each member of a batch; its seed is by default the seed of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]
@@ -81,7 +84,7 @@ def studies(
 
 
 def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
-    """Group the members that one call computes."""
+    """Group the indices of members that one call can compute."""
     if study.batch is None:
         return [[i] for i in range(len(members))]
     alike: dict[Hashable, list[int]] = {}
@@ -107,7 +110,7 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
 
 
 def _numbers(result: Result, dims: tuple[str, ...]) -> dict[str, tuple[Quantity, Any]]:
-    """Select the quantities that are numbers, or numbers along a dimension."""
+    """Select the quantities of a result that are numbers, or numbers along `dims`."""
     described = values(
         result, lambda about: about.dims in ((), dims) and about.kind != "coordinate"
     )

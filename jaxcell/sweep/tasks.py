@@ -1,7 +1,7 @@
 """The built-in tasks of sweeps: the studies of jaxcell, for many parameters.
 
-The parameters of a task have the names and units of the options of its command. They may be in the
-batch or in the fixed values. Importing this module does not import JAX.
+The parameters of a task have the names and units of the options of its command. Each may be in the
+batch or in the fixed values. This module does not import JAX.
 """
 
 from ..study import STUDIES

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun, Contents
 from .storage.store import DONE, SweepStore
 from .workers.engines import engine_named
-from .workers.progress import Progress
 from .workers.work import jax_is_wide
 
 
@@ -35,9 +33,9 @@ class Verified:
     chunks: int
     "The number of chunks of the sweep."
     damaged: tuple[str, ...]
-    "The names of the damaged chunks, other records of the journal, and files."
+    "The names of the damaged chunks, files, and other records of the journal."
     recomputed: int
-    "The number of damaged chunks, records and files that were repaired."
+    "The number of entries of `damaged` that were repaired."
     status: SweepStatus
     "The progress of the sweep after the repair."
 
@@ -52,7 +50,6 @@ def verify_sweep(
     *,
     engine: str = "local",
     workers: int | None = None,
-    progress: Callable[[Progress], None] | None = None,
 ) -> Verified:
     """Check everything in the store of a sweep, and compute damaged parts again.
 
@@ -63,13 +60,12 @@ def verify_sweep(
     **Arguments:**
 
     - `out`: the folder of the store.
-    - `engine`, `workers`, `progress`: as for [`run_sweep`][].
+    - `engine`, `workers`: as for [`run_sweep`][].
 
     **Returns:** [`Verified`][].
 
-    **Raises:** `ValueError` if there is no sweep, if its specification is lost, or if chunks are
-    damaged and the versions, the task or the input files have changed since they were computed;
-    `BlockingIOError` if a run writes to the sweep.
+    **Raises:** `ValueError` if chunks are damaged, and the versions, the task or the input files
+    have changed since they were computed; `BlockingIOError` if a run writes to the sweep.
 
     A byte of a result is changed:
 
@@ -100,15 +96,7 @@ def verify_sweep(
             lost = [name for name in expected if files.get(name) != expected[name]]
             damage += [f"sweep.zarr/{name}" for name in lost]
     if numbers:
-        run_sweep(
-            spec,
-            folder,
-            engine=engine,
-            workers=workers,
-            resume=True,
-            chunks=numbers,
-            progress=progress,
-        )
+        run_sweep(spec, folder, engine=engine, workers=workers, resume=True, chunks=numbers)
     with locked(folder / "lock"), SweepStore(folder, append=True) as store:
         if lost:
             export(store)
@@ -124,7 +112,7 @@ def verify_sweep(
 
 
 def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
-    """Write a journal without its damaged records.
+    """Remove the damaged records from the journal of a sweep.
 
     **Returns:** descriptions of the damage, the numbers of the chunks to compute, and the numbers
     of the damaged chunks that had been done.

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 
 from jaxcell.automata import adaptive_choice, equivalence, homing_sequence
-from jaxcell.automata.adaptive import levels
 
 
 @st.composite
@@ -50,7 +49,7 @@ def best_costs(machine, place, aim):
 
 
 def is_settled(machine, states, place):
-    label = equivalence(*machine).label
+    label = equivalence(*machine)
     return all(
         label[a] == label[b] or (place is not None and place[a] == place[b])
         for a, b in itertools.combinations(states, 2)
@@ -90,17 +89,6 @@ def test_costs_are_those_of_value_iteration_over_all_sets(machine, aim, data):
         for i, root in enumerate(strategy.roots):
             assert strategy.lower[i] <= best.upper[i] <= strategy.upper[i]
             assert total(inputs_made(machine, strategy, root, place)) == strategy.upper[i]
-
-
-@given(machines(most=8))
-def test_levels_are_the_lengths_of_shortest_words(machine):
-    classes = equivalence(*machine)
-    for a, b in itertools.combinations(range(machine[0].shape[1]), 2):
-        differ = [i for i, level in enumerate(levels(*machine)) if level[a] != level[b]]
-        if classes.label[a] == classes.label[b]:
-            assert not differ
-        else:
-            assert differ[0] == classes.distinguish(a, b).size
 
 
 def test_equal_sets_have_one_number():

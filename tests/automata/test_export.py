@@ -1,9 +1,7 @@
 import json
 import re
 
-import hypothesis.strategies as st
 import pytest
-from hypothesis import given
 
 from jaxcell.automata import Filter, subset_construction, to_dot, to_json
 
@@ -32,17 +30,6 @@ def test_dot_has_the_states_and_edges_of_the_filter(filter):
     assert by_color.pop(1) == {None}
     assert all(len(fill) == 1 for fill in by_color.values())
     assert len(set.union(*by_color.values())) == len(by_color)
-
-
-@given(name=st.text())
-def test_dot_shows_any_name(labs, name):
-    filter = Filter.of(subset_construction(*labs["a", 45]))
-    first, second, *rest = to_dot(filter, name=name).split("\n")
-    quoted = re.fullmatch(r'digraph ("(?:[^"\\\n]|\\.)*") \{', first)[1]
-    assert second == f"  label={quoted};"
-    assert rest == to_dot(filter).split("\n")[2:]
-    shown = re.sub(r"\\(.)", lambda match: "\n" if match[1] == "n" else match[1], quoted[1:-1])
-    assert shown == "".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in name)
 
 
 def test_json_has_all_of_the_filter(filter):

@@ -8,7 +8,6 @@ import scipy.sparse
 from hypothesis import given, settings, strategies as st
 
 from jaxcell.automata import Belief, Bounded, HiddenMap, expected_entropy
-from jaxcell.automata.subset import subset_construction
 
 
 def random_map(seed, cells=4):
@@ -91,13 +90,6 @@ def test_sets_are_those_of_all_paths(seed, observations):
         state = sets.observe(state, observation)
     ends = {path[-1] for path, p in all_paths(hidden, observations).items() if p > 0}
     assert set(state.tolist()) == ends
-    automaton, at = sets.automaton(), 0
-    for observation in observations:
-        at = automaton.transition[at, observation]
-        if at < 0:
-            break
-    members = [] if at < 0 else automaton.members[automaton.offsets[at] : automaton.offsets[at + 1]]
-    assert list(members) == state.tolist()
 
 
 def test_products_with_few_nonzero_cells_equal_those_with_the_whole_matrix():
@@ -108,22 +100,6 @@ def test_products_with_few_nonzero_cells_equal_those_with_the_whole_matrix():
         np.testing.assert_allclose(hidden.after(event, weight), expected, atol=1e-15)
         possible = Bounded.of(hidden).observe(np.array([7], np.int32), event)
         np.testing.assert_array_equal(possible, np.flatnonzero(expected))
-
-
-def test_automaton_of_a_simple_map_equals_subset_construction():
-    rng = np.random.default_rng(3)
-    image, bumped = rng.integers(0, 30, 30), rng.random(30) < 0.3
-    both = np.zeros((30, 60))
-    both[np.arange(30), image + 30 * bumped] = 1
-    hidden = HiddenMap.of(both[:, :30], both[:, 30:], np.arange(30), np.ones(30) / 30)
-    found, expected = Bounded.of(hidden).automaton(), subset_construction(image, bumped)
-    np.testing.assert_array_equal(found.transition, expected.transition)
-    np.testing.assert_array_equal(found.members, expected.members)
-
-
-def test_sets_beyond_the_limit_are_refused():
-    with pytest.raises(ValueError, match="more than the limit of 20; follow sets"):
-        Bounded.of(random_map(1, 12)).automaton(limit=20)
 
 
 def test_impossible_observation_proves_that_the_robot_is_nowhere():

@@ -60,14 +60,6 @@ def test_quotient_of_quotient_is_itself(graphs, data, open_world):
         np.testing.assert_array_equal(getattr(once, field), getattr(twice, field))
 
 
-def test_quotient_with_a_trap_is_the_quotient_of_the_open_world_filter(labs):
-    for graph in labs.values():
-        filter = filter_of(graph)
-        np.testing.assert_array_equal(
-            minimize(filter.with_trap()).transition, minimize(filter).with_trap().transition
-        )
-
-
 def test_cycle_has_the_period_of_its_word():
     # Six cells in a circle, where the robot observes 0 1 1 0 1 1.
     image = np.array([1, 2, 3, 4, 5, 0], np.int32)

@@ -1,12 +1,11 @@
 import functools
-import itertools
 import math
 import sys
 
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from jaxcell.automata import (
     Filter,
@@ -68,27 +67,6 @@ def exists(machine, count, after=None, classes=None, queue=((0, 0),)):
     return True
 
 
-def partitions(states):
-    """Return all partitions, as the class of each state."""
-    labels = [[0]]
-    for _ in range(states - 1):
-        labels = [[*label, c] for label in labels for c in range(max(label) + 2)]
-    return labels
-
-
-def closed(machine, label):
-    for a, b in itertools.combinations(range(len(label)), 2):
-        if label[a] == label[b]:
-            if machine.color[a] != machine.color[b]:
-                return False
-            for x, y in zip(
-                machine.transition[a].tolist(), machine.transition[b].tolist(), strict=True
-            ):
-                if x >= 0 and y >= 0 and label[x] != label[y]:
-                    return False
-    return True
-
-
 def assert_same_outputs(machine, small):
     """Check that every string of a machine gives the same outputs in a smaller machine."""
     met, queue = {(0, 0)}, [(0, 0)]
@@ -104,39 +82,12 @@ def assert_same_outputs(machine, small):
                     queue.append((after, then))
 
 
-def strings(machine, length):
-    """Yield all strings up to a length that can occur."""
-    level = [((), 0)]
-    while level:
-        yield from (string for string, _ in level)
-        level = [
-            ((*string, symbol), int(after))
-            for string, state in level
-            for symbol, after in enumerate(machine.transition[state])
-            if after >= 0 and len(string) < length
-        ]
-
-
 @given(machine=machines())
 def test_no_machine_is_smaller_than_the_least_cover(machine):
     result = smallest(machine)
     assert result.proved
     assert exists(machine, result.states)
     assert result.states == 1 or not exists(machine, result.states - 1)
-    assert_same_outputs(machine, result.machine)
-    for string in strings(machine, 7):
-        np.testing.assert_array_equal(machine.run(string), result.machine.run(string))
-
-
-@given(machine=machines())
-@settings(max_examples=60)
-def test_no_closed_partition_is_smaller_than_the_least_one(machine):
-    result = smallest(machine, cover=False)
-    states = len(machine.transition)
-    least = min(max(label) + 1 for label in partitions(states) if closed(machine, label))
-    assert result.proved
-    assert result.states == least >= smallest(machine).states
-    assert np.all(result.merged.sum(axis=0) == 1)
     assert_same_outputs(machine, result.machine)
 
 
@@ -152,11 +103,6 @@ def test_smallest_filters_of_labs_have_the_outputs_of_the_filters(labs, lab, out
     assert_same_outputs(machine, result.machine)
     if output == "color" and not runs:
         assert result.moore == len(minimize(filter).transition)
-
-
-def test_cover_can_be_smaller_than_every_partition(labs):
-    filter = Filter.of(subset_construction(*labs["a", 45]))
-    assert smallest(filter, cover=False).bound > smallest(filter).states
 
 
 def test_outputs_of_machines_along_strings_are_those_of_the_filter(labs):

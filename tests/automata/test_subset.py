@@ -5,8 +5,6 @@ import sys
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from automata.fa.dfa import DFA
-from automata.fa.nfa import NFA
 from hypothesis import given
 
 from jaxcell.automata import subset, subset_construction
@@ -60,38 +58,6 @@ def test_automata_of_larger_maps_equal_sets_one_by_one(labs, bounce):
         assert lists(result) == sets_one_by_one(image, observation)
 
 
-@given(data=st.data())
-def test_automaton_equals_automata_lib(graphs, data):
-    image, observation = data.draw(graphs)
-    cells = range(image.size)
-    nfa = NFA(
-        states={"start", *cells},
-        input_symbols={"0", "1"},
-        transitions={
-            "start": {"": set(cells)},
-            **{z: {str(int(observation[z])): {int(image[z])}} for z in cells},
-        },
-        initial_state="start",
-        final_states=set(cells),
-    )
-    dfa = DFA.from_nfa(nfa, retain_names=True, minify=False)
-    transition, sets = lists(subset_construction(image, observation))
-    # The start of the library contains its extra state; its empty set is no state here.
-    theirs = {
-        (frozenset(s) - {"start"}, bit): frozenset(t) - {"start"}
-        for s, row in dfa.transitions.items()
-        for bit, t in row.items()
-        if t
-    }
-    ours = {
-        (frozenset(sets[s]), str(bit)): frozenset(sets[t])
-        for s, row in enumerate(transition)
-        for bit, t in enumerate(row)
-        if t >= 0
-    }
-    assert ours == theirs
-
-
 @given(data=st.data(), bits=st.integers(0, 2))
 def test_hash_collisions_do_not_change_the_automaton(graphs, data, bits):
     graph = data.draw(graphs)
@@ -133,16 +99,6 @@ def test_map_of_one_cell():
 def test_bad_images_are_refused(image, message):
     with pytest.raises(ValueError, match=message):
         subset_construction(np.array(image, np.int32), np.zeros(len(image), bool))
-
-
-def test_limit_is_the_total_size(labs):
-    image, observation = labs["a", 45]
-    total = subset_construction(image, observation).members.size
-    assert subset_construction(image, observation, limit=total).members.size == total
-    with pytest.raises(ValueError, match=f"more than the limit of {total - 1}"):
-        subset_construction(image, observation, limit=total - 1)
-    with pytest.raises(ValueError, match="152 cells are more than the limit of 100"):
-        subset_construction(image, observation, limit=100)
 
 
 def test_automata_do_not_import_jax():

@@ -145,16 +145,6 @@ def test_other_files_are_refused(tmp_path, name, content, message):
         Workspace.load(path)
 
 
-def test_every_cut_of_a_file_is_refused(tmp_path):
-    path = tmp_path / "map.json"
-    Workspace(ROOM["boundary"], [BOX], 0.1, "Café", 0.25, 16).save(path)
-    content = path.read_bytes().rstrip(b"\n")
-    for end in range(len(content)):
-        path.write_bytes(content[:end])
-        with pytest.raises(ValueError, match=r"map\.json: "):
-            Workspace.load(path)
-
-
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
         Workspace.load(tmp_path / "none.json")

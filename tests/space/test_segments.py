@@ -73,55 +73,44 @@ def test_a_step_is_free_if_its_segment_is_covered(room, scale):
                 assert targets[direction, position] == expected, (rule, direction, position)
 
 
-def step(workspace, start, direction):
-    cells = CellSpace.of(workspace, 1.0, 8)
-    position = int(cells.index(*start))
-    return bool(free_steps(cells)[direction, position] != position)
-
-
-ROOM = box(0, 0, 6, 6)
-
-
-def test_step_may_graze_a_corner():
-    assert step(Workspace(ROOM, [box(2, 1, 3, 2)]), (1.5, 1.5), 1)
-    assert step(Workspace(ROOM, [box(1, 2, 2, 3)]), (1.5, 1.5), 1)
-    # The tip of a triangle that points at the path.
-    assert step(Workspace(ROOM, [[(2, 2), (3, 1), (3.5, 1.2)]]), (1.5, 1.5), 1)
-
-
-def test_step_may_not_slip_between_two_obstacles_that_meet_in_a_point():
-    assert not step(Workspace(ROOM, [box(2, 1, 3, 2), box(1, 2, 2, 3)]), (1.5, 1.5), 1)
-    tips = [[(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]]
-    assert not step(Workspace(ROOM, tips), (1.5, 1.5), 1)
-
-
-def test_step_may_run_along_a_wall():
-    floor = box(0, 0, 6, 1.5)
-    assert step(Workspace(ROOM, [floor]), (1.5, 1.5), 0)
-    assert not step(Workspace(ROOM, [floor]), (1.5, 1.5), 6)
-
-
-def test_step_may_not_run_along_a_wall_past_a_point_where_another_obstacle_meets_it():
-    floor = box(0, 0, 6, 1.5)
-    assert not step(Workspace(ROOM, [floor, [(2, 1.5), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
-    assert step(Workspace(ROOM, [floor, [(2, 1.6), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
-
-
-def test_step_may_not_go_through_an_obstacle_thinner_than_a_step():
-    thin = box(1.9, 0, 2.1, 6)
-    assert not step(Workspace(ROOM, [thin]), (1.5, 1.5), 0)
-    cells = CellSpace.of(Workspace(ROOM, [thin]), 1.0, 8)
-    position = int(cells.index(1.5, 1.5))
-    assert free_steps(cells, ENDPOINT)[0, position] == cells.index(2.5, 1.5)
+ROOM, FLOOR, THIN = box(0, 0, 6, 6), box(0, 0, 6, 1.5), box(1.9, 0, 2.1, 6)
+# The corner of an obstacle to the lower left of the centre (1.5, 1.5).
+CORNER = box(0.6, 0.6, 1.5, 1.5)
+# The tip of a triangle that points at the path of a diagonal step, and another tip at that point.
+TIP, OTHER_TIP = [(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]
 
 
 @pytest.mark.parametrize(
-    ("direction", "free"), [(0, True), (1, True), (2, True), (4, False), (6, False)]
+    ("obstacles", "direction", "free"),
+    [
+        # A step may graze a corner.
+        ([box(2, 1, 3, 2)], 1, True),
+        ([box(1, 2, 2, 3)], 1, True),
+        ([TIP], 1, True),
+        # It may not slip between two obstacles that meet in a point.
+        ([box(2, 1, 3, 2), box(1, 2, 2, 3)], 1, False),
+        ([TIP, OTHER_TIP], 1, False),
+        # It may run along a wall, but not past a point where another obstacle meets the wall.
+        ([FLOOR], 0, True),
+        ([FLOOR], 6, False),
+        ([FLOOR, [(2, 1.5), (2.5, 3), (1.5, 3)]], 0, False),
+        ([FLOOR, [(2, 1.6), (2.5, 3), (1.5, 3)]], 0, True),
+        # It may not go through an obstacle that is thinner than the step.
+        ([THIN], 0, False),
+        # It may leave a corner into the free side, and along the sides of the corner.
+        ([CORNER], 5, False),
+        *(([CORNER], direction, True) for direction in (0, 1, 2, 4, 6)),
+    ],
 )
-def test_step_may_leave_a_corner_into_the_free_side(direction, free):
-    # The centre (1.5, 1.5) is the corner of an obstacle to its lower left.
-    corner = box(0.6, 0.6, 1.5, 1.5)
-    assert step(Workspace(ROOM, [corner]), (1.5, 1.5), direction) == (free or direction in (4, 6))
+def test_steps_beside_walls(obstacles, direction, free):
+    cells = CellSpace.of(Workspace(ROOM, obstacles), 1.0, 8)
+    position = int(cells.index(1.5, 1.5))
+    assert (free_steps(cells)[direction, position] != position) == free
+
+
+def test_a_step_whose_end_is_tested_goes_through_a_thin_obstacle():
+    cells = CellSpace.of(Workspace(ROOM, [THIN]), 1.0, 8)
+    assert free_steps(cells, ENDPOINT)[0, cells.index(1.5, 1.5)] == cells.index(2.5, 1.5)
 
 
 @pytest.mark.parametrize("step", [41.0, 1e9, 1e300])

@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 from random_rooms import cells_of, slanted_rooms
 from shapely import box
 
-from jaxcell.space import CellSpace, Workspace, visible_cells, visible_centres
+from jaxcell.space import CellSpace, Workspace, visible_cells
 from jaxcell.space.sight import AT_CENTRE
 
 
@@ -86,15 +86,12 @@ def test_a_map_of_any_scale_is_as_its_grid(free, side):
     np.testing.assert_array_equal(cells.free, free)
     for reach in (2.0 * side, 3.2 * side):
         np.testing.assert_array_equal(visible_cells(cells, reach), visible_cells(grid, reach))
-        np.testing.assert_array_equal(visible_centres(cells, reach), visible_centres(grid, reach))
 
 
 @given(slanted_rooms(radii=RADII), st.floats(0.5, 7))
-def test_centres_see_each_other_if_the_segment_is_free(room, reach):
+def test_a_centre_is_visible_if_the_segment_to_it_is_free(room, reach):
     cells = cells_of(room, 0.7)
-    found = visible_centres(cells, reach)
-    np.testing.assert_array_equal(found, found.T)
-    assert found.diagonal().all()
+    found = visible_cells(cells, reach, part=AT_CENTRE)
     surely, maybe = (cells.workspace.environment.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))
     i, j = np.nonzero(~np.eye(cells.positions, dtype=bool))
@@ -110,10 +107,9 @@ def test_centres_see_each_other_if_the_segment_is_free(room, reach):
 @given(slanted_rooms(radii=RADII), st.floats(0.5, 4), st.floats(0, 3))
 def test_a_longer_range_hides_no_cell(room, reach, more):
     cells = cells_of(room, 0.8)
-    for visible in (visible_cells, visible_centres):
-        near, far = visible(cells, reach), visible(cells, reach + more)
-        assert not (near & ~far).any()
-        assert not (far & ~visible(cells, np.inf)).any()
+    near, far, all_ = (visible_cells(cells, r) for r in (reach, reach + more, np.inf))
+    assert not (near & ~far).any()
+    assert not (far & ~all_).any()
 
 
 def test_all_of_a_cell_has_to_be_in_range():
@@ -125,9 +121,6 @@ def test_all_of_a_cell_has_to_be_in_range():
         assert visible_cells(cells, reach - 1e-6)[here].sum() < seen
     assert visible_cells(cells, next_to)[here, beside]
     assert visible_cells(cells, corner)[here, across]
-    # A number that is a multiple of the side only up to rounding.
-    fine = cells_among(boundary=box(0, 0, 0.6, 0.6), cell=0.1)
-    assert visible_centres(fine, 0.1 * 3)[0].sum() == 11
 
 
 def test_sight_runs_along_a_wall():
@@ -136,7 +129,6 @@ def test_sight_runs_along_a_wall():
     assert sees(low, (0.5, 2.5), (5.5, 2.5))
     # The top of this wall runs through a row of centres.
     halved = cells_among(box(1, 0, 5, 2.5))
-    assert visible_centres(halved, 20.0)[halved.index(0.5, 2.5), halved.index(5.5, 2.5)]
     assert sees(halved, (0.5, 2.5), (4.5, 2.5))
     assert not sees(halved, (0.5, 2.5), (5.5, 2.5))
 
@@ -145,23 +137,10 @@ def test_sight_grazes_a_corner_and_the_cell_behind_it_is_hidden():
     cells = cells_among(box(2, 1, 3, 2))
     # The line from (1.5, 0.5) to the corner (2, 1) goes on along the diagonal.
     assert sees(cells, (1.5, 1.5), (1.5, 3.5))
-    assert visible_centres(cells, 20.0)[cells.index(1.5, 1.5), cells.index(2.5, 2.5)]
     assert not sees(cells, (1.5, 1.5), (2.5, 2.5))
     assert sees(cells, (1.5, 2.5), (2.5, 2.5))
     assert not sees(cells, (1.5, 1.5), (3.5, 1.5))
     assert not sees(cells, (0.5, 1.5), (5.5, 1.5))
-
-
-def test_sight_does_not_slip_between_two_obstacles_that_meet_in_a_point():
-    for pair in (
-        (box(2, 1, 3, 2), box(1, 2, 2, 3)),
-        ([(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]),
-    ):
-        for obstacles, free in ((pair, False), (pair[:1], True), (pair[1:], True)):
-            cells = cells_among(*obstacles)
-            ends = cells.index(1.5, 1.5), cells.index(2.5, 2.5)
-            assert visible_centres(cells, 20.0)[ends] == free
-            assert visible_centres(cells, 20.0)[ends[::-1]] == free
 
 
 def test_the_blocked_part_of_a_cell_need_not_be_seen():
@@ -193,8 +172,6 @@ def test_a_centre_on_a_wall_sees_its_free_side():
         assert sees(cells, wall, wall)
         assert sees(cells, wall, seen)
         assert not sees(cells, wall, hidden)
-        ends = cells.index(*wall), cells.index(*hidden)
-        assert not visible_centres(cells, 20.0)[ends]
 
 
 def test_the_radius_of_the_robot_is_no_wall():
@@ -202,22 +179,19 @@ def test_the_radius_of_the_robot_is_no_wall():
     point, disc = (CellSpace.of(Workspace(ROOM, [pillar], radius), 0.5, 1) for radius in (0.0, 0.4))
     same = point.position_of_square.ravel()[disc.square]
     assert disc.positions < point.positions
-    for visible in (visible_cells, visible_centres):
-        np.testing.assert_array_equal(visible(disc, 3.0), visible(point, 3.0)[np.ix_(same, same)])
+    expected = visible_cells(point, 3.0)[np.ix_(same, same)]
+    np.testing.assert_array_equal(visible_cells(disc, 3.0), expected)
 
 
 @pytest.mark.parametrize("reach", [0, -1.0, np.nan])
-@pytest.mark.parametrize("visible", [visible_cells, visible_centres])
-def test_ranges_that_are_not_positive_are_refused(visible, reach):
+def test_ranges_that_are_not_positive_are_refused(reach):
     with pytest.raises(ValueError, match="reach: expected more than 0 m, got"):
-        visible(cells_among(), reach)
+        visible_cells(cells_among(), reach)
 
 
 def test_a_centre_is_seen_if_a_segment_to_it_is_free_and_grazes_no_corner():
     cells = cells_among(box(2.17, 1.31, 3.13, 4.23))
     centres = visible_cells(cells, 4.05, part=AT_CENTRE)
-    # No segment between centres grazes a corner of this pillar.
-    np.testing.assert_array_equal(centres, visible_centres(cells, 4.05))
     whole = visible_cells(cells, 4.05)
     assert not (whole & ~centres).any()
     assert (centres & ~whole).any()

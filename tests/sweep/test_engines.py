@@ -108,17 +108,6 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
 
 
 @pytest.mark.usefixtures("forked")
-def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
-    spec = stub_spec("kill = 5", text="[grid]\nx = {count = 12}")
-    found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
-    assert found.done == 2
-    assert [one.parameters for one in found.failures] == [{"x": 5}]
-    assert found.failures[0].message == "its worker died each of 3 times: out of memory?"
-    with open_sweep(tmp_path / "out") as dataset:
-        assert dataset.status.values.tolist() == [1] * 5 + [2] + [1] * 6
-
-
-@pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
     outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 5.0)(take)}

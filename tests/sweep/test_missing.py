@@ -74,20 +74,6 @@ def test_members_that_fail_after_growth_do_not_change_older_members(stub_spec, t
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
-def test_growth_computes_members_that_failed_again(stub_spec, tmp_path, task):
-    calls, bad = task
-    small = stub_spec(text="[grid]\nx = [1, 3, 5]")
-    large = stub_spec(text="[grid]\nx = [1, 2, 3, 4, 5]", name="large.toml")
-    run_sweep(large, tmp_path / "whole")
-    bad |= {3}
-    run_sweep(small, tmp_path / "out")
-    bad.clear()
-    calls.clear()
-    assert run_sweep(large, tmp_path / "out", resume=True).complete
-    assert sorted(x for some in values(calls) for x in some) == [2, 3, 4]
-    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
-
-
 def test_rates_are_of_the_members_that_were_computed(stub_spec, tmp_path, task, monkeypatch):
     spec, seen = stub_spec(), []
     task[1].add(5)

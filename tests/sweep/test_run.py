@@ -142,12 +142,6 @@ def test_a_sweep_whose_chunks_all_fail_has_no_result(stub_spec, tmp_path):
         open_sweep(out)
 
 
-def test_a_failure_before_the_first_result_is_in_it(stub_spec, tmp_path):
-    run_sweep(stub_spec("fail = 1"), tmp_path / "out")
-    with open_sweep(tmp_path / "out") as dataset:
-        assert dataset.status.values[0].tolist() == [1, 2] + [1] * 8
-
-
 def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, tmp_path):
     spec = stub_spec("fail = 1", text="[list]\nx = [1, 1, 1, 1, 1, 2]")
     found = run_sweep(spec, tmp_path / "out")

@@ -1,1 +1,1 @@
-"""Files of filters, machines and policies, for other programs and for microcontrollers."""
+"""Write filters, machines and policies for other programs and for microcontrollers."""

@@ -29,18 +29,18 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"The end of the first comment of all headers, and the macros that read their tables."
+"C text of all headers: the end of the first comment, and the macros that read tables."
 
 USE = """\
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
 """
-"The example in the first comment of all headers."
+"C text of all headers: the example of use in the first comment."
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Write the template of a table; by default the width of its entries is a template field."""
+    """Write the template of a table of C. Its `bits` per entry are by default a template field."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -50,7 +50,10 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 
 
 def look_up(entry: str, names: str, beyond: str) -> str:
-    """Write the template of the function that returns an entry of a table, by the state."""
+    """Write the template of a C function `entry(state)`, which reads the table `names`.
+
+    `beyond` is its value for a state that does not exist.
+    """
     return (
         f"static inline uint${{{entry}_bits}}_t ${{name}}_{entry}(${{name}}_state state) {{\n"
         f"    if ($at >= ${{NAME}}_STATES) return {beyond};\n"
@@ -60,7 +63,7 @@ def look_up(entry: str, names: str, beyond: str) -> str:
 
 
 TRANSITIONS = table("transition", size="$states][2", bits="${state_bits}")
-"The table of the state after each state and observation."
+"C text: the table of the next state for each state and observation."
 
 OBSERVATION_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -69,10 +72,10 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"The function that returns the next state from a table of transitions."
+"C text: the function that returns the next state, by the table `TRANSITIONS`."
 
 KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
-"The tables of the colour and the uncertainty of each state of a filter or a policy."
+"C text: the tables of the colour and the uncertainty of each state of a filter or a policy."
 
 LOCALIZED = """\
 /* 1 if the robot cannot be in the map, else 0. */
@@ -87,7 +90,7 @@ static inline int ${name}_localized(${name}_state state) {
 
 #endif
 """
-"The end of the headers of filters and policies."
+"C text: the last functions in the headers of filters and policies."
 
 _TEMPLATE = string.Template(
     "/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.\n"
@@ -160,10 +163,7 @@ def fill(
     bits: Mapping[str, int],
     **fields: object,
 ) -> str:
-    """Fill in a template with tables, the numbers of bits of types, and other fields.
-
-    The number of states gets the suffix of its C type.
-    """
+    """Fill in a template with tables, the number of bits of each integer type, and other fields."""
     name = identifier(name)
     fields |= {table: _rows(values) for table, values in tables.items()}
     fields |= {f"{table}_bits": width for table, width in bits.items()}
@@ -172,17 +172,17 @@ def fill(
 
 
 def identifier(name: str) -> str:
-    """Make a prefix of C identifiers: letters, digits and underscores, a letter first."""
+    """Convert a name to a prefix of C identifiers, which begins with a letter."""
     identifier = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")
     return identifier if identifier[:1].isalpha() else f"filter_{identifier}".rstrip("_")
 
 
 def bits_for(largest: int) -> int:
-    """Return the number of bits of the type that holds numbers up to the largest."""
+    """Return the number of bits of the smallest unsigned C type that holds a number."""
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 
 def _rows(values: Int[np.ndarray, "..."]) -> str:
-    """Format the entries of a table, numbers or pairs of numbers, in lines."""
+    """Format the entries of a table, numbers or pairs of numbers, as lines of C."""
     entries = (str(v).replace("[", "{").replace("]", "}") for v in values.tolist())
     return textwrap.fill(", ".join(entries), 100, initial_indent="    ", subsequent_indent="    ")

@@ -56,8 +56,8 @@ static inline int ${name}_localized(${name}_state state) {
 def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
     """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][] writes a filter.
 
-    The program always passes observations, 0 for a step and 1 for a bump, because the header of a
-    machine that reads runs counts the steps since the last bump. Its output changes only at bumps.
+    The C function always takes observations, 0 for a step and 1 for a bump. For a machine that
+    reads runs it counts the steps since the last bump, and the output changes only at bumps.
 
     **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
 
@@ -95,13 +95,13 @@ def fewest_bytes(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the smallest machines that read observations and runs; return the one with fewer bytes.
+    """Find the machine with the smallest tables in C, which reads either observations or runs.
 
-    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][], for each of the two
-    searches.
+    **Arguments:** `source` and `output` of [`MooreMachine.of`][], and `seconds` and `say` of
+    [`smallest`][] for each of the two searches.
 
-    **Returns:** the search whose machine has the smaller tables; if they are equal, the search in
-    observations.
+    **Returns:** the search that found the smaller tables; for equal sizes, the search for a machine
+    that reads observations.
 
     For three cells in a ring, the machine that reads runs takes more bytes:
 
@@ -117,7 +117,7 @@ def fewest_bytes(
 
 
 def table_bits(machine: MooreMachine) -> dict[str, int]:
-    """Return the number of bits of an entry of each table of [`machine_to_c_header`][]."""
+    """Return the number of bits per entry of each table of [`machine_to_c_header`][]."""
     return {
         table: bits_for(max(int(values.max(initial=0)), table in _STATES and len(machine.color)))
         for table, values in _tables(machine).items()

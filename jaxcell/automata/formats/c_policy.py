@@ -29,7 +29,7 @@ typedef struct {
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
-"The C type, with its constants, of the state of a policy or machine that observes runs."
+"C text: the type of the state of a policy or a machine that reads runs, and its constants."
 
 RUN_TABLES = (
     "/* The start of the next bumps of each state in the two tables after this. */\n"
@@ -37,7 +37,7 @@ RUN_TABLES = (
     + table("steps", size="$bumps")
     + table("target", size="$bumps", bits="${at_bits}")
 )
-"The tables of the possible runs after each state, and of the states after these runs."
+"C text: the tables of the possible runs after each state, and of the states after these runs."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -63,7 +63,7 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"The function that returns the next state if runs lead from state to state."
+"C text: the function that returns the next state, by the tables `RUN_TABLES`."
 
 _TEMPLATE = string.Template(
     "/* A localization policy, made by jaxcell: $states states, $ends of which are ends.\n"
@@ -104,8 +104,6 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
 
     **Arguments:** a policy, and the prefix of every name. **Returns:** the text.
 
-    **Raises:** `ValueError` for more than 255 angles.
-
     The policy of a robot that always bumps after two steps:
 
         >>> import numpy as np
@@ -141,7 +139,7 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
 
 
 def policy_bits(policy: Policy) -> dict[str, int]:
-    """Return the number of bits of an entry of each table of [`policy_to_c_header`][]."""
+    """Return the number of bits per entry of each table of [`policy_to_c_header`][]."""
     largest = {
         "first": policy.steps.size,
         # Counters never exceed the longest run.

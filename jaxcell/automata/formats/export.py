@@ -4,14 +4,13 @@ from ..filter import Filter
 from ..machine import MooreMachine
 
 
-def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
-    """Write a filter as a Graphviz graph.
+def to_dot(filter: Filter | MooreMachine) -> str:
+    """Write a filter or a machine as a Graphviz graph.
 
-    A state shows its number and, below it, its uncertainty. The start is a double circle, each
-    knowledge cycle has its own hue, and the trap is a box.
+    A state shows its number and, below it, its uncertainty, or its output in a machine. The start
+    is a double circle, each knowledge cycle has its own hue, and the trap is a box.
 
-    **Arguments:** a filter, or a machine, whose states show their outputs in place of
-    uncertainties; and the title of the graph. **Returns:** the text.
+    **Arguments:** a filter or a machine. **Returns:** the text.
 
     The last edge of the filter of a ring of three cells:
 
@@ -21,8 +20,8 @@ def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
           4 -> 3 [label="0"];
     """
     lines = [
-        f"digraph {_dot_string(name)} {{",
-        f"  label={_dot_string(name)};",
+        'digraph "filter" {',
+        '  label="filter";',
         "  rankdir=LR;",
         "  node [shape=circle, style=filled, fillcolor=white];",
     ]
@@ -49,13 +48,14 @@ def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
 
 
 def to_json(filter: Filter | MooreMachine) -> str:
-    """Write a filter as one JSON object, for other programs.
+    """Write a filter or a machine as one JSON object, for other programs.
 
-    Its fields are `transition` (for each state, the states after 0 and 1, or -1), `color`,
-    `uncertainty`, `open_world`, `trap` (a state, or null), `metadata`, and `cycles`, each with
-    `color`, `uncertainty`, `word`, `states`, and `cells`, the configurations of each state. The
-    configurations of other states are too many, and omitted. A machine has the fields `transition`
-    (for each state, the state after each symbol, or -1), `color`, `runs` and `final`.
+    The fields of a filter are `transition` (for each state, the states after 0 and 1, or -1),
+    `color`, `uncertainty`, `open_world`, `trap` (a state, or null), `metadata`, and `cycles`, each
+    with `color`, `uncertainty`, `word`, `states`, and `cells`, the configurations of each state.
+    The configurations of other states are omitted because they may be too many. The fields of a
+    machine are `transition` (for each state, the state after each symbol, or -1), `color`, `runs`
+    and `final`.
 
     **Arguments:** a filter or a machine. **Returns:** the text.
 
@@ -93,12 +93,3 @@ def to_json(filter: Filter | MooreMachine) -> str:
         "metadata": filter.metadata,
     }
     return json.dumps(described, allow_nan=False) + "\n"
-
-
-def _dot_string(text: str) -> str:
-    """Quote a text for DOT, so that it is shown literally."""
-    printable = "".join(
-        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in text
-    )
-    escaped = printable.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{escaped}"'

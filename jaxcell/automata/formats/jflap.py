@@ -1,28 +1,17 @@
-import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from typing import Literal
 
 from ..filter import Filter
 
 
-# Characters that XML 1.0 cannot represent.
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SPACING = 90
 
 
-def to_jflap(
-    filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
-) -> str:
-    """Write a filter as a `.jff` file of JFLAP 7.
+def to_jflap(filter: Filter) -> str:
+    """Write a filter as a `.jff` file of JFLAP 7: a Moore machine whose output is the colour.
 
-    **Arguments:** a filter; the kind, a `"moore"` machine whose output is the colour, or `"fa"`, a
-    finite automaton whose final states are those of the knowledge cycles; and the text of a note in
-    the drawing.
-
-    **Returns:** the text, with states in columns by their distance from the start.
-
-    **Raises:** `ValueError` for another `kind`.
+    **Arguments:** a filter. **Returns:** the text, with states in columns by their distance from
+    the start.
 
     The filter of a ring of three cells:
 
@@ -31,38 +20,32 @@ def to_jflap(
         >>> automata.to_jflap(filter).count("<transition>")
         7
     """
-    if kind not in ("fa", "moore"):
-        raise ValueError(f"kind is {kind!r}; expected 'fa' or 'moore'")
     colors = filter.color.tolist()
     root = ElementTree.Element("structure")
-    _add(root, type=kind)
+    _add(root, type="moore")
     automaton = ElementTree.SubElement(root, "automaton")
     note = ElementTree.SubElement(automaton, "note")
-    _add(note, text=_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name), **_place(0, -1))
+    _add(note, text="filter", **_place(0, -1))
     for state, (x, y) in enumerate(_columns(filter)):
         node = ElementTree.SubElement(automaton, "state", id=str(state), name=f"q{state}")
         _add(node, **_place(x, y))
         if state == 0:
             ElementTree.SubElement(node, "initial")
-        if kind == "moore":
-            _add(node, output=colors[state])
-        elif colors[state] > 1 and state != filter.trap:
-            ElementTree.SubElement(node, "final")
+        _add(node, output=colors[state])
     for source, row in enumerate(filter.transition.tolist()):
         for observation, target in enumerate(row):
             if target < 0:
                 continue
             edge = ElementTree.SubElement(automaton, "transition")
             _add(edge, **{"from": source, "to": target, "read": observation})
-            if kind == "moore":
-                _add(edge, transout=colors[target])
+            _add(edge, transout=colors[target])
     ElementTree.indent(root)
     declaration = '<?xml version="1.0" encoding="UTF-8" standalone="no"?>\n'
     return declaration + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _add(node: ElementTree.Element, **texts: object) -> None:
-    """Add elements with texts, by their tags, to a node."""
+    """Add a child to a node for each keyword: the tag and the text of the child."""
     for tag, text in texts.items():
         ElementTree.SubElement(node, tag).text = str(text)
 
@@ -72,7 +55,7 @@ def _place(x: int, y: int) -> dict[str, float]:
 
 
 def _columns(filter: Filter) -> list[tuple[int, int]]:
-    """Compute the column of each state, its distance from the start, and its row."""
+    """Compute the column and the row of each state; the column is its distance from the start."""
     places, height = {0: (0, 0)}, Counter([0])
     for source, targets in enumerate(filter.transition.tolist()):
         for target in targets:

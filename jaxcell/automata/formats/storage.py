@@ -1,6 +1,6 @@
-"""Files of int32 arrays and a JSON header: `.npz` files of NumPy with another name.
+"""Files of int32 arrays and a JSON header: `.npz` files of NumPy, whose suffix is not `.npz`.
 
-The differences between neighbouring numbers of an array are stored, because most differences of
+An array is stored as the differences between neighbouring numbers, because most differences of
 sorted cells are small and compress well.
 """
 
@@ -27,7 +27,10 @@ def write_arrays(
     header: Mapping[str, Any],
     arrays: Mapping[str, Int32[np.ndarray, "_"]],
 ) -> None:
-    """Write a file completely or not at all; equal contents give equal bytes."""
+    """Write a header and arrays to a file, completely or not at all.
+
+    Equal contents give equal bytes.
+    """
     text = json.dumps(header, sort_keys=True).encode()
     stored: dict[str, Any] = {_HEADER: np.frombuffer(text, np.uint8)}
     stored |= {name: np.diff(arrays[name], prepend=np.int32(0)) for name in sorted(arrays)}
@@ -36,10 +39,7 @@ def write_arrays(
 
 
 def read_kind(path: str | os.PathLike[str]) -> str:
-    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays.
-
-    **Raises:** `ValueError` as [`read_arrays`][].
-    """
+    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays."""
     return str(_read(path, headed=True)[0].get("kind"))
 
 
@@ -47,10 +47,9 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read a file of one kind, in a context that adds its path to errors about the content.
+    """Read the header and the arrays of a file of one kind, with metadata that is a JSON object.
 
-    **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
-    `KeyError` or a `ValueError` in the block.
+    A `KeyError` or a `ValueError` of the block becomes a `ValueError` that names the file.
     """
     header, arrays = read_arrays(path)
     try:
@@ -66,10 +65,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Return a copy of metadata as it would be after writing and reading.
-
-    **Raises:** `ValueError` if the metadata is not a JSON object.
-    """
+    """Check that metadata is a JSON object; return a copy of it as it would be read from a file."""
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:
@@ -79,10 +75,7 @@ def checked_metadata(metadata: Mapping[str, Any]) -> Any:
 def read_arrays(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]:
-    """Read the header and the arrays of a file of [`write_arrays`][].
-
-    **Raises:** `ValueError` if it is not such a file, or was truncated or altered.
-    """
+    """Read the header and the arrays of a file of [`write_arrays`][]."""
     header, arrays = _read(path)
     for name, array in arrays.items():
         if array.dtype != np.int32 or array.ndim != 1:
@@ -93,7 +86,7 @@ def read_arrays(
 def _read(
     path: str | os.PathLike[str], headed: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the header and the arrays as they are stored, or only the header."""
+    """Read the header and the arrays as they are stored; if `headed`, only the header."""
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(

@@ -7,9 +7,9 @@ from ...base.memory import check
 def incompatible_pairs(
     transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
 ) -> Bool[np.ndarray, "states states"]:
-    """Find the pairs of states for which a string, possible from both, gives different outputs.
+    """Find the pairs of states from which a string that is possible from both gives other outputs.
 
-    A pair with different outputs is incompatible, and so is a pair whose successors after a symbol
+    Two states are incompatible if their outputs differ, or if their successors after some symbol
     are incompatible. `transition` is -1 for an impossible symbol.
     """
     states = len(transition)

@@ -11,10 +11,10 @@ def folded(
 ) -> Int[np.ndarray, "states"]:
     """Merge each state with the first earlier state with which it can be merged.
 
-    If two states are merged, so are their successors after each symbol that can occur in both, and
-    the successors of these. Two states can be merged if then no class has a pair that is `apart`.
-    States are in breadth-first order; no more states are merged after `go_on` returns `False`.
-    Returns the class of each state, by its smallest state.
+    If two states are merged, their successors after each symbol that can occur in both are merged
+    too, and so on. States can be merged if afterwards no class contains two states that are
+    `apart`. States are in breadth-first order; merging ends when `go_on` returns `False`. Returns
+    the smallest state in the class of each state.
     """
     partition = _Partition(transition, apart)
     kept = [0]
@@ -29,7 +29,7 @@ def folded(
 
 
 class _Partition:
-    """A partition into classes, by their smallest states; entries of other states are not valid."""
+    """A partition of states. The attributes have an entry per class, by its smallest state."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class _Partition:
         return state
 
     def merge(self, a: int, b: int) -> bool:
-        """Merge two classes and those of their successors; return `False` if it is impossible."""
+        """Merge two classes, and the classes of their successors; return `False` if impossible."""
         parent: dict[int, int] = {}
         apart: dict[int, int] = {}
         members: dict[int, int] = {}

@@ -1,4 +1,3 @@
-import itertools
 from collections.abc import Iterator
 from typing import TypeAlias
 
@@ -20,31 +19,28 @@ def closed_classes(
     apart: Bool[np.ndarray, "states states"],
     clique: Int[np.ndarray, "clique"],
     count: int,
-    *,
-    cover: bool,
 ) -> Iterator[Classes | bool | None]:
-    """Find `count` classes of states that are a closed cover, or a partition, with a SAT solver.
+    """Find `count` classes that form a closed cover of the states, with a SAT solver.
 
     Each state is in a class, no class has an incompatible pair, and for each class and symbol the
-    successors are in one class. The states of a clique are incompatible with each other, so that
-    state `i` of the clique is in class `i` without loss of generality. Clauses about a pair of
-    states, and about the successors of a class after a symbol, are added only when a solution
-    violates them (Zhang and Shell 2020).
+    successors are in one class. Without loss of generality state `i` of the clique is in class `i`,
+    because no two states of a clique can be in one class. Clauses about a pair of states, and about
+    the successors of a class after a symbol, are added only when a solution violates them (Zhang
+    and Shell 2020).
 
     **Arguments:**
 
     - `transition`: the state after each symbol, -1 for an impossible symbol.
     - `apart`: the pairs of incompatible states.
     - `clique`: states that are incompatible with each other.
-    - `cover`: whether a state may be in several classes.
 
-    **Yields:** `None` after each part of the search, and in the end the classes, or `False` if it
-    is proved that no such classes exist.
+    **Yields:** `None` after each part of the search, and at the end the classes, or `False` if
+    there are provably no such classes.
     """
     from pysat.solvers import Solver
 
     problem = _Problem(transition, apart, clique, count)
-    with Solver("glucose4", bootstrap_with=problem.base(cover)) as solver:
+    with Solver("glucose4", bootstrap_with=problem.base()) as solver:
         while True:
             solver.conf_budget(_CONFLICTS)
             answer = solver.solve_limited()
@@ -64,7 +60,7 @@ def closed_classes(
 
 
 class _Problem:
-    """The clauses of closed classes; each variable means that a certain state is in a class."""
+    """The clauses of closed classes. Each variable means that a state is in a class."""
 
     def __init__(
         self,
@@ -81,17 +77,10 @@ class _Problem:
         self.last = int(variables[-1, -1])
         self.closed: set[tuple[int, int]] = set()
 
-    def base(self, cover: bool) -> list[list[int]]:
-        clauses = [
-            [-_FALSE],
-            *self.member[np.arange(self.clique.size), self.clique][:, None].tolist(),
-        ]
-        for column in self.member.T:
-            literals = column[column != _FALSE].tolist()
-            clauses.append(literals)
-            if not cover:
-                clauses.extend([-a, -b] for a, b in itertools.combinations(literals, 2))
-        return clauses
+    def base(self) -> list[list[int]]:
+        of_clique = self.member[np.arange(self.clique.size), self.clique][:, None].tolist()
+        of_states = [column[column != _FALSE].tolist() for column in self.member.T]
+        return [[-_FALSE], *of_clique, *of_states]
 
     def classes(self, model: list[int]) -> Classes:
         # Variables that are in no clause are not in the model.
@@ -114,7 +103,7 @@ class _Problem:
     def closing(self, classes: Classes) -> Iterator[list[list[int]]]:
         """Yield clauses that put the successors of a class after a symbol into one class.
 
-        Only successors that are not yet in one of these classes get clauses.
+        There are no clauses for successors that one of `classes` already contains.
         """
         for index, row in enumerate(classes):
             for symbol, after in enumerate(self.transition.T):

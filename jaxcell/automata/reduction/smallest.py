@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Int32
 
 from ...base.optional_modules import import_module
 from ..filter import Filter
@@ -32,16 +32,12 @@ class Smallest:
 
     machine: MooreMachine
     "The smallest machine that was found."
-    merged: Bool[np.ndarray, "states original"]
-    "The states of the original machine that are merged into each state."
     bound: int
     "The proved lower bound on the number of states of every such machine."
     moore: int
     "The number of states if only equivalent states are merged, as [`minimize`][] does."
-    cover: bool
-    "`True` if a state of the original machine may be merged into several states."
     seconds: float
-    "The duration of the search."
+    "The duration of the search in seconds."
 
     @property
     def states(self) -> int:
@@ -50,7 +46,7 @@ class Smallest:
 
     @property
     def gap(self) -> int:
-        """The difference of the number of states and the bound."""
+        """The difference between the number of states and the bound."""
         return self.states - self.bound
 
     @property
@@ -67,25 +63,23 @@ class Smallest:
 def smallest(
     source: MooreMachine | Filter | Policy,
     *,
-    cover: bool = True,
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
     """Find the smallest machine that gives the same outputs on every string that can occur.
 
-    States can be merged if no string that is possible from all gives different outputs, and if
-    their successors are merged too. This relation is not transitive, so that a state may be merged
-    into several states: the smallest machine is a *cover* of the states by classes, and may be
-    smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
-    2020). The size of a clique of incompatible states is a lower bound, that of a greedy partition
-    is an upper bound, and a SAT solver decides between them.
+    States can be merged if no string that is possible from all of them gives different outputs, and
+    if their successors are merged too. This relation is not transitive, so that a state may be
+    merged into several states: the smallest machine is a *cover* of the states by classes, and may
+    be smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
+    2020). The size of a clique of incompatible states is a lower bound, the number of classes of a
+    greedy partition is an upper bound, and a SAT solver decides between them.
 
     **Arguments:**
 
     - `source`: a machine, or a filter or a policy with its default output.
-    - `cover`: whether to search among covers, or only among partitions of the states of `source`.
-    - `seconds`: the time after which the search ends and the best machine is returned. The
-        comparison of all pairs of states is never cut short.
+    - `seconds`: the time after which the search ends and the best machine is returned. All pairs of
+        states are compared even if that takes longer.
     - `say`: a function that is called with a description of each part of the work.
 
     **Returns:** [`Smallest`][].
@@ -116,12 +110,9 @@ def smallest(
     heads = folded(transition, apart, go_on)
     classes = np.unique(heads)[:, None] == heads
     bound = clique.size
-    if not cover:
-        transition, apart, clique = machine.transition, apart[label][:, label], first[clique]
-        classes = classes[:, label]
     if bound < len(classes) and go_on():
         import_module("pysat.solvers")
-    search = functools.partial(closed_classes, transition, apart, clique, cover=cover)
+    search = functools.partial(closed_classes, transition, apart, clique)
     most = clique.size + math.isqrt(_LARGEST // len(transition))
     tried: dict[int, Iterator[Classes | bool | None]] = {}
     while bound < len(classes) and go_on():
@@ -136,12 +127,11 @@ def smallest(
             elif isinstance(answer, np.ndarray):
                 classes = answer[_successors(transition, answer)[1]]
                 break
-    if cover:
-        classes = classes[:, label]
+    classes = classes[:, label]
     after, order = _successors(machine.transition, classes)
     color = machine.color[np.argmax(classes[order], axis=1)]
     small = dataclasses.replace(machine, transition=after, color=color)
-    return Smallest(small, classes[order], bound, first.size, cover, time.monotonic() - began)
+    return Smallest(small, bound, first.size, time.monotonic() - began)
 
 
 def _successors(
@@ -149,7 +139,7 @@ def _successors(
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
     """Find the classes that some string reaches, in breadth-first order.
 
-    Returns the class after each of them and each symbol, by its place in this order, and the order.
+    Returns the transitions between these classes, by their numbers in this order, and the classes.
     """
     start = int(np.argmax(classes[:, 0]))
     number, queue, rows = {start: 0}, [start], []

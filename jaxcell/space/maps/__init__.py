@@ -1,1 +1,1 @@
-"""Maps as files and pictures, and random ones."""
+"""Read and write map files, and draw random maps."""

@@ -1,7 +1,7 @@
-"""Grid maps: ASCII grids and the maps of ROS map_server.
+"""Read and write grid maps: ASCII grids, and the maps of ROS map_server.
 
-A grid becomes a map whose boundary is the rectangle around the grid and whose obstacles are its
-blocked squares, and which suggests the side of a square as its `cell`.
+A grid becomes a map whose boundary is the rectangle around the grid, whose obstacles are the
+blocked squares, and whose suggested `cell` is the side of a square.
 """
 
 import json
@@ -27,7 +27,7 @@ _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
 
 
 class _Loader(yaml.BaseLoader):
-    """A loader that refuses aliases, because a few lines of them may fill any memory."""
+    """A loader that refuses aliases, because a few lines with aliases can fill any memory."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
@@ -47,14 +47,12 @@ def parse_ascii(text: str) -> dict[str, Any]:
     #######
     ```
 
-    The first row is the top one. `#`, `X` and `@` are blocked squares, `.` and the space are free
-    ones, and every row has the same length. Lines above the rows that begin with `;` give `cell`
-    (m; 1 by default), `origin` (the x and y of the lower left corner, m), `robot_radius` (m),
-    `directions` and `name`; those that begin with `;;` are remarks.
+    The first row is at the top. `#`, `X` and `@` are blocked squares, `.` and the space are free
+    squares, and all rows have the same length. Lines above the rows that begin with `;` give `cell`
+    (m; 1 by default), `origin` (x and y of the lower left corner, m), `robot_radius` (m),
+    `directions` and `name`; lines that begin with `;;` are remarks.
 
     Returns keyword arguments of `Workspace`.
-
-    **Raises:** `ValueError` that names the line and the column, or the field.
     """
     lines = text.replace("\r\n", "\n").split("\n")
     header: dict[str, str] = {}
@@ -101,10 +99,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
 def format_ascii(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> str:
-    """Write the text of an ASCII grid of a map.
-
-    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
-    """
+    """Write a map as the text of an ASCII grid."""
     blocked, origin = _grid_of(fields, environment)
     x, y = origin
     header = [f"; cell {fields['cell']!r}", f"; robot_radius {fields['robot_radius']!r}"]
@@ -122,14 +117,12 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     """Read the YAML file of a ROS map_server map, and its image.
 
     `image`, `resolution` (m per pixel), `origin` (x, y and yaw of the lower left corner; the yaw
-    must be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be trinary;
-    other keys are ignored. Occupied and unknown pixels are both obstacles. As in map_server, the
-    channels of a pixel, alpha among them, are averaged first.
+    must be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may only be
+    trinary; other keys are ignored. Occupied and unknown pixels are both obstacles. As in
+    map_server, the channels of a pixel, including alpha, are averaged first.
 
-    The image is relative to the folder of the file. Returns keyword arguments of `Workspace`.
-
-    **Raises:** `ValueError` that names the field, also for an image that is missing, broken, or
-    over Pillow's limit of size (about 9 * 10^7 pixels), which is checked before decoding.
+    The path of the image is relative to `folder`. Images over Pillow's limit of size (about 9 *
+    10^7 pixels) are refused before decoding. Returns keyword arguments of `Workspace`.
     """
     try:
         # All scalars as text, because in YAML 1.1 `5e-2` is no number and `no` is a Boolean.
@@ -177,10 +170,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 def format_map_server(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
-    """Write the YAML text and the PGM image of a map_server map.
-
-    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
-    """
+    """Write a map as the YAML text and the PGM image of map_server; `image` is its file name."""
     blocked, (x, y) = _grid_of(fields, environment)
     text = (
         f"image: {json.dumps(image)}\n"
@@ -223,7 +213,7 @@ def _side(field: str, text: Any) -> float:
 def _grid_fields(
     blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
 ) -> dict[str, Any]:
-    """Make the map of a grid with row 0 at the bottom and its lower left corner at `origin`."""
+    """Make the fields of the map of a grid. Row 0 is at the bottom; `origin` is the lower left."""
     if blocked.all():
         raise ValueError("the grid has no free square")
     rows, columns = blocked.shape
@@ -238,7 +228,7 @@ def _grid_fields(
 def _grid_of(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> tuple[Bool[np.ndarray, "rows columns"], tuple[float, float]]:
-    """Make the grid of a map, row 0 at the bottom, and find its lower left corner."""
+    """Return the blocked squares of a map, with row 0 at the bottom, and the lower left corner."""
     if fields["cell"] is None:
         raise ValueError("cell: a grid needs the side of its squares, and this map suggests none")
     x, y = fields["boundary"].min(axis=0).tolist()
@@ -250,7 +240,7 @@ def _grid_of(
 
 
 def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
-    """Find the pixels of an image that map_server takes as free; row 0 at the top."""
+    """Return a mask of the pixels that map_server takes as free, with row 0 at the top."""
     pixels, full = _pixels(path)
     channels = pixels.shape[2]
     # The table has an entry per possible sum of the channels, by the arithmetic of map_server.

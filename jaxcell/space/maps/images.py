@@ -1,4 +1,4 @@
-"""Pictures from files that may be damaged."""
+"""Read pictures from files that may be damaged."""
 
 import warnings
 from io import BytesIO

@@ -1,9 +1,9 @@
-"""Map files: the choice of the format, the JSON format of jaxcell, and safe writing.
+"""Read and write map files in the format of their suffix, and the JSON format of jaxcell.
 
-The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`. In JSON,
-`format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by default, or
-"cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a misspelt
-key is noticed.
+The other formats are in `grid_files`. A map is represented by the keyword arguments of `Workspace`.
+In JSON, `format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by
+default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a
+misspelt key is noticed.
 """
 
 import json
@@ -43,8 +43,6 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a map file in the format of its suffix.
 
     Returns keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
     """
     path = Path(path)
     check_file(path, "a map")
@@ -72,7 +70,7 @@ def write_map(
 ) -> None:
     """Write or replace a map file in the format of its suffix; see `Workspace.save`.
 
-    A grid holds the environment in place of the polygons.
+    A grid is written from the environment, the other formats from the polygons in `fields`.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -95,10 +93,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:** `ValueError` that names the field.
-    """
+    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
         raise ValueError('format: expected an object with "format": "jaxcell-map"')
@@ -131,7 +126,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """Write the JSON text of a map, in metres; it is read back to the same numbers."""
+    """Write the JSON text of a map, in metres, which `parse_json` reads to the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',

@@ -1,4 +1,4 @@
-"""Rooms with obstacles at random places, determined by a seed and the number of the room."""
+"""Draw rooms with obstacles at random places, from a seed and the number of the room."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from jaxtyping import Bool
 DIRECTIONS = 360
 "Number of directions in the environments of Figure 2.7."
 ROOM = np.ones((125, 200), bool)
-"The free cells of the room of Figure 2.7: 200 x 125, without the obstacle [70, 100] x [0, 20]."
+"The free cells of the room of Figure 2.7: 200 x 125 cells minus an obstacle at its boundary."
 ROOM[:20, 70:100] = False
 _SQUARE = np.ones((25, 25), bool)
 _RECTANGLE = np.ones((18, 40), bool)
@@ -27,7 +27,7 @@ ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
     "E3": lambda rng: [_SQUARE, _RECTANGLE, _RECTILINEAR],
     "E4": lambda rng: [np.ones((rng.integers(*_SIDES, endpoint=True),) * 2, bool)],
 }
-"The obstacles of the environments of Figure 2.7 of Alam 2018, section 2.5.1."
+"Functions that draw the obstacles of the environments of Figure 2.7 (Alam 2018, section 2.5.1)."
 
 
 class Placement(NamedTuple):
@@ -44,18 +44,17 @@ class Placement(NamedTuple):
 def place(seed: int, environment: str, run: int) -> Placement:
     """Put obstacles into the room of Figure 2.7, uniformly over all placements without overlap.
 
-    Section 2.5.1 changes the obstacles of "the environment E of Figure 2.6", which has a static
-    obstacle at its boundary. That obstacle stands in all environments, with
+    Alam 2018, section 2.5.1. All environments have one fixed obstacle at the boundary, and at
+    random places
 
-    - E1: a square at a random place inside,
+    - E1: a square,
     - E2: a square and a rectangle,
     - E3: a square, a rectangle and a rectilinear obstacle (an L),
     - E4: a square of random size.
 
-    The source gives no sizes of obstacles. Ours are those of `data/maps/room_200x125.json`, and
-    sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary.
-
-    Placements are numbered from 0.
+    The source gives no sizes of obstacles. Here they have the sizes in
+    `data/maps/room_200x125.json`, and sides of 10 to 50 in E4. Random obstacles are at least one
+    cell away from the boundary. The placement depends on the seed and its number `run`, from 0.
     """
     # Each placement has a stream of its own, so a longer study begins with the shorter one.
     rng = np.random.default_rng([seed, int(environment[1:]), run])
@@ -79,15 +78,11 @@ def place(seed: int, environment: str, run: int) -> Placement:
 def random_room(
     seed: int, number: int, columns: int, rows: int, obstacles: int
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Draw the free cells of a room in one piece with rectangles at random places.
+    """Draw the free cells of a room with rectangular obstacles at random places.
 
-    The sides of a rectangle are a twentieth to a fifth of the sides of the room, at least a cell.
-    Rectangles may overlap and stand at walls. A room is drawn again if its free cells are not
-    connected by their edges.
-
-    Rooms are numbered from 0, and have `columns` x `rows` cells and a number of `obstacles`.
-
-    **Raises:** `ValueError` if such rooms are almost never in one piece.
+    The sides of an obstacle are a twentieth to a fifth of the sides of the room, at least one cell.
+    Obstacles may overlap and touch walls. A room is drawn again if its free cells are not connected
+    by their edges, at most a thousand times. The room depends on the seed and its `number`, from 0.
     """
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):

@@ -1,1 +1,1 @@
-"""The files of sweeps: writing, reading and repair."""
+"""Write, read and repair the files of a sweep."""

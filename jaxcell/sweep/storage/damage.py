@@ -1,4 +1,4 @@
-"""Report errors from the damaged folder of a sweep."""
+"""Report errors that come from the damaged folder of a sweep."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Convert each error while reading a sweep to a `ValueError` that names the folder."""
+    """Convert the errors of a block that reads a sweep to `ValueError` that names the folder."""
     try:
         yield
     except Exception as error:  # Zarr and msgspec have errors of many types.

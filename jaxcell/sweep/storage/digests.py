@@ -1,4 +1,4 @@
-"""Identify the versions, files and modules that the numbers of a sweep depend on."""
+"""Describe the versions, files and modules that the numbers of a sweep depend on."""
 
 import hashlib
 import importlib.metadata
@@ -20,9 +20,9 @@ _MAP_SERVER = (".yaml", ".yml")
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """Describe versions, settings and files that affect the numbers of a sweep.
+    """Describe the versions, settings and files that affect the numbers of a sweep.
 
-    **Returns:** attributes of the result.
+    `wide` is true if JAX computes with 64 bits. Returns attributes of the result.
     """
     revision = git_revision()
     return {
@@ -37,33 +37,33 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, by its name.
 
-    These files are named by parameters and fixed values. They include the images of map_server
-    files, and the user's module of a task or of a value such as a system (`FILE.py:NAME` or
-    `MODULE:NAME`), with the user's modules that this module imports.
+    Parameters and fixed values name these files. Also included are the images of map_server files,
+    and the user's module of the task or of a value (`FILE.py:NAME` or `MODULE:NAME`), with the
+    modules of the user that this module imports.
     """
-    digest_of = {}
+    digests_of = {}
     columns = [parameter.values for parameter in spec.parameters]
     listed = [values.tolist() for values in columns if values.dtype.kind == "U"]
     texts = sorted({*_strings([spec.fixed, *listed])})
     for text in texts:
         if (path := spec.find_file(text)) is None or not path.is_file():
             continue
-        digest_of[text] = _digest(path)
+        digests_of[text] = digest_of(path)
         if (image := _image(path)) is not None and os.path.isfile(path.parent / image):
-            digest_of[os.path.join(os.path.dirname(text), image)] = _digest(path.parent / image)
+            digests_of[os.path.join(os.path.dirname(text), image)] = digest_of(path.parent / image)
     for text in (spec.task, *texts):
         module, colon, _ = text.rpartition(":")
         if colon and (source := _source(spec, module)) is not None:
             name = "" if module.endswith(".py") else module
             if text == spec.task or is_users(name, source):
-                digest_of[f"task {text}" if text == spec.task else text] = _digest(source)
+                digests_of[f"task {text}" if text == spec.task else text] = digest_of(source)
                 for imported, file in imported_files(source, name).items():
-                    digest_of[f"module {imported} ({file.name})"] = _digest(file)
-    return digest_of
+                    digests_of[f"module {imported} ({file.name})"] = digest_of(file)
+    return digests_of
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Describe changes between two results of `made_with`: of versions, files, and the task."""
+    """Describe changes of versions, files and the task between two results of `made_with`."""
     old, new = (json.loads(made["digests"]) for made in (there, here))
     return [
         f"{name}: {there.get(name)} there, {value} here"
@@ -103,6 +103,7 @@ def _source(spec: Spec, module: str) -> Path | None:
     return module_file(module) if dotted else None
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """Compute the SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,7 +1,6 @@
-"""Make the result of a sweep: a Zarr store that xarray opens."""
+"""Write the result of a sweep as a Zarr store, which xarray can open."""
 
 import dataclasses
-import hashlib
 import json
 import math
 import warnings
@@ -15,6 +14,7 @@ from ...base.paths import replacing
 from ..design import LIST_DIMENSION, RANDOM_DIMENSION
 from ..spec import Spec, packed
 from ..workers.work import Variable
+from .digests import digest_of
 from .records import fill_value
 from .store import DONE, FAILED, TO_DO, SweepStore
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import zarr
 
 FILE_BYTES = 2**20
-"""Approximate largest size of a file in bytes; a file has at least one chunk of the sweep."""
+"""Approximate largest size of a file in bytes; a file holds at least one chunk of the sweep."""
 _STATUS = Variable(
     (),
     np.zeros(0, np.int8),
@@ -36,13 +36,13 @@ _STATUS = Variable(
 
 
 def update_result(store: SweepStore) -> None:
-    """Make the result of a sweep, unless it is up to date."""
+    """Write the result of a sweep to its folder, unless it is up to date."""
     if store.frame is not None and (store.contents.exported is None or store.lost_files()):
         export(store)
 
 
 def export(store: SweepStore) -> None:
-    """Make the result of a sweep in its folder, and replace an older result."""
+    """Write the result of a sweep to its folder, and replace an older result."""
     with replacing(store.zarr) as temporary:
         write_result(store, temporary)
         files = digests_of_files(temporary)
@@ -51,18 +51,12 @@ def export(store: SweepStore) -> None:
 
 def digests_of_files(folder: Path) -> dict[str, str]:
     """Compute the SHA-256 of each file below a folder, by its relative path."""
-    digests = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            with open(path, "rb") as file:
-                digests[str(path.relative_to(folder))] = hashlib.file_digest(
-                    file, "sha256"
-                ).hexdigest()
-    return digests
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): digest_of(path) for path in files}
 
 
 def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:
-    """Write the result of a sweep, with only the members of one file in memory at a time."""
+    """Write the result of a sweep to a Zarr store `target`, one file at a time to save memory."""
     import zarr
 
     spec, frame = store.spec, store.frame
@@ -96,7 +90,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """Choose the number of members in a file along each dimension, in multiples of a chunk."""
+    """Choose the number of members in a file along each dimension: a multiple of a chunk."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
@@ -106,7 +100,7 @@ def file_lengths(
 
 
 def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Make the coordinates of the result of a sweep."""
+    """Make the coordinates of a result: the parameters, and `own` coordinates of the task."""
     along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in spec.dimensions:
@@ -116,7 +110,7 @@ def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
 
 
 def described(spec: Spec) -> dict[str, Any]:
-    """Make the attributes of a result that describe its specification."""
+    """Make the attributes of a result that describe the specification."""
     attributes: dict[str, Any] = {
         "title": f"Sweep of {spec.task}",
         "source": "jaxcell",

@@ -1,8 +1,8 @@
-"""The journal of a sweep: one file, to which a run appends the results of the chunks.
+"""The journal of a sweep: a file of records, to which a run appends the results of the chunks.
 
 A record has a header and content. Both have a checksum, so any changed bit is found. Records never
 change; a later record of a chunk replaces an earlier one. If a process is killed, its records are
-kept, and an incomplete record at the end is ignored.
+kept, and an incomplete record at the end of the file is ignored.
 """
 
 import dataclasses
@@ -60,10 +60,9 @@ class Record:
 
 
 class Journal:
-    """The open file of a journal. With `append` records can be added."""
+    """The open file of a journal. If `append`, records can be added."""
 
     def __init__(self, path: Path, *, append: bool = False) -> None:
-        self.path = path
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND if append else os.O_RDONLY
         self._file = os.open(path, flags, 0o666)
         self._synced = time.monotonic()
@@ -72,7 +71,7 @@ class Journal:
         os.close(self._file)
 
     def records(self) -> Iterator[Record | int]:
-        """Yield all complete records; for a damaged header, yield its position in the file."""
+        """Yield each complete record, or the position in the file of a damaged header."""
         size = os.fstat(self._file).st_size
         if size == 0:
             return
@@ -123,7 +122,7 @@ class Journal:
 
 
 def _read_header(data: mmap.mmap, place: int) -> Record | None:
-    """Read the header at a place; return `None` if there is no header, or a damaged one."""
+    """Read the header at a byte `place`; return `None` if there is no intact header."""
     fields = data[place : place + _FIELDS.size]
     checksum = data[place + _FIELDS.size : place + _HEADER]
     if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):

@@ -14,9 +14,9 @@ _PATIENCE = 0.5
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file, and write the name of this process to it. A missing file is created.
+    """Lock a file during the block, and write the name of this process to the file.
 
-    The system removes the lock when the process ends, also by a kill.
+    A missing file is created. The system removes the lock when the process ends, even by a kill.
     """
     with open(path, "a+", encoding="utf-8") as file:
         # Retry, because `holder` may take the lock for a moment.
@@ -36,7 +36,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def holder(path: Path) -> str | None:
-    """Read the name of the process that has locked a file; return `None` if unlocked."""
+    """Return the name of the process that has locked a file; `None` if it is not locked."""
     if not path.exists():
         return None
     with open(path, encoding="utf-8") as file:

@@ -21,7 +21,7 @@ def module_file(name: str) -> Path | None:
 
 
 def is_users(module: str, file: Path) -> bool:
-    """Check that a module is not part of Python, an installed package, or jaxcell."""
+    """Check that a module does not belong to Python, an installed package, or jaxcell."""
     installed = _STANDARD in file.parents or any(part in _INSTALLED for part in file.parts)
     return module.partition(".")[0] != _OURS and not installed
 
@@ -30,14 +30,8 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
     """Find the files of the user's modules that a file imports, directly or indirectly.
 
     The files are parsed, not run. So imports inside functions are found, but imports by a computed
-    name are not.
-
-    **Arguments:**
-
-    - `path`: the file.
-    - `name`: the name of its module; empty for a script.
-
-    **Returns:** the files by the names of their modules.
+    name are not. `name` is the name of the module of the file, or empty for a script. Returns the
+    files by the names of their modules.
     """
     files: dict[str, Path] = {}
     todo = list(_imported(path, name))
@@ -51,7 +45,7 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
 
 
 def _imported(path: Path, name: str) -> Iterator[str]:
-    """Yield the names of modules that a file may import, and of their packages."""
+    """Yield the modules that a file may import, and the packages that contain them or the file."""
     parts = name.split(".")
     yield from (".".join(parts[:count]) for count in range(1, len(parts)))
     package = name if path.stem == "__init__" else name.rpartition(".")[0]
@@ -86,7 +80,7 @@ def _members(package: str) -> list[str]:
 
 
 def _found(name: str) -> tuple[Path | None, list[str]]:
-    """Find the file of a module (or `None`), and the folders if the module is a package."""
+    """Find the file of a module, or `None`, and the folders of its submodules."""
     parent, _, _ = name.rpartition(".")
     if not parent:
         specs = (finder.find_spec(name, None) for finder in sys.meta_path)

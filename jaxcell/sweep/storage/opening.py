@@ -1,4 +1,4 @@
-"""Open the store of a sweep for a run: begin the sweep, resume it, or let it grow."""
+"""Open the store of a sweep for a run, which begins, resumes or enlarges the sweep."""
 
 import contextlib
 import json
@@ -22,12 +22,10 @@ from .store import DONE, TO_DO, SweepStore
 def opened(
     folder: Path, spec: Spec, resume: bool, made: Mapping[str, Any], anyway: bool = False
 ) -> Iterator[SweepStore]:
-    """Open the store of a sweep for a run. The caller must have locked the store.
+    """Open the store of a sweep for a run, after the caller has locked the store.
 
-    An existing sweep grows if the specification has all its members and more.
-
-    **Raises:** `FileExistsError` if the folder has a sweep and `resume` is false; `ValueError` if
-    that sweep has another specification, or was made with other versions or files.
+    The arguments and errors are those of `run_sweep`. An existing sweep grows if the specification
+    has all its members and more.
     """
     tidy(folder)
     if not (folder / JOURNAL).exists():
@@ -55,7 +53,7 @@ def opened(
 
 
 def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
-    """Check and update a store for a run; return true if it grew, so it must be opened again."""
+    """Check and update a store for a run; return true if it grew and must be opened again."""
     changes = store.spec.differences(spec)
     places = spec.places_in(store.spec) if changes else None
     if changes and places is None:
@@ -82,7 +80,7 @@ def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: boo
 
 
 def copy_spec(store: SweepStore) -> bool:
-    """Write a copy of the specification; return true if the copy was missing or different."""
+    """Write `spec.toml`, the copy of the specification; return true if it was missing or wrong."""
     path = store.folder / "spec.toml"
     if path.exists() and path.read_bytes() == store.spec.text:
         return False
@@ -101,7 +99,7 @@ def tidy(folder: Path) -> None:
 def write_journal(
     folder: Path, begun: Begun, old: Journal | None = None, records: Iterable[Record] = ()
 ) -> None:
-    """Write a journal atomically, with records that are copied from an old journal."""
+    """Write a journal atomically, with copies of `records` of an `old` journal."""
     with replacing(folder / JOURNAL) as temporary:
         journal = Journal(temporary, append=True)
         journal.append(Kind.SPEC, encode(begun))
@@ -117,7 +115,7 @@ def _grow(
 ) -> None:
     """Replace a store by the store of a larger specification, and keep the members that are done.
 
-    The larger journal replaces the smaller one only when it is completely on the disk.
+    The new journal replaces the old one only after it is completely on the disk.
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)
@@ -134,7 +132,7 @@ def _grow(
 def _copy_members(
     store: SweepStore, large: SweepStore, number: int, places: Mapping[str, np.ndarray]
 ) -> None:
-    """Copy the members of a chunk of the larger sweep that are done in the smaller one."""
+    """Copy those members of a chunk of the `large` sweep that are done in the smaller sweep."""
     chunk = large.spec.chunk(number)
     sources = [places[name][part] for name, part in zip(places, chunk.region, strict=True)]
     inside = [np.flatnonzero(source >= 0) for source in sources]

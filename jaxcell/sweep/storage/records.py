@@ -19,31 +19,37 @@ _ZSTD = Zstd(level=1)
 
 
 class Begun(msgspec.Struct):
-    """The specification of a sweep, and the attributes of its result."""
+    """The record of a sweep as a whole: its specification, and the attributes of its result."""
 
     text: bytes
+    "The content of the specification file."
     folder: str
     "The folder of the specification, relative to the store."
     made: dict[str, Any]
-    "Attributes of the result: the versions, settings and files that affect the numbers."
+    "The attributes of the result that name the versions, settings and files it depends on."
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
-        """Describe a sweep with its store in a folder. Store and files can be moved together."""
+        """Make the record of a sweep whose store is in `folder`.
+
+        Paths are relative, so that the store and the input files can be moved together.
+        """
         files = os.path.relpath(spec.folder.resolve(), folder.resolve())
         return cls(spec.text, files, dict(made))
 
     def spec(self, folder: Path) -> Spec:
-        """Parse the specification of the sweep with its store in a folder."""
+        """Parse the specification of the sweep whose store is in `folder`."""
         return Spec.parse(self.text, folder / "spec.toml", (folder / self.folder).resolve())
 
 
 class Members(msgspec.Struct):
+    """The record of a chunk: the state and the variables of each of its members."""
+
     states: bytes
     values: bytes
     "All variables, compressed; empty if no member is done."
     failed: dict[int, tuple[str, str]]
-    "Message and traceback of each failed member, by the index of the member in the chunk."
+    "The message and the traceback of each failed member, by its index in the chunk."
 
     @classmethod
     def of(
@@ -81,15 +87,15 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
 
 
 class Exported(msgspec.Struct):
-    """The files of the result that was made from all earlier records."""
+    """The record of a result that was made from all earlier records."""
 
     files: dict[str, str]
-    "The SHA-256 of each file."
+    "The SHA-256 of each file of the result."
 
 
 @dataclasses.dataclass
 class Contents:
-    """The last readable records of a journal, and its damage."""
+    """The last readable record of each kind and chunk in a journal, and its damaged records."""
 
     begun: Begun | None = None
     frame: Computed | None = None
@@ -102,10 +108,7 @@ class Contents:
 
     @classmethod
     def read(cls, journal: Journal, *, check: bool) -> "Contents":
-        """Read a journal.
-
-        **Raises:** `msgspec.DecodeError` for a record with unknown content.
-        """
+        """Read a journal; without `check`, the records of chunks are not checked for damage."""
         read = cls()
         for record in journal.records():
             if isinstance(record, int):
@@ -136,14 +139,14 @@ class Contents:
 
 
 def fill_value(dtype: np.dtype) -> Any:
-    """Return the value of a variable for members that are not done."""
+    """Return the value that a variable of a type has for members that are not done."""
     return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
         dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
     )
 
 
 def check_fits(frame: Computed, computed: Computed) -> None:
-    """Raise `ValueError` if the variables of a chunk differ from those of the first chunk done."""
+    """Raise `ValueError` if a result has other variables than `frame`, the first result."""
     here, first = ({**one.variables, **one.coordinates} for one in (computed, frame))
     if here.keys() != first.keys():
         raise ValueError(

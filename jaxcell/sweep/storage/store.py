@@ -33,12 +33,9 @@ class SweepStore:
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
-        """Open a store.
+        """Open a store for reading; if `append`, check all records, and open it for writing too.
 
-        **Arguments:**
-
-        - `append`: if true, open for writing and check all records. Chunks with damaged records
-            become `TO_DO`, and an incomplete record at the end is removed.
+        Chunks with damaged records become `TO_DO`, and an incomplete record at the end is removed.
         """
         path = folder / JOURNAL
         if not path.is_file():
@@ -73,13 +70,13 @@ class SweepStore:
 
     @property
     def made(self) -> Mapping[str, Any]:
-        """Attributes of the result: the versions, settings and files that affect the numbers."""
+        """The attributes of the result that name the versions, settings and files it depends on."""
         assert self.contents.begun is not None
         return self.contents.begun.made
 
     @property
     def frame(self) -> Computed | None:
-        """The variables of length 0, and the coordinates; `None` before a member is done."""
+        """The first result, with variables of length 0; `None` before a member is done."""
         return self.contents.frame
 
     @property
@@ -91,7 +88,7 @@ class SweepStore:
         return states
 
     def differences(self, made: Mapping[str, Any]) -> list[str]:
-        """Describe changes of versions, files, and the task since the sweep began."""
+        """Describe changes of versions, files and the task; none before the first result."""
         if self.frame is None:
             return []
         with reading(self.folder):
@@ -116,12 +113,8 @@ class SweepStore:
                 continue
             own = [np.flatnonzero(along == i) for along, i in zip(chunks, index, strict=True)]
             target = np.ix_(*own)
-            source = np.ix_(
-                *(
-                    places[axis][chosen] - index[axis] * lengths[axis]
-                    for axis, chosen in enumerate(own)
-                )
-            )
+            inside = zip(places, own, index, lengths, strict=True)
+            source = np.ix_(*(along[chosen] - i * length for along, chosen, i, length in inside))
             chunk_states, chunk_arrays = self.read(number)
             states[target] = chunk_states[source]
             for name, array in arrays.items():
@@ -129,18 +122,15 @@ class SweepStore:
         return states, arrays
 
     def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Make the states and the variables of members that are not done yet."""
-        variables = {} if self.frame is None else self.frame.variables
-        arrays = {
-            name: np.full(
-                (*shape, *one.values.shape[1:]), fill_value(one.values.dtype), one.values.dtype
-            )
-            for name, one in variables.items()
-        }
+        """Make arrays of states and variables in which no member is done."""
+        arrays = {}
+        for name, one in ({} if self.frame is None else self.frame.variables).items():
+            dtype, inner = one.values.dtype, one.values.shape[1:]
+            arrays[name] = np.full((*shape, *inner), fill_value(dtype), dtype)
         return np.full(shape, TO_DO, np.int8), arrays
 
     def write_failures(self) -> None:
-        """Write the failed members with their tracebacks to a file; if none failed, remove it."""
+        """Write `failures.json`, the failed members with tracebacks; remove it if none failed."""
         path, failures = self.folder / "failures.json", [*self.failures()]
         if not failures:
             path.unlink(missing_ok=True)
@@ -166,7 +156,7 @@ class SweepStore:
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
     def begin(self, made: Mapping[str, Any], spec: Spec) -> None:
-        """Write the attributes and the folder of the specification, if they changed."""
+        """Record the attributes of the result and the folder of the specification, if changed."""
         begun = Begun.of(spec, self.folder, made)
         begun.text = self.spec.text
         if begun != self.contents.begun:
@@ -174,7 +164,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result; record those of the first."""
+        """Check that a result has the same variables as the first result, which is recorded."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -187,7 +177,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
-        """Write the result of a job, or the failure of a job of one member; return the failure."""
+        """Record the result of a job, or the failure of its single member; return the failure."""
         chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
         states.reshape(-1)[places] = DONE
@@ -216,7 +206,7 @@ class SweepStore:
         self._put(chunk.number, state, Members.of(states, values, failed))
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
-        """Copy a chunk from another store of the same sweep; return the failures."""
+        """Copy a chunk from another store of the same sweep; return its failed members."""
         with reading(other.folder):
             members = other._members(number)
         self._put(number, other.contents.chunks[number].state, members)

@@ -1,7 +1,7 @@
 """Engines compute chunks in this process, in other processes, or on a cluster of Dask.
 
-An engine takes a few jobs per worker at a time, and yields outcomes in the order in which jobs end.
-Closing the generator of an engine stops its workers at once.
+An engine is a generator. It takes a few jobs per worker at a time, and yields the outcome of each
+job when the job ends. Closing the generator stops the workers at once.
 """
 
 import asyncio
@@ -35,7 +35,7 @@ _JOBS_EACH = 2
 # One message per job would saturate the scheduler at 1,000 workers.
 _TOGETHER = 16
 LOOK_SECONDS = 1.0
-"""Interval in seconds at which the workers of a cluster are counted."""
+"""Seconds between two counts of the workers of a cluster, whose number may change."""
 _GONE = (
     "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
     "resume the sweep with another cluster"
@@ -65,9 +65,6 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
     **Returns:** a function that takes jobs, and yields their outcomes in the order in which they
     end. After each outcome it takes more jobs, until it gets `None`.
-
-    **Raises:** `ValueError` for an unknown name, for a timeout with `local`, or if `distributed` is
-    not installed.
 
     An unknown name:
 
@@ -112,13 +109,8 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 def scheduler_address(file: str | os.PathLike[str]) -> str:
     """Read the address of a cluster from the file of its scheduler.
 
-    **Arguments:**
-
-    - `file`: the file that `dask scheduler --scheduler-file FILE` wrote.
-
-    **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
-
-    **Raises:** `ValueError` if the file has no address; `FileNotFoundError`.
+    **Arguments:** the file that `dask scheduler --scheduler-file FILE` wrote. **Returns:** the
+    address, such as `tcp://host:port`, for [`engine_named`][].
 
     The file of a scheduler:
 
@@ -161,7 +153,10 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Keep up to `most()` jobs submitted, and yield outcomes in the order in which jobs end."""
+    """Keep up to `most()` jobs submitted, and yield the outcome of each job when it ends.
+
+    `submit` returns the futures of jobs, and `results` the outcomes of futures.
+    """
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
@@ -243,7 +238,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
 
 
 def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
-    """Take all futures from a queue; if it is empty, wait `LOOK_SECONDS` for a future."""
+    """Take all futures from a queue; if it is empty, wait at most `LOOK_SECONDS` for one."""
     futures = []
     with contextlib.suppress(queue.Empty):
         futures.append(ended.get(timeout=LOOK_SECONDS))
@@ -263,7 +258,7 @@ def _reaching(address: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
-    """Hide the tracebacks of Dask for a lost scheduler, because our error reports the loss."""
+    """Silence the log of Dask about a lost scheduler, because our error reports the loss."""
     loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
     kept = [logger.disabled for logger in loggers]
     for logger in loggers:
@@ -280,7 +275,10 @@ _teams: dict[str, Team] = {}
 
 
 def _compute_apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Compute a job of a Dask worker in a separate process, which a timeout can stop."""
+    """Compute a job on a Dask worker in a child process, because a timeout must be able to kill it.
+
+    `run` identifies the run of a sweep, whose children are stopped together.
+    """
     return _teams.setdefault(run, Team({}, timeout)).compute(job)
 
 
@@ -290,7 +288,7 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """Make environment variables that divide the processors of this machine among processes.
+    """Make the environment variables that divide the processors of this machine among workers.
 
     JAX reads only `PJRT_NPROC`; libraries of linear algebra read the other variables.
     """

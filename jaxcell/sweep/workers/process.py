@@ -1,4 +1,4 @@
-"""Processes that compute jobs. Their crashes and their end do not harm this process."""
+"""Child processes that compute jobs. They may crash or be killed without harm to this process."""
 
 import contextlib
 import os
@@ -18,9 +18,9 @@ _MAX_DEATHS = 3
 
 
 class Worker:
-    """A child process that computes jobs. It ends when this process ends, also by a kill.
+    """A child process that computes jobs. It ends when this process ends, even by a kill.
 
-    Output of tasks on standard output goes to standard error.
+    What tasks print to standard output goes to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:

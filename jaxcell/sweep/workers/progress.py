@@ -1,4 +1,4 @@
-"""Progress of a run: reports to the caller, and a file in the store for other processes."""
+"""The progress of a run, for its caller, and for other processes by a file in the store."""
 
 import contextlib
 import dataclasses
@@ -14,7 +14,7 @@ from .work import Failure
 
 _FILE = "progress.json"
 SECONDS_BETWEEN = 1.0
-"""Seconds between two writes of the progress."""
+"""Least number of seconds between two writes of the progress."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Progress:
     left: float
     "Estimated seconds until the end."
     failures: tuple[Failure, ...]
-    "The failures in the chunk that has just ended."
+    "The failed members of the chunk that has just ended."
 
 
 class Count:
@@ -43,7 +43,7 @@ class Count:
         self._first, self._clock, self._began = done, clock, clock()
 
     def add(self, members: int, ended: bool = True) -> None:
-        """Add computed members of a chunk; `ended` is true for the last of them."""
+        """Count computed members; `ended` is true if their chunk has ended."""
         self.done += ended
         self._members += members
 
@@ -59,7 +59,7 @@ class Count:
 def written_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> Iterator[Callable[[Progress], None]]:
-    """Write the rate of a run to its folder, at most once per second."""
+    """Yield a function that writes the progress of a run to its folder, at most once per second."""
     path = folder / _FILE
     path.unlink(missing_ok=True)
     last = -math.inf
@@ -81,7 +81,7 @@ def written_down(
 def read_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> tuple[float | None, float | None]:
-    """Read the members per second and the seconds left of a run; both `None` if unknown."""
+    """Read the members per second and the remaining seconds of a run; `None` if unknown."""
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:

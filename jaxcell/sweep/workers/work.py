@@ -48,8 +48,8 @@ class Job:
     wide: bool
     "If true, JAX computes with 64 bits."
     length: int = 0
-    """The least number of members for the task, which computes the last member again if there are
-    fewer. All whole chunks have one length, so that JAX compiles a task once."""
+    """The least number of members that the task gets: if there are fewer, the last member is
+    repeated. All whole chunks have one length, so that JAX compiles a task once."""
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
@@ -58,7 +58,7 @@ class Job:
         return cls(chunk.number, places, *about, length)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Make a job of some of the members, by their indices in the chunk."""
+        """Make the job of some members of this job, by their indices in the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch, length=0)
@@ -101,7 +101,7 @@ class Failure:
     chunk: int
     "The number of the chunk of the member."
     index: Mapping[str, int]
-    "The place of the member along each dimension."
+    "The index of the member along each dimension."
     parameters: Mapping[str, Any]
     message: str
     trace: str
@@ -132,7 +132,7 @@ def find_task(name: str) -> Task:
 
 
 def study_of(task: str) -> type[Study] | None:
-    """Find the study of a task; `None` if the task is a function."""
+    """Return the study of a task, or `None` if the task is a function."""
     target = find_task(task)
     if isinstance(target, functools.partial) and target.func is study_task:
         return target.args[0]
@@ -140,7 +140,7 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """Find the files of a specification; check the parameters of the first chunk of a study."""
+    """Make the paths of a specification absolute; check the first chunk if the task is a study."""
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
@@ -151,14 +151,14 @@ def prepared(spec: Spec) -> Spec:
 
 
 def with_task_found(spec: Spec) -> Spec:
-    """Replace the file name of a task by its absolute path; leave other tasks unchanged."""
+    """Make the path of a task `FILE.py:NAME` absolute; leave other tasks as they are."""
     file, colon, name = spec.task.partition(":")
     path = spec.find_file(file) if colon and file.endswith(".py") else None
     return spec if path is None else dataclasses.replace(spec, task=f"{path}:{name}")
 
 
 def with_files_found(spec: Spec) -> Spec:
-    """Replace relative paths by absolute ones if the task is a study, so workers find the files.
+    """Make the paths in the parameters of a study absolute, so that all workers find the files.
 
     A path is relative to the folder of the specification, or else to the current folder.
     """
@@ -225,7 +225,7 @@ def failure(error: BaseException) -> Failed:
 
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Computed:
-    """Check the result of a task, and convert that of the first members to arrays."""
+    """Check the result of a task, and convert the values of its first `members` to arrays."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
@@ -265,7 +265,7 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Comp
 
 
 def _plain(value: Any) -> Any:
-    """Convert a number or array of NumPy in an attribute for JSON."""
+    """Convert a number or an array of NumPy to objects of Python that JSON can encode."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"expected attributes of text and numbers, got {type(value).__name__}")
