@@ -1,11 +1,11 @@
-"""Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
+"""Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Every edge joins two
-different vertices in both directions, without parallel edges. Either all edges have a `length` in
-metres, or all edges are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Edges are undirected;
+each joins two different vertices, and no two edges are parallel. Either all edges have a `length`
+in metres, or all edges are straight. Other attributes in a file are ignored.
 
-**Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
-and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
+**Node-link JSON** (`.json`) is an object with two lists. Each member of `nodes` has an `id`, and
+either `x` and `y` or a pair `pos`; each member of `edges` (or `links`) has a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
 A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
 (`.adjlist`) has one line per vertex, with its name and its neighbours' names. An **edge list**
@@ -58,7 +58,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex of a file before any check."""
+    """A vertex as read from a file, not yet checked; `field` is its place in the file."""
 
     field: str
     name: object
@@ -66,7 +66,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge of a file before any check."""
+    """An edge as read from a file, not yet checked; `field` is its place in the file."""
 
     field: str
     tail: object
@@ -85,8 +85,6 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
         edge.
 
     **Returns:** the graph, and the names of its vertices in the order of their numbers.
-
-    **Raises:** `ValueError` with the file, the field, and the reason; `FileNotFoundError`.
 
     The graph of section 4.5.2 of Alam 2018:
 
@@ -247,7 +245,7 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
 
     - `path`: the file.
 
-    **Returns:** `True` if the file mentions a weight; always `False` for lists.
+    **Returns:** `True` if the file mentions a weight; `False` for formats without weights.
 
     The graph of section 4.5.2 of Alam 2018 has no weights:
 
@@ -282,7 +280,7 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Make a graph from the parts of a file, and check them; errors name the wrong part."""
+    """Check the vertices and edges of a file. Returns the graph and the names of its vertices."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:

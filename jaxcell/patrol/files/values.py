@@ -41,10 +41,9 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
 
     **Arguments:**
 
-    - `path`: a file whose lines have a name and one, two or four numbers, equally many per line:
-        the value of the goods to the patroller, their value to the adversary if it differs, the
-        gain of the patroller from a capture, and the penalty of the adversary. `#` starts a
-        comment.
+    - `path`: a file whose lines all have a name and one, two or four numbers: the value of the
+        goods to the patroller, their value to the adversary if it differs, the gain of the
+        patroller from a capture, and the penalty of the adversary. `#` begins a comment.
     - `names`: names of the vertices.
 
     **Returns:** [`jaxcell.optimize.Stakes`][].

@@ -29,9 +29,9 @@ class Attack:
     "Numbers of steps that an attack may take."
     start: str
     """The distribution of each robot, when an attack begins, over its cells out of view of the
-    target. `stationary`: the shares of time in the long run. `uniform`: equal probabilities, as at
-    the first attack. `worst`: the cell from which the robot is least likely to arrive in time, for
-    an adversary who sees the robots."""
+    target. `stationary`: the shares of time in the long run. `uniform`: equal probabilities, as for
+    robots that have just been placed. `worst`: the cell from which the robot is least likely to
+    arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
         """**Arguments:**
@@ -63,7 +63,7 @@ class Attack:
     ) -> list[Float[np.ndarray, "*targets cells"]]:
         """Compute the distribution of each robot over its cells out of view.
 
-        For the start `worst`, all cells to choose from have equal probabilities.
+        For the start `worst`, it is uniform over the cells among which the worst is chosen.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):

@@ -52,7 +52,7 @@ class Vulnerability(Result):
         Float[np.ndarray, "steps"],
         quantity("step", "probability that the first robot is in view then", "1", kind="share"),
     ]
-    "An entry for each number of steps, from 0 to the longest attack time."
+    "The distribution of the time of the first view, up to the longest attack time."
     arrivals: Arrivals
     "The simulated runs."
     fit: GldFit | None
@@ -102,8 +102,8 @@ def vulnerability(
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
-    distribution to the times, and takes the probabilities from the fit. The result contains these
-    and the exact probabilities, which shows the error of the fit.
+    distribution to the times, and takes the probabilities from the fit. The result also contains
+    the exact probabilities, and so shows the error of the fit.
 
     **Arguments:**
 

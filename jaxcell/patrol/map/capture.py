@@ -45,7 +45,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots start in all cells with equal probability, as at the first attack."
+    "The probability if robots start in all cells with equal probability, out of view."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -142,7 +142,7 @@ def _captures(
     policies: Sequence[Policy],
     attacks: Sequence[Attack],
 ) -> Float[np.ndarray, "attacks times cells"]:
-    """Compute the probabilities of capture for attacks of the same times, with several starts."""
+    """Compute the probabilities of capture for attacks with equal times and several starts."""
     require_x64("capture_probabilities")
     times = attacks[0].times
     cells = graph.vertices
@@ -182,8 +182,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Compute the probability that a robot from each cell has not seen each target, from the
-    probability `late` some steps earlier."""
+    """Extend `late`, the probability that a robot from a cell does not see a target, by steps."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

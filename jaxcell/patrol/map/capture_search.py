@@ -59,7 +59,7 @@ class CaptureSearch(Result):
         float | None,
         quantity("", "least probability by closed tours, which are predictable", "1", kind="share"),
     ]
-    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if no cover needs a tour."
+    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if a cover is a single cell."
     certificate: Certificate
 
     @derived("attempt", "start", kind="coordinate")
@@ -108,12 +108,12 @@ def capture_policies(
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together. The starts are tours through covers and even walks,
-    both perturbed at random.
+    logits of the steps of all robots together. The starts are tours through covers, and *even*
+    walks, which take all edges with equal probability; both are perturbed at random.
 
-    Each walk is a mixture of the trained walk, and rare excursions to all cells, which drift back.
+    The result mixes each trained walk with rare excursions, which visit all cells and drift back.
     Excursions spend a share of time of at least 1e-5 in an average cell, so that every cell is
-    visited, and commute times are bounded. The result is a local optimum, the best of the starts.
+    visited, and commute times are bounded. The result is a local optimum, the best of all starts.
 
     **Arguments:**
 
@@ -284,7 +284,7 @@ class _Problem:
         return CirculationAscent(self.graph, self.steps, self.unseen, time, start, randomness)
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
-        """Return the logits of the same walks for a lower floor."""
+        """Convert logits of walks from the floor `above` of randomness to a lower floor."""
         chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))

@@ -1,4 +1,4 @@
-"""Gradient ascent of capture on circulations: walks whose shares of time are known at each step."""
+"""Gradient ascent of capture over walks whose shares of time are computed in each iteration."""
 
 import dataclasses
 import functools
@@ -77,7 +77,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute the derivative of a value by added visits to each cell, from `of_share`."""
+        """Convert the derivative of a value by shares of time to that by added visits to cells."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -108,7 +108,7 @@ class CirculationAscent:
         """Follow the gradient with `count` steps of Adam; `say` is called with the description of
         the work, the number of steps done, and their total.
 
-        **Returns:** the last logits, the walks, and the least capture before each block.
+        **Returns:** the last logits, the walks, and the least capture every `_BLOCK` steps.
         """
         image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
@@ -213,7 +213,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the weakest target of each part of the map, and the weakest of all other targets."""
+    """Choose the weakest target in each range of targets, and the weakest of the others."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets

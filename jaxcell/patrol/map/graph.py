@@ -7,7 +7,7 @@ from ...space import CellSpace, Motion, free_steps
 
 
 def cell_graph(cells: CellSpace) -> Graph:
-    """Make the graph of the free cells, with edges to neighbours that a robot reaches straight.
+    """Make the graph of the free cells, whose edges are straight free paths to neighbours.
 
     The vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
     An edge joins a cell to one of its eight neighbours if the segment between the centres stays in

@@ -97,7 +97,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The compared emphases on the covers, or `None`."
+    "The least shares of steps on the tours that were compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),

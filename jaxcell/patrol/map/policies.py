@@ -58,9 +58,9 @@ class Policy:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make walks of robots, each of which sees all cells without the others (Alam 2018, 4.4.4).
+    """Make walks such that each robot alone sees all cells (Alam 2018, section 4.4.4).
 
-    Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][]. Its walk has the
+    The cover of robot `i` is [`jaxcell.optimize.greedy_cover`][] with choice `i`. The walk has the
     minimum average expected commute time with an emphasis on the cover,
     [`jaxcell.optimize.minimum_commute`][]. A cover of a single cell needs no emphasis.
 

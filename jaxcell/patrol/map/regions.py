@@ -205,7 +205,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from a piece to a goal, without the cell of the piece."""
+    """Find the shortest path from a piece to a goal, excluding its first cell."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

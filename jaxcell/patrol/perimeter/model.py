@@ -26,7 +26,7 @@ _Polynomials: TypeAlias = Float[np.ndarray, "segments coefficients"]
 
 
 class Movement(enum.Enum):
-    """The rule by which robots of a perimeter move; one coin per cycle decides for all robots.
+    """The rule by which robots move on a perimeter; one coin per step decides for all robots.
 
     The members have the initials that the source uses:
 
@@ -42,15 +42,15 @@ class Movement(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Perimeter:
-    """Robots at equal distances on a cycle, which move simultaneously (Agmon et al. 2008).
+    """Robots at equal distances on a closed perimeter, which move together (Agmon et al. 2008).
 
-    An attack begins when the robots head clockwise and are about to decide. Because robots move
+    An attack begins when the robots head clockwise, before a coin is tossed. Because robots move
     simultaneously, the segments between two successive robots describe the state: segment `i` is
     `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
     the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
     turns in place remains in its segment.
 
-    Two robots on a cycle of eight segments:
+    Two robots on a perimeter of eight segments:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
@@ -59,12 +59,12 @@ class Perimeter:
     """
 
     segments: int
-    "Number of segments of the cycle."
+    "Number of segments of the perimeter."
     robots: int
     "Number of robots, a divisor of `segments`."
     movement: Movement
     turn: int = 1
-    "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
+    "Number of steps that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
         for name in ("segments", "robots", "turn"):
@@ -86,11 +86,11 @@ class Perimeter:
 
     @property
     def images(self) -> Int[np.ndarray, "2 states"]:
-        """The state after one cycle, for heads (row 0, with probability p) and for tails (row 1).
+        """The state after one step, for heads (row 0, with probability p) and for tails (row 1).
 
         In state `phase * distance + i`, a robot is `i` segments behind the attacked segment. In
         phase 0 the robot heads towards the segment and in phase 1 away from it; in phase `2 * r +
-        h` the robot waits `r` cycles for phase `h`, whatever the coin shows.
+        h` the robot waits `r` steps for phase `h`, whatever the coin shows.
         """
         distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
         moved = (i - 1) % distance, (i + 1) % distance
@@ -134,7 +134,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     **Arguments:**
 
     - `perimeter`: the robots.
-    - `time`: number of cycles that a penetration takes.
+    - `time`: number of steps that a penetration takes.
 
     **Returns:** the coefficients for the segments 0 to `distance - 1`.
 
@@ -185,7 +185,7 @@ def maximin(polynomials: _Polynomials) -> Maximin:
     The residual of its certificate bounds the distance of the value from the maximum, and its
     iterations are the intervals that were halved.
 
-    Two robots on eight segments, with penetrations of three cycles:
+    Two robots on eight segments, with penetrations of three steps:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
@@ -217,16 +217,15 @@ def maximin(polynomials: _Polynomials) -> Maximin:
 
 
 def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
-    """Compute the probability law of the first cycle after which a robot is in a segment.
+    """Compute the distribution of the first step after which a robot is in a segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
-    - `steps`: number of cycles to compute.
+    - `steps`: number of steps to compute.
 
-    **Returns:** one row per segment from 0 to `distance - 1`, one column per cycle from 1 to
-    `steps`.
+    **Returns:** one row per segment from 0 to `distance - 1`, one column per step from 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -256,7 +255,7 @@ def _law(
 
 
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
-    """Compute the expected number of cycles until a robot visits each segment.
+    """Compute the expected number of steps until a robot visits each segment.
 
     **Arguments:**
 
@@ -266,7 +265,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     **Returns:** the times for the segments 0 to `distance - 1`; `inf` if it is possible that no
     robot ever comes.
 
-    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` cycles, and
+    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` steps, and
     the return to segment 0 takes 4:
 
         >>> from jaxcell import patrol
@@ -277,7 +276,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     chain = perimeter.chain(p)
     there = np.arange(chain.cells) % perimeter.distance == 0
     time = np.asarray(hitting_times(chain, there).value)
-    # In segment 0, the time is that until a robot returns, at least one cycle.
+    # In segment 0, the time is that until a robot returns, at least one step.
     step = chain.to_scipy()[[0]]
     back = 1 + step.data @ time[step.indices]
     return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
@@ -293,12 +292,12 @@ def simulate(
     - `perimeter`: the robots.
     - `p`: the probability of heads.
     - `segment`: the segment of each run, from 0 to `distance - 1`.
-    - `steps`: number of cycles after which a run is given up.
+    - `steps`: number of steps after which a run is given up.
     - `key`: random key of `jax.random`.
 
-    **Returns:** the number of cycles of each run, `inf` if the run was given up.
+    **Returns:** the number of steps of each run, `inf` if the run was given up.
 
-    With p = 1, a robot that heads clockwise is in segment `i` after `i` cycles:
+    With p = 1, a robot that heads clockwise is in segment `i` after `i` steps:
 
         >>> import jax, numpy as np
         >>> from jaxcell import patrol

@@ -46,7 +46,7 @@ class Division(Result):
 def divide_graph(
     graph: Graph, parts: int, *, names: Sequence[str] | None = None
 ) -> Int[np.ndarray, "vertices"]:
-    """Divide a graph into connected parts, with numbers of vertices as equal as a search finds.
+    """Divide a graph into connected parts with nearly equal numbers of vertices.
 
     Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
     If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
@@ -145,7 +145,7 @@ def _balanced(
 
 
 def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> list[list[int]]:
-    """Return the connected pieces of the part of a vertex without the vertex."""
+    """Return the connected pieces into which a part falls without one of its vertices."""
     pieces, reached = [], {vertex}
     for first in beside[vertex]:
         if owner[first] != owner[vertex] or first in reached:

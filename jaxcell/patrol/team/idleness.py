@@ -63,7 +63,7 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The adversary does not wait until the robots are far away."
+    "The adversary attacks at a random time, and does not wait until robots are far away."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
@@ -89,8 +89,8 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """Make two quantities of a result: the mean and the longest over the vertices of the time
-    between visits, which `idleness` returns for each vertex of a result."""
+    """Make two quantities of a result, the mean and the maximum over vertices of the time between
+    visits; `idleness` returns this time per vertex of a result."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(
@@ -226,7 +226,7 @@ def simulate_idleness(
 
 
 def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
-    """Compute the means of consecutive parts of the times between visits; infinite if too few."""
+    """Compute the means of successive batches of times between visits; infinite if too few."""
     few = times.size < _BATCHES
     return [np.inf if few else part.mean() for part in np.array_split(times, _BATCHES)]
 
@@ -251,7 +251,7 @@ def _gaps(
     starts: Int[np.ndarray, "robots"],
     moves: int,
 ) -> list[Float[np.ndarray, "_"]]:
-    """Simulate the times between visits to each vertex; infinite if there are fewer than two."""
+    """Simulate the times between visits to each vertex; infinite for fewer than two visits."""
     last = np.full(len(durations), -1.0)
     visits: list[list[float]] = [[] for _ in range(len(durations))]
     moving = [(0.0, robot, int(start)) for robot, start in enumerate(starts)]

@@ -95,7 +95,7 @@ def first_passage(
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
-    """Return 1 if a state is at the vertex, else 0; the vertex varies fastest over states."""
+    """Make the matrix that is 1 where a state is at a vertex; the vertex varies fastest."""
     return np.tile(np.eye(vertices), (states // vertices, 1))
 
 

@@ -104,9 +104,9 @@ def strategy_game(
 
     The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk with the
     least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
-    walk with the least commute time under that emphasis. In each strategy, vertices are in order of
-    their mean hitting time: the time from a vertex to the preferred vertices, and in the strategy
-    for all vertices, the time to a vertex from the others.
+    walk with the least commute time under that emphasis. Each strategy orders the vertices by a
+    mean hitting time: the time from a vertex to the preferred vertices or, in the strategy for all
+    vertices, the time to a vertex from all others.
 
     **Arguments:**
 

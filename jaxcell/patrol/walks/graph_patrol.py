@@ -36,7 +36,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Largest graph, in vertices, on which first arrivals of several robots are computed (10 s)."""
+"""Largest graph, in vertices, on which first arrivals of several robots are computed, in 10 s."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +88,7 @@ class GraphPatrol(Measures):
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ] = None
-    "The probability that any robot arrives in time, if each starts at its worst vertex."
+    "The probability that any robot arrives in time if each starts at its worst vertex."
     seed: int = 0
     "Seed of the recorded walks."
 
@@ -178,7 +178,7 @@ class GraphPatrol(Measures):
 
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
-        """The transition matrix of each robot, between states if it has a memory."""
+        """The transition matrix of each robot, between the states of its memory too, if any."""
         return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property

@@ -27,7 +27,7 @@ class Steps(NamedTuple):
     even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "The slot of the neighbour in which the step leads back to the cell."
+    "The slot of the neighbour whose step leads back to the cell."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":

@@ -47,10 +47,8 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     - `graph`: the graph.
     - `weights`: array `[edges]`, the weight of each edge, at least 0.
 
-    **Returns:** array `[vertices, vertices]`: rows are starts, the diagonal is 0. The sum of the
-    array and its transpose is the commute times.
-
-    **Raises:** `ValueError` if edges with weight 0 separate two vertices.
+    **Returns:** array `[vertices, vertices]`: rows are starts, the diagonal is 0. Adding the
+    transpose gives the commute times.
 
     A random walk on a line of three vertices:
 

@@ -330,7 +330,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """Write the sections that a patrol has on constraints, robots, travel times, other patrols."""
+    """Write the sections on constraints, times, division, news, charging and memory, if any."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:

@@ -53,8 +53,8 @@ class PatrolGraph(GraphStudy):
     memory_states: Annotated[
         AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
     ] = 1
-    """Number of states of the memory of a robot; the search chooses changes of state with the
-    moves. The result compares walks with 1, 2, 4, ... states, a tour, and an upper bound."""
+    """Number of memory states of a robot, which may change at each move. The result compares walks
+    with 1, 2, 4, ... states, a tour, and an upper bound."""
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None

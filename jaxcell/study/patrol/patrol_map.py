@@ -213,7 +213,7 @@ class PatrolMap(CellStudy):
         made: "dict[float, tuple[patrol.map.Policy, ...]]",
         regions: "patrol.map.Regions | None",
     ) -> tuple[dict[str, Any], float]:
-        """Return the policies of the best share, or of `share`, and their least capture."""
+        """Choose the share of steps on tours that captures most, unless `share` is a number."""
         import numpy as np
 
         attack = patrol.Attack(self.attack_times, self.start).first

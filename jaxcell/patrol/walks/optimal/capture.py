@@ -247,8 +247,8 @@ def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
 def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
-    Because of the floor, a robot visits even the part of the graph that it leaves to other robots,
-    once in 10^6 moves; rounding spoils the times of such visits.
+    Because each step has a least probability, a robot visits even vertices that it leaves to other
+    robots, once in 10^6 moves; rounding spoils the times of such visits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:
