@@ -44,7 +44,6 @@ from jaxcell.patrol.perimeter import (
     hitting_law,
     maximin,
     mean_hitting_times,
-    simulate,
 )
 
 from ..shared.data import GRAPHS
@@ -139,11 +138,10 @@ def walkers(chain: Chain, robots: int, runs: int, key: jax.Array) -> Iterator[Ro
 
 def guards(robots: int, movement: Movement, runs: int, key: jax.Array) -> Row:
     ring, p = perimeter(robots, movement)
-    segment = np.arange(runs, dtype=np.int32) % ring.distance
-    # A simple random walk leaves a stretch of d within 5 d^2 steps, except in 1 of 10^10 cases.
-    times = np.asarray(simulate(ring, p, segment, 5 * ring.distance**2, key))
-    times = np.where(segment == 0, 0.0, times)
-    return Row(robots, movement.name, p, on_perimeter(ring, p), times)
+    chain = ring.chain(p)
+    segments = np.arange(ring.distance)
+    times = simulate_arrival(key, [chain], [segments], ring.occupied, runs).time
+    return Row(robots, movement.name, p, on_perimeter(ring, p), np.asarray(times))
 
 
 def study(runs: int, seed: int) -> list[Row]:

@@ -1,7 +1,6 @@
 import itertools
 import math
 
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -17,7 +16,6 @@ from jaxcell.patrol.perimeter import (
     hitting_law,
     maximin,
     mean_hitting_times,
-    simulate,
 )
 
 
@@ -31,7 +29,7 @@ MODELS = [
 
 
 def visits(perimeter, coins):
-    """Moves each robot on the whole perimeter; gives where there are robots after each cycle."""
+    """Move each robot on the whole perimeter, and yield the segments of robots after each step."""
     size = perimeter.segments
     robots = [[start, +1, 0] for start in range(0, size, perimeter.distance)]
     for coin in coins:
@@ -122,7 +120,7 @@ def test_robots_that_always_go_ahead_detect_in_time():
         found = maximin(detection_polynomials(Perimeter(12, 2, movement, turn), 6))
         assert found.value == 1
         assert found.p == 1
-    # In one cycle less, only the robot's own segment is missed.
+    # In one step less, only the robot's own segment is missed.
     assert maximin(detection_polynomials(Perimeter(12, 2, Movement.DCP), 5)[1:]).value == 1
 
 
@@ -198,29 +196,6 @@ def test_robots_that_only_turn_reach_nothing_new():
     time = np.asarray(mean_hitting_times(Perimeter(8, 1, Movement.DNCP), 0.0))
     assert time[[0, 7]].tolist() == [2, 1]
     assert np.isinf(time[1:7]).all()
-    run = simulate(Perimeter(8, 1, Movement.DNCP), 0.0, np.array([0, 7, 3]), 100, jax.random.key(0))
-    assert run.tolist() == [2, 1, np.inf]
-
-
-@pytest.mark.parametrize(("movement", "turn"), MODELS[:4])
-def test_simulation_follows_the_law(movement, turn, getkey):
-    perimeter, p, runs, steps = Perimeter(12, 2, movement, turn), 0.8, 20_000, 20
-    law = np.asarray(hitting_law(perimeter, p, steps))
-    for segment in (0, 2, 5):
-        time = np.asarray(simulate(perimeter, p, np.full(runs, segment), steps, getkey()))
-        share = np.array([(time == cycle).mean() for cycle in range(1, steps + 1)])
-        assert (time > steps).mean() == np.isinf(time).mean()
-        # Six standard deviations, and not less than two of the runs.
-        error = 6 * np.sqrt(law[segment] * (1 - law[segment]) / runs) + 2 / runs
-        assert (np.abs(share - law[segment]) <= error).all()
-
-
-def test_simulation_is_reproducible():
-    perimeter, segment = Perimeter(12, 2, Movement.DCP), np.arange(6)
-    one, same, other = (
-        simulate(perimeter, 0.6, segment, 50, jax.random.key(seed)).tolist() for seed in (1, 1, 2)
-    )
-    assert one == same != other
 
 
 @pytest.mark.parametrize(
@@ -239,17 +214,11 @@ def test_bad_perimeters_are_refused(arguments, message):
 
 
 def test_bad_questions_are_refused():
-    perimeter, key = Perimeter(12, 2, Movement.DCP), jax.random.key(0)
+    perimeter = Perimeter(12, 2, Movement.DCP)
     with pytest.raises(ValueError, match="time: expected a whole number of at least 1, got 0"):
         detection_polynomials(perimeter, 0)
     for p in (-0.1, 1.1, math.nan):
         with pytest.raises(ValueError, match="p: expected a probability"):
-            mean_hitting_times(perimeter, p)
-        with pytest.raises(ValueError, match="p: expected a probability"):
-            hitting_law(perimeter, p, 3)
-        with pytest.raises(ValueError, match="p: expected a probability"):
-            simulate(perimeter, p, np.array([1]), 3, key)
-    with pytest.raises(ValueError, match="segment: expected 0 to 5, got 6"):
-        simulate(perimeter, 0.5, np.array([1, 6]), 3, key)
+            perimeter.chain(p)
     with pytest.raises(ValueError, match="polynomials: expected finite numbers"):
         maximin(np.array([[np.nan]]))

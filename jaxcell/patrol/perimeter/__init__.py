@@ -3,8 +3,8 @@
 These baselines of Alam 2018, Table 4.1 (Agmon, Kraus and Kaminka 2008), are the members of
 `Movement`; a `Perimeter` has segments and robots. The probability of detection is a polynomial in
 the probability of heads, `detection_polynomials`; `maximin` finds the best probability of heads, a
-`Maximin` with a bound. For the time until a robot is in a segment, `hitting_law` computes the
-distribution, `mean_hitting_times` the mean, and `simulate` samples.
+`Maximin` with a bound. `hitting_law` and `mean_hitting_times` compute the distribution and the mean
+of the time until a robot is in a segment.
 """
 
 from ...base.hosted import attach

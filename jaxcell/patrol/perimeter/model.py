@@ -1,18 +1,17 @@
 import dataclasses
 import enum
-import functools
 import heapq
 from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+import scipy.interpolate
+from jaxtyping import Array, Bool, Float, Int
 
 from ...base.certificate import Certificate
-from ...base.precision import require_x64
 from ...mapping import Chain
-from ...markov import hitting_times
+from ...markov import first_passage, hitting_times
 from ...optimize.checked import check_count
 
 
@@ -110,14 +109,15 @@ class Perimeter:
                 tails.append(turned if free else (2 * (self.turn - 1) + other) * distance + i)
         return np.stack([np.concatenate(heads), np.concatenate(tails)])
 
+    @property
+    def occupied(self) -> Bool[np.ndarray, "states"]:
+        """The mask of the states in which a robot is in the attacked segment."""
+        return np.arange(self.images.shape[1]) % self.distance == 0
+
     def chain(self, p: float) -> Chain:
-        """Make the Markov chain of the states of [`Perimeter.images`][].
-
-        **Arguments:**
-
-        - `p`: the probability of heads.
-        """
-        _check_probability(p)
+        """Make the Markov chain of the states, with the probability `p` of heads."""
+        if not 0 <= p <= 1:
+            raise ValueError(f"p: expected a probability, got {p}")
         images = self.images
         coin = np.array([[p], [1 - p]], np.float64)
         return Chain(images, np.broadcast_to(coin, images.shape))
@@ -147,7 +147,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     """
     check_count("time", time)
     heads, tails = perimeter.images
-    there = np.arange(heads.size) % perimeter.distance == 0
+    there = perimeter.occupied
     detected = there[:, None].astype(np.float64)
     for step in range(1, time + 1):
         # Of the sequences of `step` coins with k heads, a share k / step begins with heads.
@@ -208,12 +208,9 @@ def maximin(polynomials: _Polynomials) -> Maximin:
         heapq.heappush(queue, (-_bound(right), middle, high, right))
         iterations += 1
     value, p = best
-    degree = polynomials.shape[1] - 1
-    at_p = polynomials
-    for _ in range(degree):
-        at_p = (1 - p) * at_p[:, :-1] + p * at_p[:, 1:]
+    weakest = int(scipy.interpolate.BPoly(polynomials.T[:, None], [0, 1])(p).argmin())
     gap = max(0.0, -queue[0][0] - value)
-    return Maximin(p, value, int(at_p[:, 0].argmin()), Certificate(iterations, gap, 2 * _TOLERANCE))
+    return Maximin(p, value, weakest, Certificate(iterations, gap, 2 * _TOLERANCE))
 
 
 def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
@@ -234,24 +231,11 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
         >>> patrol.perimeter.hitting_law(perimeter, 0.5, 3).tolist()
         [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
     """
-    require_x64("hitting_law")
-    _check_probability(p)
     check_count("steps", steps)
-    return _law(perimeter, float(p), steps)
-
-
-@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
-def _law(
-    perimeter: Perimeter, p: float | Float[Array, ""], steps: int
-) -> Float[Array, "segments steps"]:
-    heads, tails = jnp.asarray(perimeter.images)
-    there = jnp.arange(heads.size) % perimeter.distance == 0
-
-    def step(now, _):  # type: ignore[no-untyped-def]
-        later = p * now[heads] + (1 - p) * now[tails]
-        return jnp.where(there, 0.0, later), later[: perimeter.distance]
-
-    return jax.lax.scan(step, there.astype(float), None, length=steps)[1].T
+    chain = perimeter.chain(p)
+    # The law begins after one step, because the robots leave segment 0.
+    after = chain.to_scipy()[: perimeter.distance].toarray()
+    return jnp.stack([first_passage(chain, row, perimeter.occupied, steps - 1) for row in after])
 
 
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
@@ -274,67 +258,9 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
         [4.0, 3.0, 4.0, 3.0]
     """
     chain = perimeter.chain(p)
-    there = np.arange(chain.cells) % perimeter.distance == 0
-    time = np.asarray(hitting_times(chain, there).value)
-    # In segment 0, the time is that until a robot returns, at least one step.
-    step = chain.to_scipy()[[0]]
-    back = 1 + step.data @ time[step.indices]
-    return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
-
-
-def simulate(
-    perimeter: Perimeter, p: float, segment: Int[np.ndarray, "runs"], steps: int, key: jax.Array
-) -> Float[Array, "runs"]:
-    """Simulate the robots until a robot is in a given segment.
-
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-    - `segment`: the segment of each run, from 0 to `distance - 1`.
-    - `steps`: number of steps after which a run is given up.
-    - `key`: random key of `jax.random`.
-
-    **Returns:** the number of steps of each run, `inf` if the run was given up.
-
-    With p = 1, a robot that heads clockwise is in segment `i` after `i` steps:
-
-        >>> import jax, numpy as np
-        >>> from jaxcell import patrol
-        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
-        >>> segments = np.array([1, 2, 3], np.int32)
-        >>> patrol.perimeter.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
-        [1.0, 2.0, 3.0]
-    """
-    _check_probability(p)
-    check_count("steps", steps)
-    wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
-    if wrong.size:
-        raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
-    return _walk(perimeter, float(p), np.asarray(segment, np.int32), steps, key)
-
-
-@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
-def _walk(
-    perimeter: Perimeter,
-    p: float | Float[Array, ""],
-    segment: Int[Array, "runs"],
-    steps: int,
-    key: jax.Array,
-) -> Float[Array, "runs"]:
-    heads, tails = jnp.asarray(perimeter.images)
-
-    def step(carry, cycle):  # type: ignore[no-untyped-def]
-        state, time = carry
-        coin = jax.random.bernoulli(jax.random.fold_in(key, cycle), p, state.shape)
-        state = jnp.where(coin, heads[state], tails[state])
-        here = state % perimeter.distance == 0
-        first = jnp.minimum(time, cycle.astype(time.dtype))
-        return (state, jnp.where(here, first, time)), None
-
-    never = jnp.full(segment.shape, jnp.inf)
-    (_, time), _ = jax.lax.scan(step, (segment, never), jnp.arange(1, steps + 1))
-    return time
+    time = np.asarray(hitting_times(chain, perimeter.occupied).value)
+    # In segment 0, the time is that until a robot returns.
+    return jax.device_put(1 + chain.to_scipy()[: perimeter.distance] @ time)
 
 
 def _bound(coefficients: _Polynomials) -> float:
@@ -349,8 +275,3 @@ def _halves(whole: _Polynomials) -> tuple[_Polynomials, _Polynomials]:
         left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]
         whole = (whole[:, :-1] + whole[:, 1:]) / 2
     return left, right
-
-
-def _check_probability(p: float) -> None:
-    if not 0 <= p <= 1:
-        raise ValueError(f"p: expected a probability, got {p}")
