@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recordings import packed, read_back
+from walks import times_by_solves, walk_on
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import GraphPatrol, random_walk
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.team import age_of_news, charged
-from jaxcell.patrol.walks import memory_patrol, walk_hitting_times
+from jaxcell.patrol.walks import memory_patrol
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record import dataset
 from jaxcell.record.canvas.matrix import log_matrix
@@ -63,7 +64,7 @@ def test_the_text_names_strategy_attack_and_capture(eight):
 
 def test_the_dataset_holds_the_walk(eight, weights, patrol):
     graph, names = eight
-    times = walk_hitting_times(graph, weights)
+    times = times_by_solves(walk_on(graph, weights))
     found = dataset(patrol)
     np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
     np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)

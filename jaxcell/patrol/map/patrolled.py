@@ -12,7 +12,7 @@ from ...space import CellSpace
 from .attacked_cell import Vulnerability
 from .capture import Capture
 from .capture_search import CaptureSearch, Frontier, entropy_rate
-from .policies import Policy
+from .policies import Policy, of_policies
 from .reassignment import Reassignment
 from .regions import Regions
 
@@ -248,36 +248,29 @@ class PatrolledMap(Result):
     def robot(self) -> Int[np.ndarray, "robots"]:
         return np.arange(self.robots)
 
-    @derived("robot", "cells that it patrols", kind="count")
-    def cells_patrolled(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.cells.size for policy in self.policies])
+    cells_patrolled = of_policies("cells.size", "robot", "cells that it patrols", kind="count")
 
     @derived("robot stop", "cells of the cover in their order", kind="index", listed=True)
     def cover(self) -> Int[np.ndarray, "robots stops"]:
         return _padded([policy.cover for policy in self.policies])
 
-    @derived("robot", "cells of its cover", kind="count")
-    def cover_size(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.cover.size for policy in self.policies])
-
+    cover_size = of_policies("cover.size", "robot", "cells of its cover", kind="count")
     minimum_cover = from_part("smallest_covers", "robot", "cells of the smallest cover")
 
     @derived("robot", "cells of its cover to those of the smallest")
     def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:
         return None if self.smallest_covers is None else self.cover_size / self.smallest_covers
 
-    @derived("robot", "cells that it cannot see", kind="count")
-    def uncovered(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.uncovered.size for policy in self.policies])
+    uncovered = of_policies("uncovered.size", "robot", "cells that it cannot see", kind="count")
 
     @derived("robot", "steps of its tour, 0 for none", kind="count")
     def tour_steps(self) -> Int[np.ndarray, "robots"]:
         tours = (policy.tour for policy in self.policies)
         return np.array([0 if tour is None else tour.size for tour in tours])
 
-    @derived("robot", "mean time there and back over pairs of cells", "steps", kind="time")
-    def commute_time(self) -> Float[np.ndarray, "robots"]:
-        return np.array([policy.commute_time for policy in self.policies])
+    commute_time = of_policies(
+        "commute_time", "robot", "mean commute time over pairs of cells", "steps", kind="time"
+    )
 
     @derived("robot", "entropy of its step in the long run", "nats")
     def entropy_rate(self) -> Float[np.ndarray, "robots"]:
@@ -293,9 +286,7 @@ class PatrolledMap(Result):
         contacts = [policy.contact for policy in self.policies]
         return None if None in contacts else np.array(contacts)
 
-    @derived("robot edge", "share of steps on the edge", "1", kind="share")
-    def weight(self) -> Float[np.ndarray, "robots edges"]:
-        return np.stack([policy.weights for policy in self.policies])
+    weight = of_policies("weights", "robot edge", "share of steps on the edge", "1", kind="share")
 
     @derived("robot branch position", "cell that a step may lead to", kind="index")
     def image(self) -> Int[np.ndarray, "robots branches cells"]:

@@ -1,11 +1,14 @@
 import dataclasses
+import operator
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
+from ...base.quantities import derived
 from ...mapping import Chain
 from ...optimize import (
     Graph,
@@ -53,6 +56,14 @@ class Policy:
         if not self.weights.any():
             return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
+
+
+def of_policies(path: str, *description: Any, **more: Any) -> Any:
+    """Describe a quantity that has the value of an attribute for each of the `policies`."""
+    attribute = operator.attrgetter(path)
+    return derived(*description, **more)(
+        lambda result: np.array([attribute(policy) for policy in result.policies])
+    )
 
 
 def distributed_policies(

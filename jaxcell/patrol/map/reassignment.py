@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import Result, derived, quantity
 from ...markov.passage import survivals
 from ...optimize import Graph
-from .policies import Policy, centralized_policies
+from .policies import Policy, centralized_policies, of_policies
 from .regions import Regions, angular_regions
 
 
@@ -35,17 +35,12 @@ class Reassignment(Result):
     policies: tuple[Policy, ...]
     "The policy in each region."
 
-    @derived("region", "cells of each region", kind="count", listed=True)
-    def sizes(self) -> Int[np.ndarray, "regions"]:
-        return np.array([policy.cells.size for policy in self.policies])
+    sizes = of_policies("cells.size", "region", "cells of each region", kind="count", listed=True)
+    weight = of_policies("weights", "region edge", "share of steps on the edge", "1", kind="share")
 
     @derived("region", "mean commute time between cells", "steps", kind="time", listed=True)
     def commute_times(self) -> Float[np.ndarray, "regions"]:
         return np.array([policy.commute_time for policy in self.policies])
-
-    @derived("region edge", "share of steps on the edge", "1", kind="share")
-    def weight(self) -> Float[np.ndarray, "regions edges"]:
-        return np.stack([policy.weights for policy in self.policies])
 
 
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:

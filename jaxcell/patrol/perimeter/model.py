@@ -36,7 +36,7 @@ class Movement(enum.Enum):
 
     BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
     DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
-    DCP = "directional: one segment ahead with probability p, else turn in place, which takes time"
+    DCP = "directional: one segment ahead with probability p, else turn in place"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,20 +62,13 @@ class Perimeter:
     robots: int
     "Number of robots, a divisor of `segments`."
     movement: Movement
-    turn: int = 1
-    "Number of steps that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        for name in ("segments", "robots", "turn"):
-            check_count(name, getattr(self, name))
+        check_count("segments", self.segments)
+        check_count("robots", self.robots)
         if self.segments % self.robots:
             raise ValueError(
                 f"robots: expected a divisor of the {self.segments} segments, got {self.robots}"
-            )
-        if self.movement is not Movement.DCP and self.turn != 1:
-            raise ValueError(
-                f"turn: expected 1 for {self.movement.name}, where turns take no time, got "
-                f"{self.turn}"
             )
 
     @property
@@ -88,26 +81,15 @@ class Perimeter:
         """The state after one step, for heads (row 0, with probability p) and for tails (row 1).
 
         In state `phase * distance + i`, a robot is `i` segments behind the attacked segment. In
-        phase 0 the robot heads towards the segment and in phase 1 away from it; in phase `2 * r +
-        h` the robot waits `r` steps for phase `h`, whatever the coin shows.
+        phase 0 the robot heads towards the segment and in phase 1 away from it.
         """
-        distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
-        moved = (i - 1) % distance, (i + 1) % distance
+        i = np.arange(self.distance, dtype=np.int32)
+        ahead, behind = (i - 1) % self.distance, (i + 1) % self.distance
         if self.movement is Movement.BMP:
-            return np.stack(moved)
-        free = self.movement is Movement.DNCP
-        heads, tails = [], []
-        for phase in range(2 if free else 2 * self.turn):
-            wait, heading = divmod(phase, 2)
-            other = 1 - heading
-            if wait:
-                heads.append((phase - 2) * distance + i)
-                tails.append(heads[-1])
-            else:
-                heads.append(heading * distance + moved[heading])
-                turned = other * distance + moved[other]
-                tails.append(turned if free else (2 * (self.turn - 1) + other) * distance + i)
-        return np.stack([np.concatenate(heads), np.concatenate(tails)])
+            return np.stack([ahead, behind])
+        turned = (i, i) if self.movement is Movement.DCP else (ahead, behind)
+        heads = np.concatenate([ahead, self.distance + behind])
+        return np.stack([heads, np.concatenate([self.distance + turned[1], turned[0]])])
 
     @property
     def occupied(self) -> Bool[np.ndarray, "states"]:

@@ -5,9 +5,8 @@ With `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), `A` the in
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
     pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
-    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: mean steps from i to j
-                                                                               `walk_hitting_times`
-    C_ij = h_ij + h_ji                   the commute time, there and back                 `measure`
+    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: mean steps from i to j     `measure`
+    C_ij = h_ij + h_ji                   the commute time, there and back             `measure`
     C    = 4 / (n - 1) sum_i>1 1 / k_i   its mean over pairs, for sum w = 1
 
 Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weights.

@@ -22,5 +22,4 @@ from .paths import toward as toward
 from .walk import (
     edge_shares as edge_shares,
     random_walk as random_walk,
-    walk_hitting_times as walk_hitting_times,
 )

@@ -225,17 +225,9 @@ class GraphPatrol(Measures):
     def mean_first_arrival(self) -> float | None:
         return None if self.first_arrival is None else float(self.first_arrival.mean())
 
-    @derived("vertex", "vertex", kind="coordinate")
-    def vertex(self) -> list[str]:
-        return list(self.names)
-
-    @derived("start", "vertex of the row", kind="coordinate")
-    def start(self) -> list[str]:
-        return list(self.names)
-
-    @derived("target", "vertex of the column", kind="coordinate")
-    def target(self) -> list[str]:
-        return list(self.names)
+    vertex = from_part("names", "vertex", "vertex", kind="coordinate")
+    start = from_part("names", "start", "vertex of the row", kind="coordinate")
+    target = from_part("names", "target", "vertex of the column", kind="coordinate")
 
     @derived("vertex", "x", "m", kind="coordinate")
     def x(self) -> Float[np.ndarray, "vertices"] | None:

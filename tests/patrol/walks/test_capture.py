@@ -69,11 +69,11 @@ def test_the_grid_from_the_default_start():
 
 def test_no_chain_of_another_solver_is_better():
     attack = np.array([5, 6, 5, 7])
-    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4, stay=True)
+    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4)
     delays = delays_of(KITE, TIMES)
     least = by_walks(found.matrices[0], delays, attack).min()
     assert found.value == pytest.approx(least, rel=1e-9)
-    among = ChainPolytope.on(KITE, stay=True)
+    among = ChainPolytope.on(KITE)
     arguments = on_device(*whole_numbers(KITE, attack, TIMES))
     sums, sides = among.equalities()
     equal = {"type": "eq", "fun": lambda x: sums @ x[:-1] - sides}
