@@ -69,7 +69,11 @@ class Steps(NamedTuple):
         return (1 - floor) * own + floor * even
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and several vectors."""
+        """Compute the products `P v` of the transition matrix and several vectors.
+
+        The derivative gathers, because every step has a step back; JAX's own derivative scatters,
+        which takes several times as long.
+        """
         return _pull(chance, value, self)
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
@@ -119,19 +123,15 @@ class SymmetricSteps(NamedTuple):
         states = count * own.shape[1] * vertices
         return whole.swapaxes(0, 1).reshape(len(own), states, states)
 
-    @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
-        """Compute the probability of each step, at least the floor over the number of steps."""
         return self.own.chances(logits, floor)
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and one vector per target."""
         by_number = value.reshape(-1, *self.frames.shape[1:], value.shape[1])
         whole = jnp.concatenate([by_number[:, frame][..., frame] for frame in self.frames])
         return self._dense(chance[None])[0] @ whole.reshape(-1, value.shape[1])
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
-        """Return the weight of each cell as the start of a robot; all weights are equal."""
         return self.own.often(chance)
 
     def _dense(self, chance: Any) -> Float[Array, "robots cells states"]:
@@ -168,7 +168,6 @@ class ChargedSteps(NamedTuple):
         return own + jax.lax.stop_gradient(made - own)
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and several vectors."""
         by_age = value.reshape(*self.allowed.shape[::2], -1)
         after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
         return jax.vmap(lambda steps, v: _pull(steps, v, self.near))(
@@ -192,11 +191,6 @@ class ChargedSteps(NamedTuple):
 
 @jax.custom_vjp
 def _pull(chance: _Chance, value: _Values, steps: Steps) -> _Values:
-    """Compute the products `P v` of the transition matrix and several vectors.
-
-    The derivative gathers, because every step has a step back; JAX's own derivative scatters,
-    which takes several times as long.
-    """
     return sum(p[:, None] * value[to] for p, to in zip(chance, steps.image, strict=True))
 
 

@@ -35,10 +35,7 @@ def maximum_entropy_rate(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
-    - `stay`: whether the patroller may wait at a vertex.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
+    - `graph`, `stationary`, `stay`, `throw`: as in [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
     nats per step. The residual of its certificate, in nats, bounds by how much another chain can
@@ -93,20 +90,15 @@ def maximum_return_time_entropy(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
-    - `stay`: whether the patroller may wait at a vertex.
+    - `graph`, `stationary`, `stay`, `starts`, `seed`, `throw`: as in
+        [`jaxcell.patrol.walks.minimum_kemeny`][].
     - `horizon`: the longest return time that counts. By default, longer return times have a
         probability of at most 0.1 at each vertex, for any chain with the stationary distribution,
         or the uniform distribution if it is missing (Markov's inequality).
-    - `starts`: number of starts. The first follows a short closed tour.
-    - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
-    The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if 1 is
-    larger: to first order, no chain is better by a larger share.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats,
+    and the residual of [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 
