@@ -241,11 +241,7 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
 def has_weights(path: str | os.PathLike[str]) -> bool:
     """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
 
-    **Arguments:**
-
-    - `path`: the file.
-
-    **Returns:** `True` if the file mentions a weight; `False` for formats without weights.
+    The result is `False` for formats without weights.
 
     The graph of section 4.5.2 of Alam 2018 has no weights:
 

@@ -15,15 +15,7 @@ _STARTS = ("stationary", "uniform", "worst")
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Attack:
-    """Attacks on cells of a map: their durations, and the places of robots at the start.
-
-    Two attack times, for robots that have been patrolling for a long time:
-
-        >>> from jaxcell import patrol
-        >>> attack = patrol.Attack([20, 50])
-        >>> attack.times.tolist(), attack.start
-        ([20, 50], 'stationary')
-    """
+    """Attacks on cells of a map: their durations, and the places of robots at the start."""
 
     times: Int[np.ndarray, "times"]
     "Numbers of steps that an attack may take."
@@ -54,10 +46,6 @@ class Attack:
         """The attack with the first of the times alone."""
         return Attack(self.times[:1], self.start)
 
-    def at(self, start: str) -> "Attack":
-        """Return the attack with another distribution of robots at the start."""
-        return Attack(self.times, start)
-
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
     ) -> list[Float[np.ndarray, "*targets cells"]]:
@@ -78,12 +66,8 @@ def boundary(
 ) -> Bool[np.ndarray, "*targets cells"]:
     """Return the cells where a patroller from outside first sees a target (Alam 2018, Fig. 4.3).
 
-    **Arguments:**
-
-    - `graph`: the cells and the edges between them.
-    - `view`: the cells from which the target is seen, one row per target, or a single row.
-
-    **Returns:** the cells in view that are next to a cell out of view.
+    **Arguments:** the graph of the cells; and the cells from which the target is seen, one row per
+    target, or a single row. **Returns:** the cells in view that are next to a cell out of view.
 
     In a corridor of five cells, cell 0 is seen from cells 0 and 1; robots enter the view at cell 1:
 
@@ -101,12 +85,8 @@ def outside(
 ) -> Bool[np.ndarray, "robots *targets cells"]:
     """Return the cells where each robot may be when an attack begins: its own cells out of view.
 
-    **Arguments:**
-
-    - `policies`: the policy of each robot.
-    - `view`: the cells from which the target is seen, one row per target, or a single row.
-
-    **Returns:** a mask over the cells for each robot, and for each target if `view` has several.
+    **Arguments:** the policy of each robot; and the cells from which the target is seen, one row
+    per target, or a single row. **Returns:** a mask over the cells for each robot and each row.
 
     In a corridor of five cells, cell 0 is out of view of a robot in cells 2 to 4:
 
@@ -131,13 +111,8 @@ def contested(
     Cells in view of a base station are excluded, because attacks on them always fail. Cells that no
     robot can see on its walk are excluded, because attacks on them always succeed.
 
-    **Arguments:**
-
-    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
-    - `policies`: the policy of each robot.
-    - `regions`: the regions around a base station, or `None`.
-
-    **Returns:** the cells, in order.
+    **Arguments:** `visible[i, j]` is true if a robot in cell `i` sees cell `j`; the policy of each
+    robot; and the regions around a base station, if any. **Returns:** the cells, in order.
 
     The base station in the middle of a corridor of five cells sees all but the ends:
 

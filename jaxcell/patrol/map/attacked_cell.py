@@ -26,7 +26,6 @@ class Vulnerability(Result):
         Bool[np.ndarray, "cells"],
         quantity("position", "whether the target is seen from there", kind="flag"),
     ]
-    "The cells from which a robot sees the target."
     boundary: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("position", "whether a robot from outside first sees it there", kind="flag"),

@@ -24,17 +24,7 @@ _TARGETS = 512
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Capture(Result):
-    """The probability of capturing an adversary, by attack time and attacked cell.
-
-    One robot in a corridor of five cells, with attacks of one and of six steps:
-
-        >>> from jaxcell import examples, patrol
-        >>> graph, visible = examples.patrol()
-        >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> capture = patrol.Capture.of(graph, visible, policies, patrol.Attack([1, 6]))
-        >>> capture.least.round(3).tolist(), capture.weakest.tolist()
-        ([0.286, 0.794], [0, 0])
-    """
+    """The probability of capturing an adversary, by attack time and attacked cell."""
 
     title: ClassVar[str] = "Probability of capture"
     tables: ClassVar[Mapping[str, str]] = {"attack_time": "attacks"}
@@ -66,7 +56,7 @@ class Capture(Result):
         - `regions`: the regions around a base station, which always watches the cells in its view.
         """
         check_policies(graph, visible, policies)
-        attacks = [attack, attack.at("uniform")]
+        attacks = [attack, Attack(attack.times, "uniform")]
         caught, at_first = _captures(graph, visible, policies, attacks)
         return cls(attack, caught, at_first, contested(visible, policies, regions))
 

@@ -14,10 +14,7 @@ def cell_graph(cells: CellSpace) -> Graph:
     the closed free space: the segment may touch the corner of an obstacle, but not pass between two
     obstacles that meet at a point.
 
-    **Arguments:**
-
-    - `cells`: the cell space of a map; its number of directions does not matter.
-
+    **Arguments:** the cell space of a map; its number of directions does not matter.
     **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
 
     A room of 2 x 2 cells; robots may also go diagonally:

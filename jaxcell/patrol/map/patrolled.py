@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
@@ -28,24 +29,7 @@ _BEGUN = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PatrolledMap(Result):
-    """A patrol of a map by robots, and the probability that the robots capture an adversary.
-
-    One robot in a corridor of four cells, each of which sees its neighbours:
-
-        >>> import jax
-        >>> from jaxcell import patrol, space
-        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 1)
-        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
-        >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> problem, attack = (graph, visible, policies), patrol.Attack(2)
-        >>> target = patrol.vulnerability(jax.random.key(0), *problem, 0, attack, runs=5)
-        >>> capture = patrol.Capture.of(*problem, attack)
-        >>> result = patrol.PatrolledMap(cells, 1.6, *problem, target, capture)
-        >>> result.robots, result.captures.probability.round(3).tolist()
-        (1, [[0.889, 1.0, 1.0, 0.889]])
-
-    """
+    """A patrol of a map by robots, and the probability that the robots capture an adversary."""
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
     picture: ClassVar[str] = "captures_probability"
@@ -299,9 +283,5 @@ class PatrolledMap(Result):
 
 def _padded(rows: list[np.ndarray], fill: float | int = -1) -> np.ndarray:
     """Stack arrays of different lengths, with `fill` after their ends."""
-    longest = max(map(len, rows))
-    shape = (len(rows), longest, *rows[0].shape[1:])
-    padded = np.full(shape, fill, rows[0].dtype)
-    for line, row in zip(padded, rows, strict=True):
-        line[: len(row)] = row
-    return padded
+    filled = np.full(rows[0].shape[1:], fill, rows[0].dtype)
+    return np.array(list(itertools.zip_longest(*rows, fillvalue=filled))).swapaxes(0, 1)

@@ -77,8 +77,7 @@ def distributed_policies(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: the mask of cells that are seen from each cell.
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
     - `share`: the least weight of the tour through the cover, 0 to 1.
 
@@ -119,8 +118,7 @@ def centralized_policies(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them.
-    - `visible`: the mask of cells that a robot sees from each cell.
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `regions`: the region of each robot.
     - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
 

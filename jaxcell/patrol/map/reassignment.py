@@ -50,12 +50,8 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     contact cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact
     cell has to return to it.
 
-    **Arguments:**
-
-    - `policy`: the policy of a robot with a contact cell.
-    - `alpha`: the probability of a false alarm, more than 0 and less than 1.
-
-    **Returns:** the number of steps.
+    **Arguments:** the policy of a robot with a contact cell; and the probability of a false alarm,
+    more than 0 and less than 1. **Returns:** the number of steps.
 
     A robot that alternates between two cells reports every other step:
 
@@ -105,11 +101,9 @@ def reassign(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them.
-    - `visible`: the mask of cells that a robot sees from each cell.
+    - `graph`, `visible`, `share`: as in [`centralized_policies`][].
     - `regions`, `policies`: the old region and policy of each robot.
     - `lost`: the robot that has stopped reporting.
-    - `share`: as in [`centralized_policies`][].
     - `alpha`: as in [`silence_limit`][].
 
     **Returns:** [`Reassignment`][].

@@ -20,8 +20,7 @@ def capture_by_tours(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them.
-    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `covers`: the cells that each robot visits, on a tour by
         [`jaxcell.optimize.shortest_tour`][].
     - `attack`: the attack; only its first time counts.

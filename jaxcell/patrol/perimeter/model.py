@@ -25,14 +25,7 @@ _Polynomials: TypeAlias = Float[np.ndarray, "segments coefficients"]
 
 
 class Movement(enum.Enum):
-    """The rule by which robots move on a perimeter; one coin per step decides for all robots.
-
-    The members have the initials that the source uses:
-
-        >>> from jaxcell import patrol
-        >>> [movement.name for movement in patrol.perimeter.Movement]
-        ['BMP', 'DNCP', 'DCP']
-    """
+    """The rule by which robots move on a perimeter; one coin per step decides for all robots."""
 
     BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
     DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
@@ -48,13 +41,6 @@ class Perimeter:
     `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
     the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
     turns in place remains in its segment.
-
-    Two robots on a perimeter of eight segments:
-
-        >>> from jaxcell import patrol
-        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
-        >>> perimeter.distance, perimeter.images.tolist()
-        (4, [[3, 0, 1, 2], [1, 2, 3, 0]])
     """
 
     segments: int
@@ -113,12 +99,8 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     Unlike coefficients of powers of p, they do not cancel in rounding. `scipy.interpolate.BPoly(
     c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `time`: number of steps that a penetration takes.
-
-    **Returns:** the coefficients for the segments 0 to `distance - 1`.
+    **Arguments:** the robots, and the number of steps that a penetration takes. **Returns:** the
+    coefficients for the segments 0 to `distance - 1`.
 
     Robots four segments apart; segments 1 and 3 mirror each other:
 
@@ -158,10 +140,8 @@ def maximin(polynomials: _Polynomials) -> Maximin:
     The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
     and its coefficients on a part of an interval approach its values as the part narrows.
 
-    **Arguments:**
-
-    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; without the first row,
-        if the adversary cannot enter the segment of a robot.
+    **Arguments:** polynomials in Bernstein form, such as [`detection_polynomials`][]; without the
+    first row, if the adversary cannot enter the segment of a robot.
 
     **Returns:** [`Maximin`][], with one of the best p; with `BMP`, p and 1 - p are equally good.
     The residual of its certificate bounds the distance of the value from the maximum, and its
@@ -198,12 +178,7 @@ def maximin(polynomials: _Polynomials) -> Maximin:
 def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
     """Compute the distribution of the first step after which a robot is in a segment.
 
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-    - `steps`: number of steps to compute.
-
+    **Arguments:** the robots, the probability of heads, and the number of steps to compute.
     **Returns:** one row per segment from 0 to `distance - 1`, one column per step from 1.
 
     Robots that toss a fair coin, two segments apart:
@@ -223,13 +198,8 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
     """Compute the expected number of steps until a robot visits each segment.
 
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-
-    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if it is possible that no
-    robot ever comes.
+    **Arguments:** the robots, and the probability of heads. **Returns:** the times for the segments
+    0 to `distance - 1`; `inf` if it is possible that no robot ever comes.
 
     Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` steps, and
     the return to segment 0 takes 4:

@@ -164,13 +164,6 @@ def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> l
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
     """Return the subgraph of given vertices, numbered from 0 in the given order.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `vertices`: the numbers of the vertices in the graph.
-
-    **Returns:** the subgraph.
-
     The last three vertices of a line of four:
 
         >>> import numpy as np
@@ -193,13 +186,8 @@ def walk_in_part(
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `vertices`: the vertices of the part.
-    - `matrix`: the transition matrix of the walk between these vertices.
-
-    **Returns:** array `[vertices, vertices]`, the transition matrix between all vertices.
+    `matrix` is the transition matrix between the vertices of the part; the result is the transition
+    matrix between all vertices.
 
     To and fro at one end of a line of four vertices:
 

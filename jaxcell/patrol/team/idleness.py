@@ -69,11 +69,7 @@ class Idleness(Result):
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
     """Compute the share of time of each robot at each vertex in the long run, wherever it starts.
 
-    **Arguments:**
-
-    - `matrices`: the transition matrix of each robot, dense or sparse.
-
-    **Returns:** array `[robots, vertices]`.
+    `matrices` are the transition matrices of the robots, dense or sparse.
 
     A robot that alternates between two vertices at one end of a line of three:
 
@@ -105,11 +101,8 @@ def steps_between_visits(
 
     Robots are independent; simultaneous visits count as one, and a wait is a visit at each step.
 
-    **Arguments:**
-
-    - `shares`: the share of time of each robot at each vertex, [`long_run`][].
-
-    **Returns:** the times, in steps; infinite at a vertex that no robot visits.
+    `shares` is the result of [`long_run`][]. Times are in steps, infinite if no robot visits the
+    vertex.
 
     Two robots, each of which spends half of the time at each of two vertices:
 

@@ -25,7 +25,6 @@ class StrategyGame(Result):
     tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
 
     names: Sequence[str]
-    "The names of the vertices."
     preferred: tuple[tuple[int, ...], ...]
     "The preferred vertices of each strategy: one vertex, all, or the emphasised vertices."
     weight: Annotated[

@@ -48,7 +48,6 @@ class GraphPatrol(Measures):
 
     graph: Graph
     names: Sequence[str]
-    "The names of the vertices."
     goal: Annotated[str | None, quantity("", "objective of the walk")] = None
     value: Annotated[float | None, quantity("", "value of the objective")] = None
     certificate: Certificate | None = None

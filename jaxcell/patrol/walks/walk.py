@@ -14,12 +14,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `weights`: array `[edges]`, the weight of each edge, at least 0.
-
-    **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+    **Arguments:** the graph, and the weight of each edge, at least 0. **Returns:**
+    [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
     On a line of three vertices, the second edge has three times the weight of the first:
 
@@ -41,12 +37,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
     """Compute the share of steps of a chain along each edge, in both directions, in the long run.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `chain`: a chain that moves along edges of the graph.
-
-    **Returns:** array `[edges]`; it sums to 1 for a chain that never stays.
+    **Arguments:** the graph, and a chain that moves along its edges. **Returns:** array `[edges]`;
+    it sums to 1 for a chain that never stays.
 
     A walk that alternates between two vertices at one end of a line of three:
 

@@ -125,12 +125,8 @@ def return_time_law(
 ) -> Float[Array, "steps vertices"]:
     """Compute the probability that a chain first returns to a vertex after 1, 2, ... steps.
 
-    **Arguments:**
-
-    - `P`: the transition matrix.
-    - `horizon`: the last number of steps.
-
-    **Returns:** one row per number of steps, one column per vertex.
+    **Arguments:** the transition matrix, and the last number of steps. **Returns:** one row per
+    number of steps, one column per vertex.
 
     Two vertices; half of the steps go to the other vertex:
 
@@ -154,12 +150,8 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
     The entropy is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first
     return and `pi` the stationary distribution, up to the horizon.
 
-    **Arguments:**
-
-    - `P`: the transition matrix of an irreducible chain.
-    - `horizon`: the longest return time that counts.
-
-    **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
+    **Arguments:** the transition matrix of an irreducible chain, and the longest return time that
+    counts. **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
 
     Two vertices; half of the steps go to the other vertex. The entropy is nearly `2 log 2`:
 
