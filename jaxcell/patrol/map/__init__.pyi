@@ -29,4 +29,3 @@ from .regions import (
     angular_regions as angular_regions,
     base_station as base_station,
 )
-from .tours import capture_by_tours as capture_by_tours

@@ -14,14 +14,14 @@ from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour
+from ...optimize.checked import check_count
 from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
 from .attack import Attack
-from .capture import capture_probabilities
+from .capture import capture_by_tours, capture_probabilities
 from .circulation import Circulation, CirculationAscent, Logits
 from .policies import Policy
 from .regions import check_visible
-from .tours import capture_by_tours
 
 
 STEPS = 300
@@ -143,10 +143,8 @@ def capture_policies(
     """
     problem = _Problem.of(graph, visible, robots, attack)
     _check_randomness(randomness)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
-    begins = problem.begins(starts, seed)
-    return problem.search(begins, randomness, say)[0]
+    check_count("starts", starts)
+    return problem.search(problem.begins(starts, seed), randomness, say)[0]
 
 
 def capture_frontier(

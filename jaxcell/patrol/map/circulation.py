@@ -179,10 +179,6 @@ class CirculationAscent:
     def _part(self) -> float:
         return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
 
-    @functools.cached_property
-    def _near(self) -> scipy.sparse.csr_array:
-        return self.graph.matrix(np.ones(len(self.graph.edges)))
-
     def _trained(self, logits: Logits, pivots: list[int]) -> list[Trained]:
         chance = np.exp(logits - logits.max(axis=1, keepdims=True)) * (self._even > 0)
         chance /= chance.sum(axis=1, keepdims=True)
@@ -201,9 +197,8 @@ class CirculationAscent:
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
         if share is not None:
             often = np.flatnonzero(share >= 1 / share.size)
-            far = scipy.sparse.csgraph.dijkstra(
-                self._near, directed=False, indices=often, unweighted=True, min_only=True
-            )
+            near = self.graph.matrix(np.ones(len(self.graph.edges)))
+            far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
             fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
             # No step may be less probable than the floor allows.
             fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)

@@ -10,6 +10,7 @@ from ...base.quantities import derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
+from ...optimize.checked import check_count
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
@@ -124,8 +125,7 @@ class GraphPatrol(Measures):
             >>> team.captured.tolist()
             [0.75, 1.0, 0.75]
         """
-        if robots < 1:
-            raise ValueError(f"robots: expected at least 1, got {robots}")
+        check_count("robots", robots)
         names = names_of(graph.vertices, names)
         measures = measure(chain)
         team = more.get("team")
@@ -137,14 +137,9 @@ class GraphPatrol(Measures):
             ]
             more["first_arrival"] = np.array(arrivals)
         if attack_time is not None:
-            each = np.stack(
-                [
-                    walk_capture_probabilities(graph, matrix, attack_time)
-                    for matrix in ([measures.transition] if team is None else team)
-                ]
-            )
-            whole = np.broadcast_to(each, (robots, *each.shape[1:]))
-            more["captured"] = captured_by_any(whole)
+            walks = [measures.transition] if team is None else team
+            each = [walk_capture_probabilities(graph, walk, attack_time) for walk in walks]
+            more["captured"] = captured_by_any(np.broadcast_to(each, (robots, *each[0].shape)))
         alike = np.broadcast_to(measures.stationary, (robots, measures.stationary.size))
         more["shares"] = alike if team is None else long_run(team)
         return cls(**vars(measures), graph=graph, names=names, robots=robots, **more)

@@ -138,15 +138,10 @@ class PatrolGraph(GraphStudy):
             raise ValueError(
                 f"speed: edges of {self.file} have no lengths, and its vertices no positions"
             )
-        if graph.vertices > MAX_VERTICES:
-            raise ValueError(
-                f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
-                f"computed for at most {MAX_VERTICES:,}"
-            )
         if graph.vertices * self.memory_states > MAX_VERTICES:
             raise ValueError(
-                f"memory_states: {graph.vertices:,} vertices times {self.memory_states} are more "
-                f"than {MAX_VERTICES:,} states; expected fewer"
+                f"{self.file}: {graph.vertices:,} vertices with {self.memory_states} states of "
+                f"memory are too many; times are computed for at most {MAX_VERTICES:,} states"
             )
         apart = vertices_apart(graph.vertices, graph.edges)
         if apart is not None:

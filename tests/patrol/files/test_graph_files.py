@@ -147,7 +147,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
             "edge .* it joins .* as edge 'hall' to '1' does",
         ),
         (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
-        (".graphml", "</node>", "", "not valid XML, or cut short"),
+        (".graphml", "</node>", "", "not .graphml that networkx reads: mismatched tag"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
         (".graphml", "graphml.graphdrawing.org", "example.org", "not .graphml"),
         (".edges", "1000000.0 2.0", "1000000.0", "line 4: there is no vertex '3'"),

@@ -7,10 +7,9 @@ from walks import times_by_solves
 
 from jaxcell import examples
 from jaxcell.patrol.map.attack import Attack
-from jaxcell.patrol.map.capture import capture_probabilities
+from jaxcell.patrol.map.capture import capture_by_tours, capture_probabilities
 from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
 from jaxcell.patrol.map.policies import distributed_policies
-from jaxcell.patrol.map.tours import capture_by_tours
 
 
 STEPS = 4
@@ -168,7 +167,7 @@ def test_tours_capture_as_often_as_simulated_robots_on_them():
     [
         ({"robots": 0}, "robots: expected 1 to 5, the number of cells, got 0"),
         ({"randomness": 1.0}, "randomness: expected 0 or more and less than 1, got 1.0"),
-        ({"starts": 0}, "starts: expected at least 1, got 0"),
+        ({"starts": 0}, "starts: expected a whole number of at least 1, got 0"),
     ],
 )
 def test_wrong_searches_are_refused(change, message):

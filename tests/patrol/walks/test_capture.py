@@ -133,9 +133,9 @@ def test_the_soft_minimum_is_nearly_the_least():
         ({"attack_time": 1}, "vertex 0 needs 2 to come to vertex 3, where an attack takes 1"),
         ({"attack_time": 9, "travel_times": [1, 1]}, "travel_times: expected a whole number, or 4"),
         ({"attack_time": 4, "travel_times": [1, 1, 1, 5]}, "needs 6 to come to vertex 3"),
-        ({"attack_time": 9, "robots": 0}, "robots: expected at least 1, got 0"),
-        ({"attack_time": 9, "starts": 0}, "starts: expected at least 1, got 0"),
-        ({"attack_time": 9, "memory": 0}, "memory: expected at least 1, got 0"),
+        ({"attack_time": 9, "robots": 0}, "robots: expected a whole number of at least 1, got 0"),
+        ({"attack_time": 9, "starts": 0}, "starts: expected a whole number of at least 1, got 0"),
+        ({"attack_time": 9, "memory": 0}, "memory: expected a whole number of at least 1, got 0"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message):

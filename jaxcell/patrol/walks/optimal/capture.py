@@ -13,6 +13,7 @@ from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
+from ....optimize.checked import check_count
 from ..arrival import captured_by_any, first_passage, on_device, states_at, whole_numbers
 from ..steps import Steps, SymmetricSteps
 from ..symmetries import MOST_SYMMETRIES, symmetries
@@ -119,8 +120,7 @@ def maximin_capture(
     """
     require_x64("maximin_capture")
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
-        if count < 1:
-            raise ValueError(f"{name}: expected at least 1, got {count}")
+        check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     _check_reach(delays, attack)
     delays = np.tile(delays, (memory, memory))

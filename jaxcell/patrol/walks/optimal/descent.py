@@ -14,6 +14,7 @@ from ....base.certificate import Certificate
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
+from ....optimize.checked import check_count
 from .polytope import ChainPolytope
 
 
@@ -63,8 +64,7 @@ def minimize(
     all starts.
     """
     require_x64(what)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
+    check_count("starts", starts)
     begin = polytope.starts(starts, 1, seed)
     chains, values, steps = descend(measure, polytope, begin, arguments)
     best = int(np.nanargmin(values))
