@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
-from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from jaxcell.base.certificate import Outcome
@@ -47,21 +46,6 @@ def test_polynomials_count_all_sequences_of_coins(movement, segments, robots):
     found = detection_polynomials(perimeter, time)
     # Every stretch between two robots is like the first.
     np.testing.assert_allclose(np.tile(found, (robots, 1)), share, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("movement", "powers"),
-    [
-        (Movement.BMP, [[1, -2, 4, -2], [1, -2, 2], [1, 0, -2, 2]]),
-        (Movement.DNCP, [[0, 2, -1], [0, 1], [1, -1, 1]]),
-        (Movement.DCP, [[0, 2, -2, 1], [0, 0, 2, -1], [0, 1, -1, 1]]),
-    ],
-)
-def test_polynomials_by_hand(movement, powers):
-    found = detection_polynomials(Perimeter(4, 1, movement), 3)
-    p = np.linspace(0, 1, 11)
-    for segment, power in enumerate(powers, 1):
-        np.testing.assert_allclose(at(found, p)[:, segment], Polynomial(power)(p), atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -112,15 +96,6 @@ def test_maximin_is_no_worse_than_a_grid(polynomials):
     assert found.certificate.outcome is Outcome.CONVERGED
     assert found.value >= at(polynomials, grid).min(axis=1).max() - 1e-11
     assert found.value == pytest.approx(at(polynomials, found.p).min(), abs=1e-11)
-
-
-def test_maximin_of_one_crossing():
-    # p and (1 - p)^2 cross at (3 - sqrt 5) / 2.
-    found = maximin(np.array([[0, 0.5, 1], [1, 0, 0]]))
-    assert found.p == pytest.approx((3 - 5**0.5) / 2, abs=1e-11)
-    assert found.value == pytest.approx((3 - 5**0.5) / 2, abs=1e-11)
-    # The maximum of 2 p (1 - p) is smooth.
-    assert maximin(np.array([[0.0, 1.0, 0.0]])).value == pytest.approx(0.5, abs=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e6, 1e9])

@@ -87,6 +87,11 @@ def test_names_are_numbers_and_positions_may_be_missing():
     assert found.slem == 1
 
 
+def half_mixed(game):
+    half = dataclasses.replace(game.commitment, weights=game.commitment.weights / 2)
+    return dataclasses.replace(game, commitment=half)
+
+
 @pytest.mark.parametrize(
     ("field", "wrong", "check"),
     [
@@ -94,17 +99,12 @@ def test_names_are_numbers_and_positions_may_be_missing():
         ("stationary", lambda share: share[::-1], "stationarity_residual"),
         ("hitting_time", lambda times: 1.01 * times, "hitting_time_residual"),
         ("hitting_time", lambda times: -times, "hitting_time_below_0"),
+        ("game", half_mixed, "game_share_sums_to_1"),
     ],
 )
-def test_a_walk_that_contradicts_itself_is_refused(patrol, field, wrong, check):
+def test_a_walk_that_contradicts_itself_is_refused(with_game, field, wrong, check):
     with pytest.raises(RuntimeError, match=check):
-        dataset(dataclasses.replace(patrol, **{field: wrong(getattr(patrol, field))}))
-
-
-def test_a_mixture_that_is_none_is_refused(game, with_game):
-    half = dataclasses.replace(game.commitment, weights=game.commitment.weights / 2)
-    with pytest.raises(RuntimeError, match="game_share_sums_to_1"):
-        dataset(dataclasses.replace(with_game, game=dataclasses.replace(game, commitment=half)))
+        dataset(dataclasses.replace(with_game, **{field: wrong(getattr(with_game, field))}))
 
 
 def test_the_recording_shows_the_walk(eight, weights, patrol):
@@ -225,14 +225,6 @@ def test_the_recording_shows_the_game(with_game, game):
         assert labels[:10] == game.strategy
         numbers = found.static(f"/game/{who}/numbers", "Points2D:labels")
         assert numbers == [f"{one:.3g}" for one in payoff.ravel()]
-
-
-def test_the_same_seed_walks_the_same_way(patrol):
-    walks = []
-    for seed in (1, 1, 2):
-        found = read_back(dataclasses.replace(patrol, seed=seed))
-        walks.append(found.over("step", "/graph/patrollers/0/here", "Points2D:positions"))
-    assert walks[0] == walks[1] != walks[2]
 
 
 def test_a_walk_that_turns_one_way_and_waits():

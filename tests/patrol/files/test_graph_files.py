@@ -175,14 +175,9 @@ def test_an_empty_file_is_refused(suffix, tmp_path):
         load_text(tmp_path, "", suffix)
 
 
-def test_deep_nesting_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"nested too deeply|not valid JSON"):
-        load_text(tmp_path, "[" * 200_000)
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match="expected an object with nodes and edges"):
         load_text(tmp_path, "[]")
-
-
-def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
         load_graph(tmp_path / "none.json")
     with pytest.raises(ValueError, match="expected a graph file, got a directory"):
@@ -268,22 +263,12 @@ def test_the_bundled_graphs_are_made_by_their_script(tmp_path):
         assert (tmp_path / name).read_bytes() == (GRAPHS / name).read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("name", "vertices", "edges"),
-    [
-        ("eight", 8, 13),
-        ("line", 20, 19),
-        ("tree", 30, 29),
-        ("complete", 8, 28),
-        ("random", 50, 200),
-    ],
-)
-def test_the_bundled_graphs_are_connected(name, vertices, edges):
-    graph, names = load_graph(GRAPHS / f"{name}.json")
-    assert (graph.vertices, len(graph.edges)) == (vertices, edges)
-    assert names == tuple(str(v + 1) for v in range(vertices))
+@pytest.mark.parametrize("path", GRAPHS.glob("*.json"), ids=lambda path: path.stem)
+def test_the_bundled_graphs_are_connected(path):
+    graph, names = load_graph(path)
+    assert names == tuple(str(v + 1) for v in range(graph.vertices))
     assert nx.is_connected(nx.Graph(graph.edges.tolist()))
-    assert len(np.unique(graph.xy, axis=0)) == vertices
+    assert len(np.unique(graph.xy, axis=0)) == graph.vertices
 
 
 CORRIDOR = """3

@@ -167,14 +167,6 @@ def test_base_station_is_the_central_cell_that_sees_most(seed):
     assert seen[base] == seen[central].max()
 
 
-def test_base_station_of_the_harbour():
-    graph, visible = on_map("harbour", 6.0)
-    base = base_station(graph, visible)
-    assert np.abs(graph.xy[base] - [9, 8]).max() <= 3
-    everywhere = base_station(graph, visible, central=1.0)
-    assert visible[everywhere].sum() == visible.sum(axis=1).max()
-
-
 LINE = Graph([[0, 1], [1, 2], [2, 3]], xy=np.arange(8.0).reshape(4, 2))
 ALL = np.ones(4, bool)
 SOME = np.array([True, True, False, False])

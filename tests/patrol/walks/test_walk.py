@@ -16,12 +16,6 @@ def test_the_chain_has_the_probabilities_of_its_definition():
     np.testing.assert_allclose(chain.to_scipy().toarray(), expected, atol=1e-15)
 
 
-def test_commute_time_is_the_mean_of_the_hitting_times():
-    found = minimum_commute(SMALL)
-    walk = measure(random_walk(SMALL, found.weights))
-    assert found.commute_time == pytest.approx(walk.mean_commute_time, rel=1e-12)
-
-
 def test_the_small_graph():
     found = minimum_commute(SMALL, tolerance=1e-11)
     # Of the optimum as a semidefinite program, and of another interior-point method.
