@@ -10,6 +10,7 @@ from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
 from ..law.fit import GldFit, fit_gld
+from ..team.times import check_vertex
 from .attack import Attack, boundary, check_policies
 from .policies import Policy
 
@@ -129,10 +130,7 @@ def vulnerability(
     """
     times = attack.times
     check_policies(graph, visible, policies)
-    if not 0 <= target < graph.vertices:
-        raise ValueError(
-            f"target: cell {target} does not exist; cells are 0 to {graph.vertices - 1}"
-        )
+    check_vertex("target", target, graph.vertices)
     view = visible[:, target]
     starts = [
         share if share.any() else np.isin(np.arange(view.size), policy.cells)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int
 from ...base.connected import check_connected
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
+from ..team.times import check_vertex
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,14 +92,9 @@ def angular_regions(
     rim, and every other piece joins the region with which it shares most edges. A piece next to no
     region joins the nearest region, together with the shortest path to the region through the view.
 
-    **Arguments:**
-
-    - `graph`: the cells, with their positions, and the edges between them.
-    - `base`: the cell of the base station.
-    - `view`: the cells that the base station sees.
-    - `robots`: number of regions.
-
-    **Returns:** [`Regions`][]; each region is connected.
+    **Arguments:** the graph of the cells, with their positions; the cell of the base station; the
+    cells that it sees; and the number of robots. **Returns:** [`Regions`][], one connected region
+    per robot.
 
     A corridor of five cells, each of which sees its neighbours. Robots report at cells 1 and 3,
     which the base station in the middle sees:
@@ -109,8 +105,7 @@ def angular_regions(
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """
-    if not 0 <= base < graph.vertices:
-        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
+    check_vertex("base", base, graph.vertices)
     if view.shape != (graph.vertices,):
         raise ValueError(
             f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "

@@ -128,8 +128,7 @@ def charged(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `matrices`: the transition matrix of each robot.
+    - `graph`, `matrices`: a connected graph, and the transition matrix of each robot.
     - `charger`: the vertex of the charger; a visit charges the robot.
     - `every`: the largest number of steps from one charge to the next.
     - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.

@@ -51,13 +51,9 @@ def divide_graph(
     Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
     If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
 
-    **Arguments:**
-
-    - `graph`: a connected graph.
-    - `parts`: number of parts, at most half the number of vertices.
-    - `names`: names of the vertices, for errors; by default their numbers.
-
-    **Returns:** the part of each vertex. Every part has two or more vertices.
+    **Arguments:** a connected graph; the number of parts, at most half the number of vertices; and
+    names of the vertices, for errors. **Returns:** the part of each vertex. Every part has two or
+    more vertices.
 
     A line of six vertices:
 

@@ -87,8 +87,7 @@ def age_of_news(
 
     **Arguments:**
 
-    - `graph`: the graph.
-    - `matrices`: the transition matrix of each robot.
+    - `graph`, `matrices`: the graph, and the transition matrix of each robot.
     - `base`: the vertex of the base.
     - `times`: integer array `[edges]`, units of time that an edge takes; by default 1.
     - `unit`: length of a unit, in seconds.

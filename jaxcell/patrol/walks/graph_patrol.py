@@ -237,12 +237,14 @@ class GraphPatrol(Measures):
 
     @derived("edge side", "probability of taking it from each end", "1", kind="share", listed=True)
     def probabilities(self) -> Float[np.ndarray, "edges 2"]:
-        return np.stack([self.transition[i, j] for i, j in self._directions], axis=1)
+        tail, head = self.graph.edges.T
+        return np.stack([self.transition[tail, head], self.transition[head, tail]], axis=1)
 
     @derived("edge", "share of steps along it, mean over robots", "1", kind="share")
     def weight(self) -> Float[np.ndarray, "edges"]:
         flow = (self.shares[:, :, None] * self.matrices).mean(axis=0)
-        return sum(flow[i, j] for i, j in self._directions)
+        tail, head = self.graph.edges.T
+        return flow[tail, head] + flow[head, tail]
 
     @derived("", "largest share of the steps on one edge", kind="share")
     def largest_weight(self) -> float:
@@ -260,9 +262,3 @@ class GraphPatrol(Measures):
     mean_idleness, worst_idleness = idleness_over_vertices(
         "steps", lambda self: steps_between_visits(self.shares)
     )
-
-    @property
-    def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The starts and the ends of the edges, in both directions."""
-        tail, head = self.graph.edges.T
-        return [(tail, head), (head, tail)]

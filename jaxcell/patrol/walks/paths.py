@@ -1,6 +1,5 @@
 import itertools
 import math
-import operator
 from fractions import Fraction
 
 import networkx
@@ -10,6 +9,8 @@ from jaxtyping import Float
 
 from ...mapping import Chain
 from ...optimize import Graph
+from ...optimize.checked import check_count
+from ..team.times import check_vertex
 
 
 # Lengths become exact fractions of a longer length: the largest denominator, and the tolerance.
@@ -31,13 +32,9 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
     edge, in the order of the graph, that is in only one path decides: that path is second.
 
-    **Arguments:**
-
-    - `graph`: a connected graph.
-    - `vertex`: the vertex for which the walk heads.
-    - `paths`: number of paths from each other vertex; all simple paths, if there are fewer.
-
-    **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+    **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
+    from each other vertex, or all simple paths if there are fewer. **Returns:**
+    [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
     A square with a diagonal from 1 to 3; the path from 2 goes through 1:
 
@@ -47,11 +44,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
         >>> patrol.toward(graph, 0).to_scipy().toarray().tolist()
         [[0.0, 0.5, 0.0, 0.5], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
     """
-    vertex, paths = operator.index(vertex), operator.index(paths)
-    if not 0 <= vertex < graph.vertices:
-        raise ValueError(f"vertex {vertex} does not exist; vertices are 0 to {graph.vertices - 1}")
-    if paths < 1:
-        raise ValueError(f"paths: expected at least 1, got {paths}")
+    check_vertex("vertex", vertex, graph.vertices)
+    check_count("paths", paths)
     searches = graph.vertices * len(graph.edges) * paths
     if paths > 1 and searches > _MAX_SEARCHES:
         raise ValueError(

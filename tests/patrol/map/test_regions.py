@@ -175,7 +175,7 @@ SOME = np.array([True, True, False, False])
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((LINE, 4, SOME, 1), "base: cell 4 does not exist; cells are 0 to 3"),
+        ((LINE, 4, SOME, 1), "base: expected a vertex, 0 to 3, got 4"),
         ((LINE, 0, SOME[:3], 1), r"view: expected an array \[4\]"),
         ((LINE, 0, ~ALL, 1), "view: the base station at cell 0 sees no other cell"),
         ((LINE, 1, ~SOME & SOME, 1), "view: the base station at cell 1 sees no other cell"),

@@ -107,9 +107,9 @@ def test_robots_are_all_where_they_are_worst():
         ({"attack_time": 0}, "attack_time: expected at least 1, got 0 for vertex 0"),
         ({"attack_time": [3, 3, 0, 3]}, "attack_time: expected at least 1, got 0 for vertex 2"),
         ({"attack_time": 2.5}, "attack_time: expected a whole number, or 4, one per vertex"),
-        ({"attack_time": 1}, "vertex 0 needs 2 to come to vertex 3, where an attack takes 1"),
+        ({"attack_time": 1}, "needs 2 from vertex 0 to vertex 3, where an attack takes 1"),
         ({"attack_time": 9, "travel_times": [1, 1]}, "travel_times: expected a whole number, or 4"),
-        ({"attack_time": 4, "travel_times": [1, 1, 1, 5]}, "needs 6 to come to vertex 3"),
+        ({"attack_time": 4, "travel_times": [1, 1, 1, 5]}, "needs 10 from vertex 3 to vertex 3"),
         ({"attack_time": 9, "robots": 0}, "robots: expected a whole number of at least 1, got 0"),
         ({"attack_time": 9, "starts": 0}, "starts: expected a whole number of at least 1, got 0"),
         ({"attack_time": 9, "memory": 0}, "memory: expected a whole number of at least 1, got 0"),
@@ -118,6 +118,11 @@ def test_robots_are_all_where_they_are_worst():
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         maximin_capture(KITE, **arguments)
+
+
+def test_an_attack_before_a_return_is_refused():
+    with pytest.raises(ValueError, match="needs 2 from vertex 0 to vertex 0, where an att"):
+        maximin_capture(Graph([[0, 1]]), 1)
 
 
 def test_wrong_matrices_are_refused():
