@@ -76,12 +76,9 @@ class Edge(NamedTuple):
 def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     """Read a graph file.
 
-    **Arguments:**
-
-    - `path`: the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link JSON,
-        `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
-        graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an
-        edge.
+    **Arguments:** the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link
+    JSON, `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
+    graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an edge.
 
     **Returns:** the graph, and the names of its vertices in the order of their numbers.
 

@@ -144,9 +144,7 @@ class _Problem:
     narrow: _Point
     "The interval that the support must contain so that all samples have positive probability."
     size: int
-    "The number of samples."
     steps: int
-    "The largest number of steps of a search."
 
     @staticmethod
     def of(
@@ -240,9 +238,8 @@ def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 
     Curvatures of the loss count as positive, so that each step lowers the loss.
 
-    `scipy.optimize` has no such method: `trust-exact` takes no bounds, `trust-constr` needs two to
-    three times the evaluations and stops with 0.003 to gain in log-likelihood, and L-BFGS-B stops
-    with more than 1 to gain.
+    No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
+    and L-BFGS-B stop too early.
 
     A law is given by its log-odds at two points and its shapes. On a side with a bounded support,
     the outer point is used, with which no change of the other parameters excludes a sample;

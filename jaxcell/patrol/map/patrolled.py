@@ -57,7 +57,6 @@ class PatrolledMap(Result):
     ]
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
-    "The walk of each robot."
     attack: Vulnerability
     "The capture of attacks on one cell."
     captures: Capture

@@ -50,13 +50,9 @@ def base_station(
     cell is more central if its mean path to all other cells is shorter. Of cells with equal views,
     the most central cell is chosen.
 
-    **Arguments:**
-
-    - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: the mask of cells seen from each cell, within the range of the base station.
-    - `central`: the share of the cells that count as central, more than 0 and at most 1.
-
-    **Returns:** the number of the cell.
+    **Arguments:** the graph of the cells, which is connected; the mask of the cells seen from each
+    cell, within the range of a base station; and the share of the cells that count as central, more
+    than 0 and at most 1. **Returns:** the number of the cell.
 
     A corridor of five cells, each of which sees its neighbours:
 

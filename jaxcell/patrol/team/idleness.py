@@ -206,16 +206,8 @@ def simulate_idleness(
             attacked = zip(gaps, attack, strict=True)
             caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
-    mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
-    return Idleness(
-        patrol=list(rules),
-        mean=mean,
-        mean_error=mean_error,
-        worst=worst,
-        worst_error=worst_error,
-        longest=most,
-        least_capture=None if attack is None else captured,
-    )
+    *columns, captured = np.array(rows).T
+    return Idleness(list(rules), *columns, None if attack is None else captured)
 
 
 def _batches(times: Float[np.ndarray, "_"]) -> list[float]:

@@ -19,11 +19,11 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
     only in the direction of its path; this reproduces all rows of Table 4.2 for `k = 1`.
 - Not in the source are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
-    `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
-    computes for any chain. Each returns an `OptimizedWalk`. `measure` computes `h`, `C`, `K`, `H`
-    and more of any chain, and returns `Measures`. `GraphPatrol` adds the graph, for datasets and
-    recordings, and for several independent robots the first arrival at each vertex and the
-    probability of capturing an attack.
+    `maximum_return_time_entropy`, the entropy of the time of return to a vertex, which
+    `return_time_entropy` computes for any chain. Each returns an `OptimizedWalk`. `measure`
+    computes `h`, `C`, `K`, `H` and more of any chain, and returns `Measures`. `GraphPatrol` adds
+    the graph, for datasets and recordings, and for several independent robots the first arrival at
+    each vertex and the probability of capturing an attack.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
     recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that

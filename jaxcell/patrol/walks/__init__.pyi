@@ -15,7 +15,6 @@ from .optimal.entropy import (
     maximum_entropy_rate as maximum_entropy_rate,
     maximum_return_time_entropy as maximum_return_time_entropy,
     return_time_entropy as return_time_entropy,
-    return_time_law as return_time_law,
 )
 from .optimal.kemeny import minimum_kemeny as minimum_kemeny
 from .paths import toward as toward

@@ -34,7 +34,6 @@ class OptimizedWalk:
     """An optimised chain of a patroller."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
-    "The transition matrix."
     value: float
     "The value of the minimised or maximised quantity."
     certificate: Certificate

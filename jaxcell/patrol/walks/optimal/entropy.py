@@ -120,30 +120,6 @@ def maximum_return_time_entropy(
     return OptimizedWalk(walk.matrix, -walk.value, walk.certificate)
 
 
-def return_time_law(
-    P: Float[Array, "vertices vertices"], horizon: int
-) -> Float[Array, "steps vertices"]:
-    """Compute the probability that a chain first returns to a vertex after 1, 2, ... steps.
-
-    **Arguments:** the transition matrix, and the last number of steps. **Returns:** one row per
-    number of steps, one column per vertex.
-
-    Two vertices; half of the steps go to the other vertex:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import patrol
-        >>> patrol.walks.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
-        [[0.5, 0.5], [0.25, 0.25], [0.125, 0.125]]
-    """
-    check_count("horizon", horizon)
-
-    def step(first, _):  # type: ignore[no-untyped-def]
-        back = jnp.diagonal(first)
-        return P @ (first - jnp.diag(back)), back
-
-    return jax.lax.scan(step, P, None, length=horizon)[1]
-
-
 def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> Float[Array, ""]:
     """Compute the entropy of the time of first return to a vertex, in nats.
 
@@ -160,7 +136,13 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
         >>> round(float(patrol.walks.return_time_entropy(jnp.full((2, 2), 0.5), 20)), 3)
         1.386
     """
-    law = return_time_law(P, horizon)
+    check_count("horizon", horizon)
+
+    def step(first, _):  # type: ignore[no-untyped-def]
+        back = jnp.diagonal(first)
+        return P @ (first - jnp.diag(back)), back
+
+    law = jax.lax.scan(step, P, None, length=horizon)[1]
     surprise = -jnp.log(jnp.where(law > 0, law, 1.0))
     return jnp.sum(dense.stationary(P) * jnp.sum(law * surprise, axis=0))
 

@@ -27,7 +27,6 @@ class ChainPolytope:
     """
 
     vertices: int
-    "Number of vertices."
     tails: Int[np.ndarray, "moves"]
     "The vertex at which each move begins."
     heads: Int[np.ndarray, "moves"]
