@@ -21,7 +21,7 @@ _Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
 
 @dataclasses.dataclass(frozen=True)
 class Gld:
-    """A generalized lambda distribution in the parameters of Freimer, Mudholkar, Kollia and Lin.
+    """A generalized lambda distribution as parametrized by Freimer, Mudholkar, Kollia and Lin.
 
     The distribution is defined by its quantile function (Alam 2018, Eq. 4.10)
 

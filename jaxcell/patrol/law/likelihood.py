@@ -49,7 +49,7 @@ class Likelihood:
     def of(
         value: Float[np.ndarray, "samples"], count: Int[np.ndarray, "samples"], censored: bool
     ) -> "Likelihood":
-        """Return the likelihood of distinct samples, or of intervals of length 1 if censored."""
+        """Return the likelihood of values with counts; if censored, of intervals around them."""
         weight = count / count.sum()
         if not censored:
             return Likelihood(value, weight, None)

@@ -43,13 +43,13 @@ class Attack:
 
     @property
     def first(self) -> "Attack":
-        """The attack with the first of the times alone."""
+        """This attack with only the first of its times."""
         return Attack(self.times[:1], self.start)
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
     ) -> list[Float[np.ndarray, "*targets cells"]]:
-        """Compute the distribution of each robot over its cells out of view.
+        """Compute the distribution of each robot when an attack begins, over its cells out of view.
 
         For the start `worst`, it is uniform over the cells among which the worst is chosen.
         """

@@ -215,7 +215,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late`, the probability that a robot from a cell does not see a target, by steps."""
+    """Extend `late`, the probability that a robot from a cell does not see a target, by `steps`."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

@@ -39,7 +39,7 @@ class Policy:
     chain: Chain
     "The walk, which stays in place in cells without edges."
     cover: Int[np.ndarray, "stops"]
-    "The cells from which all `cells` are seen, in the order of their choice."
+    "The cells from which all `cells` are seen, in the order in which they were chosen."
     uncovered: Int[np.ndarray, "unseen"]
     "The cells among `cells` that cannot be seen from any of `cells`."
     contact: int | None
@@ -59,7 +59,7 @@ class Policy:
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity that has the value of an attribute for each of the `policies`."""
+    """Describe a quantity of a result that is an attribute of each of its `policies`."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])

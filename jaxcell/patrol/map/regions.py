@@ -218,7 +218,7 @@ def _shortest_path(
 
 
 def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> None:
-    """Check that visibility is an array over the cells of a graph."""
+    """Check that `visible` has one row and one column per cell of the graph."""
     if visible.shape != (graph.vertices, graph.vertices):
         raise ValueError(
             f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row per cell of "

@@ -36,7 +36,7 @@ class News(Result):
     ]
     known: Annotated[
         Float[np.ndarray, "ages vertices"],
-        quantity("age vertex", "probability that news of the vertex are this old or newer", "1"),
+        quantity("age vertex", "probability that news of the vertex is this old or newer", "1"),
     ]
 
     @derived("age", "age", kind="coordinate")
@@ -79,7 +79,7 @@ def age_of_news(
     """Compute the probability law of the age of news at a base, exactly.
 
     A robot sees a vertex when it is at the vertex, and reports when it is at the base. The newest
-    news of a vertex come from the last visit to the vertex after which the visitor has reached the
+    news of a vertex comes from the last visit to the vertex after which the visitor has reached the
     base. Backward in time, a robot is also a Markov chain, with `pi_j p_ji / pi_i` in place of
     `p_ij`: the age of its news is the backward time to the base and from there to the vertex.
     Robots are independent, and distributed as in the long run. An edge that takes several units of

@@ -117,7 +117,7 @@ def check_reach(
     names: Sequence[str] | None = None,
     unit: float = 1.0,
 ) -> None:
-    """Raise if an attack ends before a robot can come from every vertex, or return to its own."""
+    """Raise if an attack is too short for a robot to come from any vertex, or to return."""
     needed = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     same = np.eye(len(delays))
     np.fill_diagonal(needed, 2 * np.where((delays > 0) & (same == 0), delays, np.inf).min(axis=1))

@@ -172,7 +172,7 @@ class GraphPatrol(Measures):
 
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
-        """The transition matrix of each robot, between the states of its memory too, if any."""
+        """The transition matrix of each robot, over pairs of memory and vertex if it has memory."""
         return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property

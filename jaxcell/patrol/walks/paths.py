@@ -24,9 +24,9 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
     counts once for each of these paths that contains it, and each step away from the vertex counts
-    once; a step has a probability in proportion to its count. As printed, a path counts only in its
-    own direction. In the long run, the walk may leave out vertices that are on no path from a
-    neighbour of the vertex.
+    once; a step has a probability in proportion to its count. As in the printed algorithm, a path
+    counts only in its own direction. In the long run, the walk may leave out vertices that are on
+    no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Of equally long paths, such as a line and its
     pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last

@@ -62,7 +62,7 @@ class Steps(NamedTuple):
 
     @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
-        """Compute the probability of each step, at least the floor over the number of steps."""
+        """Compute the probability of each step: at least `floor` divided by the number of steps."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)

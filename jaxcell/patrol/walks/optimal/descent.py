@@ -94,7 +94,7 @@ def descend(
     which takes twice as long.
 
     The measure is a function of the transition matrices `[robots, vertices, vertices]` and the
-    arguments. It is compiled once per shape, as long as it is the same object.
+    arguments. It is compiled once per shape if it is the same function object in each call.
 
     **Returns:** the chains, their values, and the number of steps taken.
     """

@@ -97,8 +97,8 @@ def maximum_return_time_entropy(
         or the uniform distribution if it is missing (Markov's inequality).
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
 
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats,
-    and the residual of [`jaxcell.patrol.walks.minimum_kemeny`][].
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
+    The residual of its certificate is that of [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 

@@ -106,7 +106,7 @@ class _Search:
         self.programs = {here: _Program(pursuit, here, least) for here in models}
 
     def run(self, count: int, random: np.random.Generator) -> float:
-        """Make cuts, and return an upper bound on capture by robots that keep the probability."""
+        """Make at most `count` cuts, and return an upper bound on capture."""
         made, turn, last, models = 0, 0, 0, list(self.programs)
         # The search ends if walks from all models need no new cut.
         while made < count and turn - last <= len(models):
@@ -266,7 +266,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack, and its plan."""
+        """Return an upper bound on the least promise for a whole attack, and the best plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
