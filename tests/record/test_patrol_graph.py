@@ -266,7 +266,7 @@ def test_parts_of_different_patrols_are_refused(eight, weights, game):
     chain = random_walk(graph, weights)
     for on, more, message in (
         (other, {}, "from vertex 1 to 6, between which there is no edge"),
-        (Graph([[0, 1]]), {}, "chain: expected one of 2 vertices, got 8"),
+        (Graph([[0, 1]]), {}, "chain: expected 2 vertices, got 8"),
         (graph, {"names": names[:3]}, "names: expected 8, one per vertex, got 3"),
         (graph, {"robots": 0}, "robots: expected a whole number of at least 1, got 0"),
     ):

@@ -272,7 +272,7 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
         xy.append(_position(field, attributes) if placed else None)
     if None in xy and any(place is not None for place in xy):
         field = vertices[xy.index(None)].field
-        raise ValueError(f"{field}: it has no position x, y; expected one, as others have it")
+        raise ValueError(f"{field}: it has no position x, y, but other vertices have")
     if len(numbers) < 2:
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
@@ -302,7 +302,7 @@ def _lengths(edges: list[Edge]) -> list[float] | None:
     if len(missing) == len(edges):
         return None
     if missing:
-        raise ValueError(f"{missing[0]}: it has no length, as others have")
+        raise ValueError(f"{missing[0]}: it has no length, but other edges have")
     expected = f"a positive number of at most {MAX_NUMBER:g} m"
     lengths = [checked_number(f"{e.field}.length", e.length, expected, text=True) for e in edges]
     for edge, length in zip(edges, lengths, strict=True):

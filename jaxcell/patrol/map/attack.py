@@ -139,6 +139,6 @@ def check_policies(
     for robot, policy in enumerate(policies):
         if policy.chain.cells != graph.vertices:
             raise ValueError(
-                f"policies: that of robot {robot} is for {policy.chain.cells} cells, and the graph "
-                f"has {graph.vertices}"
+                f"policies: the policy of robot {robot} is for {policy.chain.cells} cells, and the "
+                f"graph has {graph.vertices}"
             )

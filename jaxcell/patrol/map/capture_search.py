@@ -30,7 +30,8 @@ STEPS = 300
 _HOPELESS = 0.1
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Random spread of logits at the first two starts, and at the others: equal robots stay equal.
+# Random spread of the logits at the first two starts, and at the other starts; without it, robots
+# would stay equal.
 _SPREAD = 0.1, 0.5
 
 Say = Callable[[str, int, int], None]

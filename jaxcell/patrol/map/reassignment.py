@@ -63,7 +63,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
         2
     """
     if policy.contact is None:
-        raise ValueError("policy: expected one with a contact cell, where the robot reports")
+        raise ValueError("policy: expected a policy with a contact cell, where the robot reports")
     if not 0 < alpha < 1:
         raise ValueError(f"alpha: expected a probability, more than 0 and less than 1, got {alpha}")
     there = np.arange(policy.chain.cells) == policy.contact

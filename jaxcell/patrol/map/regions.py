@@ -113,7 +113,7 @@ def angular_regions(
     outside[base] = False
     if not outside.any():
         raise ValueError(
-            f"view: the base station at cell {base} sees all cells; expected some to patrol"
+            f"view: the base station at cell {base} sees all cells; expected cells to patrol"
         )
     patrolled = outside.copy()
     patrolled[graph.edges[outside[graph.edges[:, ::-1]]]] = True

@@ -147,7 +147,7 @@ class GraphPatrol(Measures):
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
         if vertices != graph.vertices:
-            raise ValueError(f"chain: expected one of {graph.vertices} vertices, got {vertices}")
+            raise ValueError(f"chain: expected {graph.vertices} vertices, got {vertices}")
         if len(self.names) != vertices:
             raise ValueError(f"names: expected {vertices}, one per vertex, got {len(self.names)}")
         wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))

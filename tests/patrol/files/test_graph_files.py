@@ -219,7 +219,7 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
         assert pairs_of(graph, names) == {frozenset(map(str, edge)) for edge in club.edges}
         assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
     with pytest.raises(
-        ValueError, match=r"nodes\[1\]: it has no position x, y; expected one, as others"
+        ValueError, match=r"nodes\[1\]: it has no position x, y, but other vertices"
     ):
         load_text(
             tmp_path,
@@ -333,7 +333,7 @@ def test_lengths_are_written_and_read(tmp_path, suffix):
 def test_lengths_that_are_none_are_refused(tmp_path):
     lines = {"nodes": [{"id": 1}, {"id": 2}, {"id": 3}]}
     for lengths, message in (
-        (({}, {"length": 2}), r"edges\[0\]: it has no length, as others have"),
+        (({}, {"length": 2}), r"edges\[0\]: it has no length, but other edges have"),
         (({"length": 1}, {"length": 0}), r"edges\[1\].length: expected a positive number"),
         (({"length": 1}, {"length": "far"}), r"edges\[1\].length"),
     ):

@@ -84,5 +84,5 @@ def test_wrong_robots_and_policies_are_refused():
         with pytest.raises(ValueError, match="alpha: expected a probability"):
             silence_limit(POLICIES[0], alpha)
     (policy,) = distributed_policies(GRAPH, VISIBLE, 1)
-    with pytest.raises(ValueError, match="policy: expected one with a contact cell"):
+    with pytest.raises(ValueError, match="policy: expected a policy with a contact cell"):
         silence_limit(policy)
