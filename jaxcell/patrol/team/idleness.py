@@ -207,7 +207,8 @@ def simulate_idleness(
             caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
     *columns, captured = np.array(rows).T
-    return Idleness(list(rules), *columns, None if attack is None else captured)
+    columns.append(None if attack is None else captured)
+    return Idleness(list(rules), *columns)
 
 
 def _batches(times: Float[np.ndarray, "_"]) -> list[float]:

@@ -123,6 +123,7 @@ class SymmetricSteps(NamedTuple):
         states = count * own.shape[1] * vertices
         return whole.swapaxes(0, 1).reshape(len(own), states, states)
 
+    @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
         return self.own.chances(logits, floor)
 
