@@ -83,12 +83,6 @@ def test_robots_that_always_go_ahead_detect_in_time():
     assert maximin(detection_polynomials(Perimeter(12, 2, Movement.DCP), 5)[1:]).value == 1
 
 
-def test_a_segment_out_of_reach_is_never_detected():
-    found = maximin(detection_polynomials(Perimeter(12, 1, Movement.DNCP), 5))
-    assert found.value == 0
-    assert found.certificate.outcome is Outcome.CONVERGED
-
-
 @given(hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.floats(0, 1)))
 def test_maximin_is_no_worse_than_a_grid(polynomials):
     found = maximin(polynomials)

@@ -54,7 +54,6 @@ class Vulnerability(Result):
     ]
     "The distribution of the time of the first view, up to the longest attack time."
     arrivals: Arrivals
-    "The simulated runs."
     fit: GldFit | None
     "The distribution fitted to the runs, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "reason why no law is fitted")]

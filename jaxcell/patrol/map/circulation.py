@@ -46,7 +46,6 @@ class Circulation:
     """
 
     chance: Float[np.ndarray, "branches cells"]
-    "The probability of each step."
     share: Float[np.ndarray, "cells"]
     "The share of time in each cell in the long run."
 

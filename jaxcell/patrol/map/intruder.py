@@ -33,7 +33,6 @@ class Attacks:
     """The places of patrolling robots and the attacks of an adversary."""
 
     place: Int[np.ndarray, "times robots"]
-    "The cell of each robot."
     state: UInt8[np.ndarray, "times"]
     "The [`AttackState`][] at each time."
     since: Int[np.ndarray, "times"]

@@ -75,7 +75,6 @@ class PatrolledMap(Result):
     search: CaptureSearch | None = None
     "The search that found the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
-    "The trade-off between capture and unpredictability, or `None`."
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),

@@ -33,7 +33,6 @@ class Reassignment(Result):
         quantity("region", "robot that takes the region", kind="index", listed=True),
     ]
     policies: tuple[Policy, ...]
-    "The policy in each region."
 
     sizes = of_policies("cells.size", "region", "cells of each region", kind="count", listed=True)
     weight = of_policies("weights", "region edge", "share of steps on the edge", "1", kind="share")

@@ -78,7 +78,6 @@ class GraphPatrol(Measures):
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
-    "Number of independent robots."
     first_arrival: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),

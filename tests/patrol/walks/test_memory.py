@@ -111,13 +111,10 @@ def test_memory_is_divided_among_symmetries():
     assert found.value == pytest.approx(exact.min(), rel=1e-9)
 
 
-def test_the_bound_proves_that_a_walk_is_best():
+def test_the_bound_proves_that_walks_are_best():
+    """One robot, and two robots that visit half of the leaves of a star each."""
     assert capture_bound(STAR, 2) == pytest.approx(1 / 8, abs=1e-12)
     assert maximin_capture(STAR, 2, starts=1).value == pytest.approx(1 / 8, rel=1e-6)
-
-
-def test_the_bound_proves_that_a_team_is_best():
-    """Two robots that visit half of the leaves of a star each."""
     halves = np.zeros((2, 9, 9))
     halves[:, 1:, 0] = halves[0, 0, 1:5] = halves[1, 0, 5:] = 1
     halves[:, 0] /= 4

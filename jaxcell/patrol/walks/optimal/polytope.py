@@ -32,7 +32,6 @@ class ChainPolytope:
     heads: Int[np.ndarray, "moves"]
     "The vertex at which each move ends."
     stationary: Float[np.ndarray, "vertices"] | None
-    "The prescribed stationary distribution, or `None`."
 
     @classmethod
     def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
