@@ -1,16 +1,16 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-# Commands, robots, sweeps and examples as users have them: types of arguments are not checked.
-# Some wait for robots and workers, so one process more is busy.
+# Tests of commands, robots, sweeps and examples, without the checks of argument types, as for users.
+# Some wait for robots and workers, so they have one more process.
 AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
 PLAIN := -o addopts="--strict-config --strict-markers --import-mode=importlib"
 UNCHECKED := $(PLAIN) $(AS_USERS)
-# The instructions of a processor without AVX-512, for NumPy, BLAS and XLA, whatever runs them.
+# NumPy, BLAS and XLA use the instructions of a processor without AVX-512 on every machine.
 AVX2 := OPENBLAS_CORETYPE=Haswell XLA_FLAGS=--xla_cpu_max_isa=AVX2 \
 	NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
 
-# Packages are installed without bytecode, which Python writes as it needs it.
+# Packages are installed without bytecode, so Python must be able to write it.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo robot test test-avx2 test-all fuzz lint bench docs pictures clean
@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
 
-# Only what runs a filter or a plan on a robot, 96 MB of packages in place of 1,650.
+# Only the packages to run a filter or a plan on a robot: 96 MB in place of 1,650.
 robot: .venv/bin/python
 	$(BIN)/python -m pip install --quiet --group robot
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
@@ -27,7 +27,7 @@ test: .venv/.dev
 	$(BIN)/pytest -n 2 --dist loadfile $(AS_USERS:%=--ignore %)
 	$(BIN)/pytest -n 3 --dist loadfile $(UNCHECKED)
 
-# FOLDERS of numbers may follow: make test-avx2 FOLDERS="tests/markov tests/patrol"
+# FOLDERS selects folders in place of the golden cases: FOLDERS="tests/markov tests/patrol"
 test-avx2: .venv/.dev
 	$(AVX2) $(BIN)/pytest -n 2 $(if $(FOLDERS),--dist loadfile $(FOLDERS),$(PLAIN) tests/golden)
 
@@ -61,7 +61,7 @@ pictures: .venv/.dev
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
 
-# Modules are compiled when they are first imported; most of a package never is.
+# Without bytecode the installation is faster, because most modules are never imported.
 .venv/.runtime: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --no-compile --editable ".[view]"
 	touch $@

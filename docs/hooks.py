@@ -27,7 +27,7 @@ STYLES = {"light": "default", "dark": "github-dark"}
 IMAGE = re.compile(r'<img [^>]*src="([^"]+)"[^>]*>')
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([([])(.*?)\\[)\]]</\1>', re.DOTALL)
 
-# Parts of a page of the reference: the text on its package, blocks of code, code in sentences.
+# Parts of a page of the reference: the text of its package, code blocks, and code in sentences.
 ABOUT = re.compile(
     r'(?<=<div class="doc doc-contents first">).*?(?=<div class="doc doc-children">)', re.DOTALL
 )
@@ -73,7 +73,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def is_formula(code: str) -> bool:
-    """Return whether code in a sentence is mathematics: its names are letters or in `NAMES`."""
+    """Test if code in a sentence is mathematics: its names are single letters or in `NAMES`."""
     names = re.findall(r"[A-Za-z]+(?=_|\b)", re.sub(r"_(?:\{[^{}]*\}|[A-Za-z0-9]+)", "", code))
     known = all(len(name) == 1 or name in NAMES for name in names)
     return bool(names) and known and not re.search(r"[\"'`\[\]@:]|--|\w\.\w", code)
@@ -137,8 +137,8 @@ def inline(match: re.Match[str]) -> str:
 def on_page_content(html: str, **_: object) -> str:
     """Write formulas as MathML, which browsers show without a script or a network.
 
-    Pictures are links to themselves: their labels are read in full size only. An option is never
-    broken at its hyphens.
+    Pictures link to their files, because labels are legible in full size only. Lines do not break
+    at the hyphens of an option.
     """
     html = ABOUT.sub(lambda match: CODE.sub(inline, BLOCK.sub(formulas, match[0])), html, count=1)
     html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), html)

@@ -1,4 +1,4 @@
-"""The tutorials of the site: notebooks that are run when it is built, and can be downloaded."""
+"""Run the notebooks of the tutorials when the site is built, and add their pages."""
 
 import base64
 import re
@@ -13,7 +13,7 @@ from mkdocs.structure.pages import Page
 from nbclient import NotebookClient
 
 
-# HTML outputs of cells by page, in their order. Markdown would break them, so it gets marks.
+# HTML outputs of cells in order, by page. Marks replace them in Markdown, which would change them.
 _SHOWN: dict[str, list[str]] = {}
 _PLACE = re.compile(r"<p>@output (\d+)@</p>")
 _FENCE = "~~~"
@@ -45,7 +45,7 @@ def on_page_content(html: str, page: Page, **_: object) -> str:
 
 
 def _run(path: str) -> Any:
-    """Run a notebook as a user would, in a folder of its own."""
+    """Run a notebook as a user would."""
     notebook = nbformat.read(path, as_version=4)
     quiet = ["--log-level=40"]
     NotebookClient(notebook, timeout=300, kernel_name="python3", extra_arguments=quiet).execute()
@@ -63,7 +63,7 @@ def _cell(cell: Any, stem: str, pictures: list[bytes], shown: list[str]) -> str:
             parts.append(f"@output {len(shown)}@")
             shown.append(data["text/html"])
         elif "image/png" in data:
-            parts.append(f"![what the cell draws]({stem}_{len(pictures)}.png)")
+            parts.append(f"![output of the cell]({stem}_{len(pictures)}.png)")
             pictures.append(base64.b64decode(data["image/png"]))
         elif output.get("name") != "stderr":
             text = output.get("text", "") or data.get("text/plain", "")

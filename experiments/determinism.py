@@ -1,17 +1,17 @@
-"""Test whether the same specification gives the same results, digit for digit.
+"""Test if the same specification gives the same results, digit for digit.
 
-Runs every command with results, and a sweep, on small examples; reads the files that they leave;
-and takes a fingerprint of every variable: a digest of its bytes, and for numbers that rounding may
-change three weighted sums, with weights that are drawn once and for all.
+The script runs every command with results, and a sweep, on small examples, and reads their files.
+It takes a fingerprint of every variable: a digest of its bytes, and for floating-point numbers
+three weighted sums with fixed random weights. These commands compare two runs:
 
     python experiments/determinism.py --write experiments/determinism.json
     python experiments/determinism.py --check experiments/determinism.json [--exact]
 
-compare two runs. With one Python, one JAX and one processor all bytes are the same, which `--exact`
-asks for. Another version of JAX, NumPy or SciPy, or another processor, may add numbers in another
-order: whole numbers have to be the same in any case, and sums of others within 1e-9 of the sum of
-the absolute values. The parameters of the generalized lambda distribution, which a search finds
-that stops at a tolerance, have to be so within 1e-3.
+With the same Python, JAX and processor all bytes are equal, which `--exact` requires. Other
+versions of JAX, NumPy or SciPy, or another processor, may add numbers in another order. Then whole
+numbers must still be equal, and weighted sums must agree within 1e-9 of the sum of the absolute
+values. The parameters of the generalized lambda distribution must agree within 1e-3, because their
+search stops at a tolerance.
 """
 
 import argparse
@@ -61,8 +61,9 @@ COMMANDS = {
         *("--start", "-118.0,33.5", "--goal", "-118.1,33.45,5"),
     ],
 }
-# Packages whose versions are recorded.
+# The packages with a recorded version.
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "shapely", "optax", "networkx", "xarray")
+# The tolerances of sums, relative to the sum of absolute values; the second by variable.
 ROUNDING = 1e-9
 SEARCHED = {"gld": 1e-3, "fitted": 1e-3}
 
@@ -77,14 +78,14 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
     if values.dtype.kind == "f":
         flat = values.astype(float).ravel()
         finite = np.isfinite(flat)
-        # The places of missing and infinite numbers are exact.
-        known = np.where(np.isnan(flat), 2, np.where(finite, 0, np.sign(flat))).astype(np.int8)
-        known_too = np.where(finite, flat, 0)
+        # Missing and infinite numbers must be at the same places.
+        places = np.where(np.isnan(flat), 2, np.where(finite, 0, np.sign(flat))).astype(np.int8)
+        numbers = np.where(finite, flat, 0)
         weights = np.random.default_rng(0).uniform(0.5, 1, (3, flat.size))
         weights *= np.random.default_rng(1).choice([-1, 1], weights.shape)
-        found["known"] = digest(described + known.tobytes())
-        found["sums"] = [float(row @ known_too) for row in weights]
-        found["size"] = float(np.abs(known_too).sum())
+        found["known"] = digest(described + places.tobytes())
+        found["sums"] = [float(row @ numbers) for row in weights]
+        found["size"] = float(np.abs(numbers).sum())
     return found
 
 
@@ -93,12 +94,12 @@ def digest(content: bytes) -> str:
 
 
 def run(name: str, args: list[str], folder: Path) -> dict[str, Any]:
-    """The fingerprints of all variables of all files that a command leaves."""
+    """Run a command, and take the fingerprints of all variables of its files."""
     out = folder / name.replace(" ", "-")
-    with contextlib.redirect_stdout(io.StringIO()) as told:
+    with contextlib.redirect_stdout(io.StringIO()) as output:
         status = jaxcell([*args, "--out", str(out), "--json"])
     if status:
-        raise SystemExit(f"{name}: exit status {status}: {told.getvalue()}")
+        raise SystemExit(f"{name}: exit status {status}: {output.getvalue()}")
     found = {}
     for file in sorted(out.rglob("*.nc")):
         with xr.open_dataset(file, decode_times=False) as dataset:
@@ -106,12 +107,12 @@ def run(name: str, args: list[str], folder: Path) -> dict[str, Any]:
                 values = dataset.variables[variable].values
                 found[f"{name}: {file.name}: {variable}"] = fingerprint(values)
     if not found:
-        raise SystemExit(f"{name}: it left no NetCDF file in {out}")
+        raise SystemExit(f"{name}: expected a NetCDF file in {out}, found none")
     return found
 
 
 def run_all() -> dict[str, Any]:
-    """The fingerprints of all commands, and the versions that made them."""
+    """Run all commands, and return their fingerprints with the versions of the packages."""
     variables: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         spec = Path(folder) / "angles.toml"
@@ -130,17 +131,21 @@ def run_all() -> dict[str, Any]:
 def compare(
     now: dict[str, Any], then: dict[str, Any], *, exact: bool
 ) -> tuple[int, list[str], list[str]]:
-    """Count the variables with the same bytes, and list those that differ by rounding, or more."""
+    """Compare two runs.
+
+    Returns the number of variables with the same bytes, and lists the variables that differ by
+    rounding, and by more.
+    """
     same, rounded, different = 0, [], []
     names = {*now["variables"], *then["variables"]}
     for name in sorted(names):
         one, other = (found["variables"].get(name) for found in (now, then))
         if one is None or other is None:
-            different.append(f"{name}: only {'then' if one is None else 'now'}")
+            different.append(f"{name}: only in the {'earlier' if one is None else 'new'} run")
         elif one["sha256"] == other["sha256"]:
             same += 1
         elif one.get("known") is None or one["known"] != other.get("known"):
-            different.append(f"{name}: other bytes")
+            different.append(f"{name}: different bytes")
         else:
             size = max(one["size"], other["size"])
             apart = np.abs(np.subtract(one["sums"], other["sums"])).max() / size
@@ -153,10 +158,10 @@ def compare(
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", type=Path, help="file for the fingerprints")
-    parser.add_argument("--check", type=Path, help="file of an earlier run to compare with")
-    parser.add_argument("--exact", action="store_true", help="ask for the same bytes")
+    parser.add_argument("--check", type=Path, help="file of an earlier run for comparison")
+    parser.add_argument("--exact", action="store_true", help="require the same bytes")
     options = parser.parse_args()
-    # Threads add in an order of their own.
+    # With several threads the order of additions varies.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     now = run_all()
     if options.write is not None:

@@ -1,9 +1,9 @@
-"""A robot of your own: one that leaves each wall at a random angle.
+"""A robot of your own, which leaves each wall at a random angle.
 
     jaxcell run experiments/your_own_robot.py:RandomBounce @complex --out runs/mine
 
-Say where each cell leads, and what is asked; options, tables, JSON, NetCDF, a recording, and sweeps
-with `task = "experiments/your_own_robot.py:RandomBounce"` follow.
+Define the images of each cell, and a study with its result. Options, tables, JSON, NetCDF, a
+recording, and sweeps with `task = "experiments/your_own_robot.py:RandomBounce"` follow.
 """
 
 import dataclasses
@@ -19,11 +19,11 @@ from jaxcell.study import MapStudy
 
 
 def random_bounce_map(cells: space.CellSpace) -> Chain:
-    """The generalized map of a robot that turns to any direction, all equally likely, at a bump."""
+    """Make the generalized map of a robot that turns to a random direction at each bump."""
     straight = bounce.bounce_map(cells, 0.0)
     direction, position = np.divmod(np.arange(cells.size), cells.positions)
     slot = np.arange(cells.directions)[:, None]
-    # A step has one image, so only the first of its slots is used; the others stay in the cell.
+    # A step has one image with probability 1; its other images have probability 0.
     ahead = np.where(slot == 0, straight.image, direction * cells.positions + position)
     return Chain(
         np.where(straight.bumped, slot * cells.positions + position, ahead),
@@ -48,10 +48,10 @@ class Wandering(Result):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RandomBounce(MapStudy):
-    """Find where a robot that bounces at random spends its time, and how soon it is at a goal."""
+    """Compute the share of time in each position, and the mean steps to a goal."""
 
     goal: int = 0
-    """The position to come to."""
+    """The position of the goal."""
 
     def run(self, say=print) -> Wandering:
         cells = self.cells()

@@ -1,4 +1,4 @@
-"""Small cases for examples: a corridor, a lab, a sea, a patrol, and others.
+"""Small objects for the examples in docstrings: a corridor, a lab, a sea, a patrol, and others.
 
 >>> from jaxcell import examples
 >>> examples.corridor().size, examples.lab().size
@@ -7,142 +7,110 @@
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool
 
+from . import automata, drift, dynamics, mapping, markov, optimize, robot, space, sweep
 from .base.bundled import bundled
 
 
-if TYPE_CHECKING:
-    from .automata import Filter
-    from .drift import Flow, Sea, Water
-    from .dynamics import Basins
-    from .mapping import Chain
-    from .markov import DecisionModel
-    from .patrol import Graph
-    from .robot import PatrolTask, Walker
-    from .space import CellSpace
-    from .sweep import Spec
+def corridor(directions: int = 2) -> "space.CellSpace":
+    """Make a corridor of three squares of 1 m from West to East, with a wall around it."""
+    return space.CellSpace.of(space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
 
 
-def corridor(directions: int = 2) -> "CellSpace":
-    """Make three cells of 1 m in a row from West to East, with a wall around them."""
-    from .space import CellSpace, Workspace
-
-    return CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
+def lab() -> "space.CellSpace":
+    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m, and 8 directions."""
+    return space.CellSpace.load(bundled("lab_a"))
 
 
-def lab(directions: int = 8) -> "CellSpace":
-    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m with two obstacles."""
-    from .space import CellSpace
-
-    return CellSpace.load(bundled("lab_a"), directions=directions)
-
-
-def ring() -> "Filter":
+def ring() -> "automata.Filter":
     """Make the filter of a robot that goes round three cells, and bumps in the last one."""
-    from .automata import Filter, subset_construction
+    return automata.Filter.of(
+        automata.subset_construction(np.array([1, 2, 0]), np.array([False, False, True]))
+    )
 
-    return Filter.of(subset_construction(np.array([1, 2, 0]), np.array([False, False, True])))
 
-
-def walker(x: float = 0.5, direction: int = 0) -> "Walker":
-    """Put an emulated robot in the middle of the corridor, in one of 4 directions."""
-    from .robot import Walker, cell_strides
+def walker(x: float = 0.5, direction: int = 0) -> "robot.Walker":
+    """Put an emulated robot into the corridor at `x` metres, in one of 4 directions."""
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
 
-    robot = SimulatedCreate(Body(corridor().room, (x, 0.5, direction * np.pi / 2)))
-    return Walker(robot, 1.0, strides=cell_strides(4, 1.0, 1.0), direction=direction)
+    body = SimulatedCreate(Body(corridor().room, (x, 0.5, direction * np.pi / 2)))
+    return robot.Walker(body, 1.0, strides=robot.cell_strides(4, 1.0, 1.0), direction=direction)
 
 
-def patrol_task() -> "PatrolTask":
+def patrol_task() -> "robot.PatrolTask":
     """Make the task of a robot that patrols between the ends of the corridor."""
-    from .robot import PatrolTask, load_task, save_patrols
-
     walk = np.array([[2, 1, 0]]), np.ones((1, 3))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "patrol.json")
-        save_patrols(path, corridor(directions=4), [walk], [0], 1.5)
-        task = load_task(path)
-    assert isinstance(task, PatrolTask)
+        robot.save_patrols(path, corridor(directions=4), [walk], [0], 1.5)
+        task = robot.load_task(path)
+    assert isinstance(task, robot.PatrolTask)
     return task
 
 
-def walk() -> "Chain":
+def walk() -> "mapping.Chain":
     """Make the chain of a random walk on three cells in a row, which turns back at the ends."""
     return _chain([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
 
 
-def ruin() -> "Chain":
+def ruin() -> "mapping.Chain":
     """Make the chain of a random walk on four cells in a row, which stops at both ends."""
     return _chain([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
 
 
-def stream() -> "Chain":
-    """Make a chain of four cells of water: 0 flows into 1, and 1 flows into 2 and 3."""
+def stream() -> "mapping.Chain":
+    """Make a chain of four cells of the sea: 0 flows into 1, and 1 flows into 2 and 3."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
-def line_model() -> "DecisionModel":
-    """Model a robot on three cells in a row that goes right or left, and gains 1 at the right."""
-    from .markov import DecisionModel
-
+def line_model() -> "markov.DecisionModel":
+    """Model a robot on three cells in a row that goes right or left, and gains 1 in the last."""
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
-    return DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
+    return markov.DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
 
 
-def _chain(matrix: Any) -> "Chain":
-    from .mapping import Chain
-
-    return Chain.from_scipy(np.array(matrix))
+def _chain(matrix: Any) -> "mapping.Chain":
+    return mapping.Chain.from_scipy(np.array(matrix))
 
 
-def sea() -> "Sea":
-    """Make two layers of three cells in a row: the upper flows East, the lower flows West."""
-    from .drift import Sea
-    from .mapping import Chain
-
+def sea() -> "drift.Sea":
+    """Make a sea of two layers of three cells: the upper flows East, the lower flows West."""
     layers = [water([[1, 1, 1]], depth) for depth in (0.0, 5.0)]
     ends = [1, 2, 2], [0, 0, 1]
-    return Sea.of(layers, [Chain(np.array([to], np.int32), np.ones((1, 3))) for to in ends])
+    return drift.Sea.of(
+        layers, [mapping.Chain(np.array([to], np.int32), np.ones((1, 3))) for to in ends]
+    )
 
 
-def water(wet: npt.ArrayLike, depth: float = 0.0) -> "Water":
-    """Make the water of some squares of 1 km, of which 1 stands for water and 0 for land."""
-    from .drift import Water
-
+def water(wet: npt.ArrayLike, depth: float = 0.0) -> "drift.Water":
+    """Make the water of a grid of squares of 1 km, from an array with 1 for water, 0 for land."""
     wet = np.asarray(wet, bool)
     number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
     side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)
-    return Water(number, side, side, zero, zero, zero, depth)
+    return drift.Water(number, side, side, zero, zero, zero, depth)
 
 
-def gyres() -> "tuple[Water, Flow]":
+def gyres() -> "tuple[drift.Water, drift.Flow]":
     """Load the surface of the bundled sea, and its current in the first hour."""
-    from .drift import Flow, Water, open_currents
-
-    currents = open_currents(bundled("gyres"), time=0, depths=0)
-    return Water.of(currents), Flow.of(currents)
+    currents = drift.open_currents(bundled("gyres"), time=0, depths=0)
+    return drift.Water.of(currents), drift.Flow.of(currents)
 
 
-def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
-    """Make five vertices in a row, 1 m apart, and their visibility: itself and neighbours."""
-    from .patrol import Graph
-
-    graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+def patrol() -> "tuple[optimize.Graph, Bool[np.ndarray, '5 5']]":
+    """Make a graph of five vertices in a row, and their visibility up to the next vertex."""
+    graph = optimize.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
     return graph, np.abs(np.subtract.outer(range(5), range(5))) <= 1
 
 
-def basins(cells: int = 8) -> "Basins":
-    """Compute the basins of a map of [0, 1]: numbers above 1/2 go to 0.6, the others to 0.1."""
-    from .dynamics import basins
-    from .space import Box
-
-    return basins(_two_ends, Box([0], [1], cells=[cells]))
+def basins(cells: int = 8) -> "dynamics.Basins":
+    """Compute the basins of a map of [0, 1] that maps numbers above 1/2 to 0.6, others to 0.1."""
+    return dynamics.basins(_two_ends, space.Box([0], [1], cells=[cells]))
 
 
 def _two_ends(x: Any, p: Any) -> Any:
@@ -151,10 +119,8 @@ def _two_ends(x: Any, p: Any) -> Any:
     return jnp.where(x > 0.5, 0.6, 0.1)
 
 
-def angles(chunk: int = 64) -> "Spec":
-    """Specify the sweep of the groups of Lab A over two angles, `chunk` of them together."""
-    from .sweep import Spec
-
+def angles(chunk: int = 64) -> "sweep.Spec":
+    """Specify a sweep over two bouncing angles in Lab A, with `chunk` angles per job."""
     lines = (
         'task = "groups"',
         f"chunk = {chunk}",
@@ -166,4 +132,4 @@ def angles(chunk: int = 64) -> "Spec":
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "angles.toml")
         path.write_text("\n".join(lines))
-        return Spec.load(path)
+        return sweep.Spec.load(path)

@@ -68,6 +68,12 @@ SMALL = Graph(
     - 1,
     xy=[[1, 3], [2, 2.5], [3, 3], [3, 2], [1, 2], [1, 1], [2, 1.5], [3, 1]],
 )
+# The weights of the fastest mixing chain on it, times 8, to six digits.
+MIXING = np.fromstring(
+    ".498188 .061695 .183414 .466937 .061695 .378422 .164781 .12248 .259668 .183414 .358185 "
+    ".259668 0",
+    sep=" ",
+)
 # Alam 2018, Table 4.2: its vertices from the closest to the furthest, for the strategies toward
 # each vertex, for all vertices, and for vertices 2, 5 and 8.
 TABLE_4_2 = (

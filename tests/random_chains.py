@@ -3,7 +3,10 @@
 from fractions import Fraction
 
 import numpy as np
+import scipy.sparse
 from hypothesis import strategies as st
+
+from jaxcell.mapping.generalized import Chain
 
 
 def complete(cells):
@@ -25,6 +28,17 @@ def open_line(cells):
 def steps_on_open_line(cells):
     """Return the expected number of steps until the walk has left the line, from each cell."""
     return np.arange(1, cells + 1) * np.arange(cells, 0, -1)
+
+
+def random_chain(cells, seed):
+    """Draw a chain whose rows are dominated by a few large probabilities."""
+    return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
+
+
+def dense_solution(matrix, right, adjoint=False):
+    """Solve `x = right + matrix x`, or with the transposed matrix."""
+    dense = scipy.sparse.csr_array(matrix).toarray()
+    return np.linalg.solve(np.eye(len(dense)) - (dense.T if adjoint else dense), right)
 
 
 def solve_exactly(matrix, right):

@@ -15,6 +15,7 @@ class Recording:
 
     def __init__(self, path):
         reader = RrdReader(path)
+        self.application = reader.recordings()[0].application_id
         self.chunks = reader.stream().to_chunks()
         self.blueprints = [reader.stream(store=store).to_chunks() for store in reader.blueprints()]
         self.entities = {chunk.entity_path for chunk in self.chunks}

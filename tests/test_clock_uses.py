@@ -22,14 +22,12 @@ USES = {
     "mutations.py": (2, "Seconds of the processor: a reader takes a hundredth of them."),
     "record/test_robot.py": (1, "A process that waits to be killed, however long that takes."),
     "robot/test_create.py": (
-        5,
-        "Pauses between exchanges or commands; a process that is ended; a motion that ends after "
-        "its time is over.",
+        4,
+        "Pauses between exchanges or commands; a process that is ended.",
     ),
     "robot/test_emulator.py": (
-        2,
-        "A pause between requests; a moment in which nothing may happen, and a slow machine only "
-        "makes that easier.",
+        1,
+        "A moment in which nothing may happen, and a slow machine only makes that easier.",
     ),
     "robot/test_ros.py": (1, "A process that waits to be killed ends by itself if the test fails."),
     "robot/test_simulated.py": (4, "Seconds of the simulated robot."),

@@ -1,6 +1,6 @@
-"""Makes the graphs of this folder: `python data/graphs/make_graphs.py [FOLDER]`.
+"""Make the graphs of this folder: `python data/graphs/make_graphs.py [FOLDER]`.
 
-The same bytes come out on every machine. README.md says what each graph is.
+The files have the same bytes on every machine. README.md describes each graph.
 """
 
 import itertools
@@ -27,18 +27,18 @@ def line() -> Graph:
 
 
 def tree() -> Graph:
-    """Each vertex hangs below an earlier one, chosen at random, with at most three below it."""
+    """Make a random tree in which each vertex has at most three children."""
     draw = random.Random(4)
     below: list[list[int]] = [[] for _ in range(30)]
     edges, depth = [], [0]
     for v in range(1, 30):
         free = [u for u in range(v) if len(below[u]) < 3]
-        # Only random() itself draws the same numbers in every version of Python.
+        # Of all methods, only random() draws the same numbers in every version of Python.
         above = free[math.floor(draw.random() * len(free))]
         below[above].append(v)
         edges.append((above, v))
         depth.append(depth[above] + 1)
-    # Leaves stand side by side, and any other vertex in the middle of those below it.
+    # Leaves have consecutive places, and other vertices are above the middle of their children.
     x: dict[int, float] = {}
     leaves = itertools.count()
 
@@ -53,18 +53,21 @@ def tree() -> Graph:
 
 
 def complete() -> Graph:
-    """On a circle, to the millimetre, for the last digits of a cosine differ between machines."""
+    """Make a complete graph on a circle.
+
+    Places are rounded to millimetres, because the last digits of a cosine differ between machines.
+    """
     angles = [math.pi / 2 + 2 * math.pi * v / 8 for v in range(8)]
     xy = [(round(2 * math.cos(a), 3), round(2 * math.sin(a), 3)) for a in angles]
     return Graph(list(itertools.combinations(range(8), 2)), xy=xy)
 
 
 def random_50() -> Graph:
-    """50 places in a square, at least 0.6 m apart, and the 200 shortest edges between them."""
+    """Make the 200 shortest edges between 50 random places in a square, at least 0.6 m apart."""
     draw = random.Random(0)
     places: list[tuple[int, int]] = []
     while len(places) < 50:
-        # Millimetres in whole numbers, so that no machine finds another distance shorter.
+        # Whole millimetres have exact distances, so their order is the same on every machine.
         x, y = math.floor(draw.random() * 10000), math.floor(draw.random() * 10000)
         if all((x - a) ** 2 + (y - b) ** 2 >= 600**2 for a, b in places):
             places.append((x, y))

@@ -1,6 +1,6 @@
-"""Makes the maps of this folder: `python data/maps/make_maps.py [FOLDER]`.
+"""Make the maps of this folder: `python data/maps/make_maps.py [FOLDER]`.
 
-The same bytes come out on every machine. README.md says what each map is.
+The files have the same bytes on every machine. README.md describes each map.
 """
 
 import math
@@ -21,9 +21,9 @@ def box(xmin: float, ymin: float, xmax: float, ymax: float) -> list[tuple[float,
 def arc(
     x: float, y: float, radius: float, start_deg: float, end_deg: float, chords: int
 ) -> list[tuple[float, float]]:
-    """Vertices along an arc, both ends included, to the millimetre.
+    """Compute vertices along an arc, including both ends.
 
-    The last digits of a cosine differ between machines; the millimetre does not.
+    They are rounded to millimetres, because the last digits of a cosine differ between machines.
     """
     angles = [
         math.radians(start_deg + (end_deg - start_deg) * k / chords) for k in range(chords + 1)
@@ -75,7 +75,7 @@ def cafe() -> Workspace:
 
 
 def room_200x125() -> Workspace:
-    """Obstacles at random places, at least a unit from the walls and from each other."""
+    """Make a room with obstacles at random places, at least 1 m from walls and each other."""
     shapes = [
         box(0, 0, 25, 25),
         box(0, 0, 40, 18),
@@ -86,7 +86,7 @@ def room_200x125() -> Workspace:
     for shape in shapes:
         width, height = np.max(shape, axis=0).tolist()
         while True:
-            # Only random() itself draws the same numbers in every version of Python.
+            # Of all methods, only random() draws the same numbers in every version of Python.
             x = 1 + math.floor(draw.random() * (200 - width - 1))
             y = 1 + math.floor(draw.random() * (125 - height - 1))
             placed = [(x + dx, y + dy) for dx, dy in shape]
@@ -202,7 +202,7 @@ MAZE = """\
 
 
 def office_pixels() -> np.ndarray:
-    """Three rooms on a corridor, at 10 cm a pixel, row 0 at the bottom."""
+    """Make the pixels of three rooms on a corridor, of 10 cm each, with row 0 at the bottom."""
     wall, free, unknown = 0, 254, 205
     pixels = np.full((60, 90), unknown, np.uint8)
     pixels[4:56, 4:86] = wall
@@ -229,7 +229,7 @@ def office_pixels() -> np.ndarray:
         (slice(33, 35), slice(48, 50)),
     ]:
         pixels[rows, columns] = wall  # furniture
-    pixels[42:54, 52:84] = unknown  # a room that was never entered
+    pixels[42:54, 52:84] = unknown  # a room that the robot did not enter
     return pixels
 
 

@@ -1,6 +1,6 @@
-"""Makes the currents of this folder: `python data/ocean/make_currents.py [FOLDER]`.
+"""Make the currents of this folder: `python data/ocean/make_currents.py [FOLDER]`.
 
-The same bytes come out on every machine. README.md says what is in the file.
+The file has the same bytes on every machine. README.md describes it.
 """
 
 import sys
@@ -23,14 +23,14 @@ EDDIES = (
     ((7.0, 10.0, 5.0, -1.0), (21.0, 15.0, 3.0, 1.5)),
 )
 STRONGEST = (0.45, 0.38, 0.3)  # metres per second in each layer
-# The part of the current that goes inward, as a multiple of the part that goes round.
+# The inward part of the current, as a multiple of the part around the eddies.
 INWARD = 1.5
-# The speed is nearly the same wherever it would be more than this share of the greatest.
+# Speeds above this share of the largest are almost equalized.
 EVEN = 0.01
 
 
 def sea_bed() -> np.ndarray:
-    """The depth of the sea in metres, 0 on land: two basins, a strait, an island, a shelf."""
+    """Make the depths in metres, 0 on land: two basins, a strait, an island and a shelf."""
     row, column = np.mgrid[0:ROWS, 0:COLUMNS]
     depth = np.full((ROWS, COLUMNS), 60.0)
     depth[(column >= 23) & (row <= 9)] = 8.0  # the shelf
@@ -43,10 +43,10 @@ def sea_bed() -> np.ndarray:
 
 
 def layer(water: np.ndarray, eddies: tuple, strongest: float) -> tuple[np.ndarray, np.ndarray]:
-    """A current that follows the coasts and turns inward round each eddy.
+    """Make a current that follows the coasts and spirals into each eddy.
 
-    It has a stream function on the corners of the cells that is 0 on land and at the edges, with
-    the given eddies as its vorticity; to its flow is added one towards the middle of each eddy.
+    Its stream function on the corners of the cells is 0 on land and at the edges, and has the
+    eddies as its vorticity. A flow towards the centre of each eddy is added.
     """
     row, column = np.mgrid[0 : ROWS + 1, 0 : COLUMNS + 1] - 0.5
     vorticity = np.zeros(row.shape)
@@ -73,9 +73,9 @@ def layer(water: np.ndarray, eddies: tuple, strongest: float) -> tuple[np.ndarra
 
 
 def currents() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The velocity to the East and to the North in m/s, NaN without water, and the sea bed in m.
+    """Make the velocities to the east and north in m/s, NaN on land, and the depths in m.
 
-    The tide makes it stronger and weaker by a fifth, and turns it by up to 9 degrees.
+    The tide changes the speed by a fifth, and turns the current by up to 9 degrees.
     """
     bed = sea_bed()
     u, v = np.full((2, HOURS, len(DEPTHS), ROWS, COLUMNS), np.nan)
@@ -109,7 +109,7 @@ def write(path: Path) -> None:
             variable = file.createVariable(name, "f8", (name,))
             names = {"lat": "latitude", "lon": "longitude"}
             variable.setncatts({"standard_name": names.get(name, name), **attributes})
-            # The last digits of a cosine differ between machines; these do not.
+            # The last digits of a cosine differ between machines.
             variable[:] = np.round(values, 6)
         variable = file.createVariable("h", "f8", ("lat", "lon"))
         variable.setncatts({"standard_name": "sea_floor_depth_below_sea_level", "units": "m"})
@@ -125,7 +125,7 @@ def write(path: Path) -> None:
                     "scale_factor": 0.001,
                 }
             )
-            # A masked array still casts what is under its mask.
+            # A masked array also casts the numbers under its mask.
             variable[:] = np.ma.masked_array(np.nan_to_num(values), np.isnan(values))
 
 

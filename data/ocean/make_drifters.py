@@ -1,6 +1,6 @@
-"""Makes the drifters of this folder: `python data/ocean/make_drifters.py [FOLDER]`.
+"""Make the drifters of this folder: `python data/ocean/make_drifters.py [FOLDER]`.
 
-The same bytes come out on every machine. README.md says what is in the file.
+The file has the same bytes on every machine. README.md describes it.
 """
 
 import sys
@@ -10,17 +10,18 @@ import netCDF4
 import numpy as np
 
 
-DRIFTERS, MOVES, LAG = 200, 40, 5  # of a drifter at most, and the days of a move
-STEPS = 20  # in a move
+# The number of drifters, the most moves of a drifter, the days of a move, and its steps.
+DRIFTERS, MOVES, LAG = 200, 40, 5
+STEPS = 20
 WEST, SOUTH, HIGH = -60.0, 20.0, 12.0  # degrees; the sea is twice as wide as it is high
-SPEED = 1.2  # degrees a day at most, round the gyres
-INWARD = 0.04  # of the part that goes round
-SPREAD = 0.12  # degrees in the square root of a day
-LIVES = 150  # days, on average
+SPEED = 1.2  # degrees per day, the largest speed around the gyres
+INWARD = 0.04  # the inward speed, as a share of the speed around a gyre
+SPREAD = 0.12  # degrees per square root of a day
+LIVES = 150  # mean lifetime in days
 
 
 def current(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two gyres side by side, the left one clockwise, whose water goes slowly to their middles."""
+    """Compute the current in degrees per day: two gyres with a slow flow to their centres."""
     a, b = np.pi * x / HIGH, np.pi * y / HIGH
     sign = np.sign(np.sin(a))
     east = -np.sin(a) * np.cos(b) + INWARD * sign * np.cos(a) * np.sin(b)
@@ -39,7 +40,7 @@ def main() -> None:
             east, north = current(x, y)
             x = x + days * east + SPREAD * np.sqrt(days) * random.standard_normal(DRIFTERS)
             y = y + days * north + SPREAD * np.sqrt(days) * random.standard_normal(DRIFTERS)
-            # Coasts are mirrors.
+            # Coasts reflect drifters.
             x = HIGH * 2 - np.abs(2 * HIGH - np.abs(x))
             y = HIGH - np.abs(HIGH - np.abs(y))
         places.append((x, y))
@@ -54,7 +55,7 @@ def main() -> None:
 def write(
     path: Path, lives: np.ndarray, lon: np.ndarray, lat: np.ndarray, days: np.ndarray
 ) -> None:
-    """Write a ragged array, as the Global Drifter Program does, with places as whole numbers."""
+    """Write a ragged array in the format of the Global Drifter Program, with integer places."""
     with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
         file.title = "Drifters of no real sea, for jaxcell; made by data/ocean/make_drifters.py"
         file.featureType = "trajectory"

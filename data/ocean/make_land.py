@@ -1,7 +1,7 @@
-"""Makes the coastline of this folder: `python data/ocean/make_land.py land-10m.json [FOLDER]`.
+"""Make the coastline of this folder: `python data/ocean/make_land.py land-10m.json [FOLDER]`.
 
 The argument is a file of the npm package world-atlas 2.0.2 (`npm pack world-atlas`): the land of
-Natural Earth 4.1.0 at 1:10 million, as TopoJSON. README.md says what is in the result.
+Natural Earth 4.1.0 at 1:10 million, as TopoJSON. README.md describes the result.
 """
 
 import json
@@ -12,12 +12,12 @@ import numpy as np
 import shapely
 
 
-# In degrees: half a kilometre is less than the error of a coastline at 1:10 million.
+# In degrees. Half a kilometre is less than the error of a coastline at 1:10 million.
 TOLERANCE, DIGITS = 0.005, 0.001
 
 
 def rings(topology: dict) -> list[list[np.ndarray]]:
-    """The rings of each polygon in degrees, whose longitudes may go on beyond 180."""
+    """List the rings of each polygon in degrees; longitudes may exceed 180."""
     scale, first = (np.array(topology["transform"][name]) for name in ("scale", "translate"))
     arcs = [np.cumsum(np.array(arc), axis=0) * scale + first for arc in topology["arcs"]]
 
@@ -38,7 +38,7 @@ def rings(topology: dict) -> list[list[np.ndarray]]:
 
 
 def land(topology: dict) -> np.ndarray:
-    """The polygons within 180 degrees East and West."""
+    """Make the polygons, with longitudes from -180 to 180 degrees."""
     polygons = []
     for outer, *holes in rings(topology):
         shape = shapely.make_valid(
@@ -56,7 +56,7 @@ def land(topology: dict) -> np.ndarray:
 def main(source: Path, folder: Path) -> None:
     kind, corners, offsets = shapely.to_ragged_array(land(json.loads(source.read_text())))
     assert kind == shapely.GeometryType.POLYGON
-    # Steps from corner to corner, in thousandths of a degree, which compress well.
+    # Differences between corners in thousandths of a degree compress well.
     steps = np.diff(np.rint(corners / DIGITS).astype(np.int32), axis=0, prepend=0)
     rings, polygons = (np.asarray(offset, np.int32) for offset in offsets)
     arrays = {"east": steps[:, 0], "north": steps[:, 1], "rings": rings, "polygons": polygons}

@@ -1,4 +1,4 @@
-"""Make the figure of cells and their images for the concepts: `maps.png`.
+"""Make the figure of cells and their images for the page on concepts, `maps.png`.
 
 python data/pictures/make_figures.py [FOLDER]
 """
@@ -23,7 +23,7 @@ from jaxcell import bounce, bundled, space  # noqa: E402
 
 HERE = Path(__file__).parent
 BOUNCE, ERROR, RELIABILITY = 135, 45, 0.8
-# The direction whose cells are shown, and where the generalized map shows the bumps of one cell.
+# The number of the direction whose cells are drawn.
 DIRECTION = 1
 STEP, BUMP, OTHER = "#0072b2", "#d55e00", "#bbbbbb"
 
@@ -55,7 +55,7 @@ def main(folder: Path) -> None:
         images = {image: probability for image, probability in many if probability > 0}
         draw_images(axes[2], cells, cell, images, bool(simple.bumped[cell]))
     figure.savefig(folder / "maps.png", dpi=100)
-    # Without transparency and rare shades of letters, a third of the bytes.
+    # A palette without transparency needs a third of the bytes.
     Image.open(folder / "maps.png").convert("RGB").quantize(64).save(folder / "maps.png")
 
 

@@ -28,7 +28,7 @@ ROOT = HERE.parents[1]
 # Seconds until a view has settled and the notes of the viewer have disappeared.
 SETTLE = 5.0
 LOADING = 60.0
-# The bar of the viewer at the top, and the width of a picture, in pixels.
+# The height of the viewer's bar, and the width of a picture, in pixels.
 BAR, WIDTH = 37, 1400
 MOST_BYTES = 150_000
 # The number of most frequent colours among the 255 colours of a picture.
@@ -37,7 +37,7 @@ FREQUENT = 128
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """Commands that write below `runs`, and the view of a recording of theirs."""
+    """Commands that write below `runs`, and a view of one of their recordings."""
 
     commands: tuple[str, ...]
     recording: str
@@ -192,7 +192,7 @@ def viewer() -> Iterator[ViewerClient]:
 
 
 def shoot(client: ViewerClient, recording: Path, picture: Picture) -> Image.Image:
-    """Take a screenshot of a recording, at a time and in a tab."""
+    """Take a screenshot of a recording at the time and in the tab of the picture."""
     client.open(str(recording))
     until = time.monotonic() + LOADING
     while client.get_state().loading and time.monotonic() < until:

@@ -44,7 +44,7 @@ PLOTS = (
 
 
 def main(folder: Path, style: str) -> None:
-    """Write the sheet."""
+    """Make all plots in a style of matplotlib."""
     with plt.style.context(style):
         figure, axes = plt.subplots(4, 3, figsize=(15, 16), layout="constrained")
         for (question, name, options), ax in zip(PLOTS, axes.ravel(), strict=True):

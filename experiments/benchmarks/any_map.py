@@ -1,4 +1,4 @@
-"""Groups of maps that are given as arrays, side by side with components of scipy."""
+"""Time periodic groups of maps that are arrays, beside the components of scipy."""
 
 import math
 import sys
@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from rows import Row, rows_of
-from timing import line, take_turns
+from timing import table, take_turns
 
 from jaxcell import dynamics
 from jaxcell.dynamics import systems
@@ -18,7 +18,7 @@ from jaxcell.space import Box
 
 
 def any_map(bounced: np.ndarray, repeats: int) -> list[Row]:
-    """Times a bounce map, and as many cells of a dissipative, a random, and a one-to-one map."""
+    """Time a bounce map, and dissipative, random and one-to-one maps of the same size."""
     size, draw = bounced.size, np.random.default_rng(0)
     images = {
         "a bounce map": bounced,
@@ -33,7 +33,7 @@ def any_map(bounced: np.ndarray, repeats: int) -> list[Row]:
 
 
 def dissipative(size: int) -> np.ndarray:
-    """Henon's map of about as many cells, with its sinks."""
+    """Make the image of Henon's map with about `size` cells, including two sinks."""
     side = math.isqrt(size)
     box = Box([-2, -2], [2, 2], cells=[side, side])
     image = dynamics.images(systems.henon.map, box, dict(systems.henon.params))
@@ -41,12 +41,14 @@ def dissipative(size: int) -> np.ndarray:
 
 
 def of_image(name: str, image: np.ndarray, repeats: int) -> list[Row]:
+    """Time the groups and components of one map."""
     size = image.size
     graph = scipy.sparse.csr_array(
         (np.ones(size, np.int8), image, np.arange(size + 1, dtype=np.int32)), shape=(size, size)
     )
     components = scipy.sparse.csgraph.connected_components
     given = jnp.asarray(image)
+    # Strong components are the groups of periodic cells, and weak components the basins.
     calls: dict[str, Callable[[], Any]] = {
         "periodic_groups(image)": lambda: periodic_groups(given),
         "scipy connected_components, strong": lambda: components(graph, connection="strong"),
@@ -64,12 +66,5 @@ def of_image(name: str, image: np.ndarray, repeats: int) -> list[Row]:
             sys.exit("scipy and periodic_groups disagree")
 
     timings = take_turns(calls, repeats, check)
-    print(f"\n### Any map: {name}, {size:,} cells, image given\n")
-    line("", "gives", "min, ms", "median, ms", "ours = 1")
-    line("---", "---", "--:", "--:", "--:")
-    gives = ["groups, steps, periods", "groups of periodic cells", "basins"]
-    ours = timings["periodic_groups(image)"].median
-    for (program, timing), what in zip(timings.items(), gives, strict=True):
-        numbers = f"{timing.least * 1e3:.0f}", f"{timing.median * 1e3:.0f}"
-        line(program, what, *numbers, f"{timing.median / ours:.2f}")
+    table(f"Any map: {name}, {size:,} cells, image given", timings)
     return rows_of("groups", f"groups of {name}, image given", f"{size:,} cells", timings)

@@ -1,11 +1,11 @@
-"""Times the observations of robots that start anywhere, by sets of places on walls.
+"""Time the observations of robots that start anywhere, by sets of places on walls.
 
 Run `python experiments/benchmarks/bench_anywhere.py`; it takes a minute.
 
-Known headings are the 16 or 32 of a map; else headings are not known, with 360 slices. The chords
-are made once for each room, and the first observation, which all places in the room may explain, is
-timed apart. The other observations are those of robots that run 20 times to a wall and measure each
-run to within 5 cm.
+Known headings are the directions of a map. Unknown headings are divided into 360 slices. The chords
+are computed once per room. The first observation, which all places in the room may explain, is
+timed separately. The other observations are those of robots that drive 20 times to a wall and
+measure each run to within 5 cm.
 """
 
 import math
@@ -13,26 +13,19 @@ import time
 
 import numpy as np
 from rows import Row, options, write_rows
-from timing import begin, line
+from timing import begin, header, line
 
 from experiments.shared.data import MAPS
 from jaxcell.space import Workspace
 from jaxcell.walls import Errors, WallFilter, places_anywhere, run_to_wall
 
 
-CASES = (
-    ("complex.json", 32, 135.0),
-    ("cafe.json", 32, 135.0),
-    ("complex.json", None, 135.0),
-    ("cafe.json", None, 135.0),
-)
-BUMPS = 20
+CASES = (("complex", 32), ("cafe", 32), ("complex", None), ("cafe", None))
+BOUNCE, BUMPS = math.radians(135), 20
 
 
-def observed(
-    room: Workspace, filter: WallFilter, headings: int | None, bounce: float, robots: int
-) -> np.ndarray:
-    """Seconds of each observation of robots that are followed one by one."""
+def observed(room: Workspace, filter: WallFilter, headings: int | None, robots: int) -> np.ndarray:
+    """Time each observation of robots that are followed one by one: seconds `[robots, bumps]`."""
     rng = np.random.default_rng(0)
     places = places_anywhere(room, robots, rng)
     seconds = np.empty((robots, BUMPS))
@@ -45,31 +38,28 @@ def observed(
         for bump in range(BUMPS):
             wall, arc, run = run_to_wall(filter.boundary, place, heading)
             began = time.perf_counter()
-            state = filter.turn(filter.observe(state, run), bounce)
+            state = filter.turn(filter.observe(state, run), BOUNCE)
             seconds[robot, bump] = time.perf_counter() - began
-            place, heading = filter.boundary.point(wall, arc), heading + bounce
+            place, heading = filter.boundary.point(wall, arc), heading + BOUNCE
     return seconds
 
 
 def main() -> None:
-    parser = options(__doc__, 20)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, repeats=20).parse_args()
     begin("numpy")
-    line("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms")
-    line(*["---"] * 2, *["--:"] * 4)
+    header("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms", words=2)
     rows = []
-    for name, headings, degrees in CASES:
-        room = Workspace.load(MAPS / name)
+    for name, headings in CASES:
+        room = Workspace.load(MAPS / f"{name}.json")
         began = time.perf_counter()
         filter = WallFilter.of(room, headings=headings, errors=Errors(distance=0.05))
         made = time.perf_counter() - began
-        seconds = observed(room, filter, headings, math.radians(degrees), arguments.repeats)
+        seconds = observed(room, filter, headings, arguments.repeats)
         first, rest = float(seconds[0, 0]), seconds[:, 1:]
-        known = "any heading" if headings is None else f"{headings} headings"
-        size = f"{name.partition('.')[0]}, {known}"
-        shown = f"{1e3 * first:.0f}", f"{1e3 * np.median(rest):.2f}"
-        line(size, f"{len(filter.chords.wall):,} chords", f"{made:.2f}", *shown,
-             f"{1e3 * np.quantile(rest, 0.99):.1f}")  # fmt: skip
+        size = f"{name}, {headings or 'any'} heading{'s' if headings else ''}"
+        times = f"{1e3 * np.median(rest):.2f}", f"{1e3 * np.quantile(rest, 0.99):.1f}"
+        chords = f"{len(filter.chords.wall):,} chords"
+        line(size, chords, f"{made:.2f}", f"{1e3 * first:.0f}", *times)
         rows.append(Row("anywhere", "an observation, sets on walls", size, float(np.median(rest))))
         rows.append(Row("anywhere", "chords and first observation", size, made + first))
     write_rows(arguments.rows, rows)

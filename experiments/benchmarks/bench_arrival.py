@@ -1,22 +1,20 @@
-"""Times the first of several robots to arrive: simulated, beside NumPy, and by the exact law.
+"""Time the first arrival of several robots: simulations, beside NumPy, and the exact law.
 
 Run `python experiments/benchmarks/bench_arrival.py`; it takes about 10 s.
 
 Three robots patrol the graph of `bench_commute.py` with 188 vertices, each with an emphasis of its
-own, as in Alam 2018, section 4.5.3. They start in random cells, and 5,000 runs last until one of
-them is in one cell, or in one of ten. Of the two programs in NumPy, one moves all runs a step at a
-time, and those that have arrived no more; the other is a plain loop over runs, steps and robots,
-timed on fewer runs. `off` is the difference of the mean from the exact one in standard errors.
+own, as in Alam 2018, section 4.5.3. They start in random cells, and each of 5,000 runs lasts until
+one robot is in a target: one cell, or one of ten. The program in NumPy moves all remaining runs
+together, step by step.
 """
 
-import statistics
-from typing import Any
+import itertools
 
 import jax
 import numpy as np
 from bench_commute import grid
-from rows import Row, options, write_rows
-from timing import begin, line, timed
+from rows import Row, options, rows_of, write_rows
+from timing import begin, table, take_turns
 
 from jaxcell.mapping import Chain
 from jaxcell.markov import first_arrival, mean_first_arrival, simulate_arrival
@@ -25,12 +23,11 @@ from jaxcell.patrol import random_walk
 
 
 RUNS = 5000
-PLAIN_RUNS = 50
 ROBOTS = 3
 
 
 def patrol() -> list[Chain]:
-    """A chain for each robot."""
+    """Make a chain for each robot."""
     graph = grid(15, 37)
     emphases = np.random.default_rng(0).permutation(graph.vertices)[: 6 * ROBOTS]
     found = [minimum_commute(graph, list(part)) for part in emphases.reshape(ROBOTS, 6)]
@@ -38,7 +35,7 @@ def patrol() -> list[Chain]:
 
 
 def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
-    """The images and the cumulative probabilities, by robot, cell and branch."""
+    """Tabulate the images and the cumulative probabilities, `[robots, cells, branches]`."""
     branches = max(len(chain.image) for chain in chains)
     image = np.zeros((len(chains), chains[0].cells, branches), int)
     total = np.ones((len(chains), chains[0].cells, branches))
@@ -54,7 +51,7 @@ def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
 def by_batch(
     image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
 ) -> np.ndarray:
-    """All runs side by side."""
+    """Simulate all runs together, and return the steps of each run."""
     draw = np.random.default_rng(seed)
     place = draw.choice(outside, (RUNS, ROBOTS))
     robot = np.arange(ROBOTS)
@@ -71,82 +68,50 @@ def by_batch(
     return taken
 
 
-def by_loop(
-    image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
-) -> np.ndarray:
-    """One run after the other."""
-    draw = np.random.default_rng(seed)
-    taken = np.zeros(PLAIN_RUNS)
-    for run in range(PLAIN_RUNS):
-        place, step = draw.choice(outside, ROBOTS), 0
-        while not there[place].any():
-            for robot in range(ROBOTS):
-                slot = np.searchsorted(total[robot, place[robot]], draw.random(), side="right")
-                place[robot] = image[robot, place[robot], slot]
-            step += 1
-        taken[run] = step
-    return taken
-
-
-def row(
-    target: int, program: str, seconds: list[float], ratio: float, mean: float, off: str
-) -> None:
-    told = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}", f"{ratio:.3g}")
-    line(target, program, *told, f"{mean:.2f}", off)
-
-
-def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> Row:
+def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> list[Row]:
+    """Time simulations and exact solutions for one target."""
     cells = chains[0].cells
     there = np.isin(np.arange(cells), target)
     outside = np.flatnonzero(~there)
     starts = [outside] * ROBOTS
     image, total = tables(chains)
-
-    def simulated(seed: int) -> Any:
-        return simulate_arrival(jax.random.key(seed), chains, starts, target, RUNS).time
-
-    cold, _ = timed(lambda: simulated(0))
-    ours = [timed(lambda seed=seed: simulated(seed)) for seed in range(1, repeats + 1)]
-    batch = [
-        timed(lambda seed=seed: by_batch(image, total, outside, there, seed))
-        for seed in range(min(repeats, 3))
-    ]
-    plain, few = timed(lambda: by_loop(image, total, outside, there, 0))
     exact = mean_first_arrival(chains, starts, target).value
-    least = min(seconds for seconds, _ in ours)
+    last, seeds = int(20 * exact), itertools.count()
+    samples: dict[str, list[np.ndarray]] = {"jaxcell": [], "NumPy, all runs together": []}
+    ours, theirs = samples.values()
 
-    def simulations(program: str, seconds: list[float], times: np.ndarray) -> None:
-        error = times.std(ddof=1) / np.sqrt(times.size)
-        off = f"{(times.mean() - exact) / error:+.1f}"
-        row(len(target), program, seconds, min(seconds) / least, times.mean(), off)
+    def simulated() -> None:
+        key = jax.random.key(next(seeds))
+        ours.append(np.asarray(simulate_arrival(key, chains, starts, target, RUNS).time))
 
-    warm, steps = zip(*ours, strict=True)
-    simulations("jaxcell, warm", list(warm), np.concatenate(steps))
-    row(len(target), "jaxcell, first call", [cold], cold / least, exact, "")
-    batch_s, steps = zip(*batch, strict=True)
-    simulations("NumPy, batch", list(batch_s), np.concatenate(steps))
-    simulations(f"NumPy, loop (x {RUNS // PLAIN_RUNS})", [plain * RUNS / PLAIN_RUNS], few)
-    last = int(20 * exact)
-    for program, solve in (
-        ("exact mean", lambda: mean_first_arrival(chains, starts, target).value),
-        (f"exact law to {last}", lambda: first_arrival(chains, starts, target, last)),
-    ):
-        seconds = [timed(solve)[0] for _ in range(repeats)]
-        row(len(target), program, seconds, min(seconds) / least, exact, "")
+    programs = {
+        "jaxcell": simulated,
+        "NumPy, all runs together": lambda: theirs.append(
+            by_batch(image, total, outside, there, next(seeds))
+        ),
+        "exact mean": lambda: mean_first_arrival(chains, starts, target).value,
+        f"exact law to {last}": lambda: first_arrival(chains, starts, target, last),
+    }
+    timings = take_turns(programs, repeats)
     where = "one cell" if len(target) == 1 else f"any of {len(target)} cells"
     what = f"first of {ROBOTS} robots in {where}, {RUNS:,} runs"
-    median, theirs = statistics.median(warm), statistics.median(batch_s)
-    return Row("arrival", what, f"{cells} cells", median, "NumPy, all runs at once", theirs)
+    table(what, timings)
+    print(f"\nThe exact mean is {exact:.2f} steps.")
+    for name, times in samples.items():
+        steps = np.concatenate(times)
+        off = (steps.mean() - exact) / (steps.std(ddof=1) / np.sqrt(steps.size))
+        print(f"{name}: mean {steps.mean():.2f}, {off:+.1f} standard errors from the exact mean")
+    simulations = {name: timings[name] for name in samples}
+    return rows_of("arrival", what, f"{cells} cells", simulations)
 
 
 def main() -> None:
     arguments = options(__doc__, repeats=5).parse_args()
     begin("jax", "numpy")
     chains = patrol()
-    line("targets", "program", "min, s", "median, s", "to ours", "mean steps", "off")
-    line("--:", "---", *["--:"] * 5)
-    targets = (np.arange(1), np.arange(60, 70))
-    rows = [side_by_side(chains, target, arguments.repeats) for target in targets]
+    rows = []
+    for target in (np.arange(1), np.arange(60, 70)):
+        rows += side_by_side(chains, target, arguments.repeats)
     write_rows(arguments.rows, rows)
 
 

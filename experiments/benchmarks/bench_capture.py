@@ -1,16 +1,16 @@
-"""Times the search for patrols and walks that capture most, and says what they capture.
+"""Time the search for patrols and walks that maximize capture, and print their capture.
 
 Run `python experiments/benchmarks/bench_capture.py`; it takes about a minute, and with `--full`
-about 15 for more maps, all graphs of `data/graphs` and larger grids.
+about 15 minutes, for more maps, all graphs of `data/graphs` and larger grids.
 
-Two robots that see 6 m patrol each map against attacks of 20 steps. The least probability of
-capture over the cells is that of the walk with the least commute time (on maps of up to 600 cells),
-and of the best patrol that was found, with the entropy of its steps. On graphs, one robot walks
-against attacks of twice as many steps as are between the vertices farthest apart, on grids twice as
-many as there are places on a side: by gradients alone, by linear programs alone from a tour, and by
-both, as they are used; and under a charger, beside a walk that takes all edges alike and is only
-led back in time. User time of the processor stands beside the seconds, which on a busy
-machine say little.
+Two robots that see 6 m far patrol each map against attacks of 20 steps. The first table has the
+least probability of capture over the cells, for the walk with the least commute time (on maps of up
+to 600 cells) and for the best patrol, and the entropy of its steps. On graphs, one robot walks
+against attacks that last twice the largest distance, and on grids twice the side. The second table
+compares a search by gradients, by linear programs that start from a tour, and by both. In the third
+table the robot must return to a charger; it compares the best walk with a random walk that is only
+led back in time. User time of the processor is shown beside the seconds, because on a busy machine
+these say little.
 """
 
 import os
@@ -23,9 +23,9 @@ import networkx as nx
 import numpy as np
 import scipy.sparse.csgraph
 from rows import Row, options, write_rows
-from timing import begin, line
+from timing import begin, header, line
 
-from experiments.shared.data import DATA
+from experiments.shared.data import GRAPHS, MAPS
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
     Attack,
@@ -59,23 +59,22 @@ CELLS = {
 REACH, ROBOTS, ATTACK = 6.0, 2, 20
 COMMUTED = 600
 GRIDS = (5, 6, 8, 20)
-# Vertices on which programs alone come to an end.
+# The largest number of vertices for a search by programs alone, and for a charger.
 PROGRAMS = 64
-# Vertices of graphs with a charger.
 CHARGED = 25
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, float, Any]:
-    """The seconds of one call, those of the processor, and the result."""
+    """Time one call: return its seconds, the user seconds of the processor, and the result."""
     wall, user = time.perf_counter(), os.times().user
     found = program()
     return time.perf_counter() - wall, os.times().user - user, found
 
 
 def graphs(full: bool) -> list[tuple[str, Graph, int]]:
-    """Names, graphs, and the steps of attacks."""
+    """List graphs with their names and the steps of attacks."""
     found = []
-    for file in sorted((DATA / "graphs").glob("*.json")):
+    for file in sorted(GRAPHS.glob("*.json")):
         graph, _ = load_graph(file)
         apart = scipy.sparse.csgraph.shortest_path(graph.matrix(np.ones(len(graph.edges))))
         found.append((file.name, graph, 2 * int(apart.max())))
@@ -103,8 +102,9 @@ def by_programs(graph: Graph, attack: int) -> float:
 
 
 def on_graph(name: str, graph: Graph, attack: int) -> Row:
+    """Time all searches on a graph."""
     programs: list[Callable[[], float] | None] = [
-        # On more vertices they are all there is.
+        # On more vertices the usual search has gradients only.
         None if graph.vertices > capture.POLISHED else lambda: by_gradients(graph, attack),
         None if graph.vertices > PROGRAMS else lambda: by_programs(graph, attack),
         lambda: maximin_capture(graph, attack, throw=False).value,
@@ -123,8 +123,11 @@ def on_graph(name: str, graph: Graph, attack: int) -> Row:
 
 
 def charging(name: str, graph: Graph, attack: int) -> Row:
-    """At a charger as often as it takes to go to the farthest vertex and back, and two steps; under
-    attacks that take no less, since from shorter ones the charger keeps a robot away."""
+    """Time the search for a walk with a charger at vertex 0.
+
+    The robot must return within the steps to the farthest vertex and back, plus two. Attacks last
+    at least as long, because the charger prevents the capture of shorter ones.
+    """
     even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
     beside = graph.matrix(np.ones(len(graph.edges)))
     every = 2 + 2 * int(scipy.sparse.csgraph.shortest_path(beside, indices=0).max())
@@ -137,7 +140,8 @@ def charging(name: str, graph: Graph, attack: int) -> Row:
 
 
 def on_map(name: str, cell: float | None) -> Row:
-    cells = CellSpace.of(*suggested(DATA / "maps" / name, cell, None, None))
+    """Time the search for a patrol on a map."""
+    cells = CellSpace.of(*suggested(MAPS / name, cell, None, None))
     graph, visible = cell_graph(cells), visible_cells(cells, REACH, part=AT_CENTRE)
     before = ""
     if cells.positions <= COMMUTED:
@@ -145,15 +149,8 @@ def on_map(name: str, cell: float | None) -> Row:
         before = f"{capture_probabilities(graph, visible, walks, Attack(ATTACK)).min():.3f}"
     wall, user, found = timed(lambda: capture_policies(graph, visible, ROBOTS, Attack(ATTACK)))
     entropy = float(np.mean([entropy_rate(graph, policy) for policy in found.policies]))
-    line(
-        name,
-        cells.positions,
-        before,
-        f"{found.value:.3f}",
-        f"{entropy:.2f}",
-        f"{wall:.0f}",
-        f"{user:.0f}",
-    )
+    shown = f"{found.value:.3f}", f"{entropy:.2f}", f"{wall:.0f}", f"{user:.0f}"
+    line(name, cells.positions, before, *shown)
     what = f"search for the patrol that captures most, {found.value:.3f}"
     return Row("capture", what, f"{name}, {cells.positions:,} cells", wall)
 
@@ -162,19 +159,16 @@ def main() -> None:
     full = "more maps and graphs, and grids of up to 20 x 20"
     arguments = options(__doc__, repeats=1, full=full).parse_args()
     begin("jax", "optax", "numpy")
-    line("map", "cells", "commuting", "found", "entropy, nats", "wall, s", "user, s")
-    line("---", *["--:"] * 6)
+    header("map", "cells", "commuting", "found", "entropy, nats", "wall, s", "user, s")
     rows = [on_map(*one) for one in list(CELLS.items())[: None if arguments.full else 1]]
     print()
     each = [
         f"{one}{of}" for one in ("gradients", "programs", "both") for of in ("", ", s", ", user s")
     ]
-    line("graph", "vertices", "attack", *each)
-    line("---", *["--:"] * 11)
+    header("graph", "vertices", "attack", *each)
     rows += [on_graph(*one) for one in graphs(arguments.full)]
     print()
-    line("graph", "vertices", "attack", "every", "even, led back", "found", "wall, s", "user, s")
-    line("---", *["--:"] * 7)
+    header("graph", "vertices", "attack", "every", "even, led back", "found", "wall, s", "user, s")
     small = [one for one in graphs(arguments.full) if one[1].vertices <= CHARGED]
     rows += [charging(*one) for one in small]
     write_rows(arguments.rows, rows)

@@ -1,12 +1,11 @@
-"""Persistent groups, limiting distributions and coverage policies, side by side with peers.
+"""Time persistent groups, limiting distributions and coverage policies beside other libraries.
 
     python experiments/benchmarks/bench_coverage.py
 
-prints Markdown tables; README.md in this folder says what is timed, and the rules.
+The script prints Markdown tables. README.md in this folder explains the measurements.
 """
 
 import math
-import resource
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -17,9 +16,9 @@ import scipy.sparse
 from quantecon import MarkovChain
 from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
-from timing import Timing, begin, line, take_turns
+from timing import begin, header, line, peak_bytes, table, take_turns
 
-from experiments.shared.data import MAPS
+from experiments.chapter_3.coverage_policies import BOUNCES_DEG, ERROR_DEG, MAP, RELIABILITY
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
@@ -27,17 +26,11 @@ from jaxcell.markov import limiting_distribution
 from jaxcell.space import CellSpace, Workspace
 
 
-MAP = MAPS / "complex.json"
-BOUNCES_DEG = (30, 75, 315)
 SIDE_BY_SIDE_DEG = (30, 315)
-ERROR_DEG = 5
-RELIABILITY = 0.8
-SLOW_SCIPY = "scipy strong components, sink test edge by edge"
-# As far as power iteration goes, and how far from each other two answers may be.
+# The residual of power iteration, and the largest difference of two results, both 1-norms.
 RESIDUAL = 1e-10
-WHOLE_POWER = f"power iteration to {RESIDUAL:g}, all cells"
 AGREEMENT = 1e-6
-# The time for the turns of one program.
+# The seconds for the turns of one program.
 PATIENCE_S = 3
 
 
@@ -49,20 +42,11 @@ def noisy(cells: CellSpace, bounce_deg: float) -> Chain:
     return noisy_bounce_map(cells, math.radians(bounce_deg), math.radians(ERROR_DEG), RELIABILITY)
 
 
-# The peers except one get the matrix; ours gets the chain, and makes the matrix in its time.
-
-
-def matrix_of(chain: Chain) -> scipy.sparse.csr_array:
-    """The matrix as scipy makes it from the arrays of a chain."""
-    image, probability = np.asarray(chain.image), np.asarray(chain.probability)
-    used = probability > 0
-    _, cell = np.nonzero(used)
-    shape = (image.shape[1], image.shape[1])
-    return scipy.sparse.csr_array((probability[used], (cell, image[used])), shape=shape)
+# Our programs start from the chain, and the others from the matrix.
 
 
 def persistent_components(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """The strong component of each cell; -1 where a sink test over all edges at once fails."""
+    """Label the strong component of each cell; -1 if edges leave the component."""
     count, label = csgraph.connected_components(matrix, connection="strong")
     source = np.repeat(label, np.diff(matrix.indptr))
     leaves = np.zeros(count, bool)
@@ -74,18 +58,6 @@ def scipy_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
     return in_order(persistent_components(matrix))
 
 
-def plain_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """The same with the sink test edge by edge, as Alg. 3.3 is written."""
-    count, label = csgraph.connected_components(matrix, connection="strong")
-    closed = [True] * count
-    labels, images, start = label.tolist(), matrix.indices.tolist(), matrix.indptr.tolist()
-    for cell, component in enumerate(labels):
-        for edge in range(start[cell], start[cell + 1]):
-            if labels[images[edge]] != component:
-                closed[component] = False
-    return in_order(np.where(np.array(closed)[label], label, -1))
-
-
 def quantecon_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
     group = np.full(matrix.shape[0], -1)
     for number, cells in enumerate(MarkovChain(matrix).recurrent_classes_indices):
@@ -94,7 +66,7 @@ def quantecon_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
 
 
 def in_order(group: np.ndarray) -> np.ndarray:
-    """Numbers groups in the order of their smallest cells."""
+    """Number groups in the order of their smallest cells."""
     numbers, first = np.unique(group, return_index=True)
     first = first[numbers >= 0]
     renamed = np.full(group.size, -1)
@@ -109,21 +81,21 @@ def classes_of(matrix: scipy.sparse.csr_array, group: np.ndarray) -> list[tuple]
 
 
 def eigs_limiting(matrix: scipy.sparse.csr_array, group: np.ndarray) -> np.ndarray:
-    """The eigenvector of each group to the eigenvalue 1, by ARPACK."""
+    """Compute the eigenvector of each group for the eigenvalue 1, by ARPACK."""
     value = np.zeros(group.size)
     for cells, part in classes_of(matrix, group):
-        # With fewer than some it may miss the right one: others are near the unit circle too.
+        # Six eigenvalues, because several are near the unit circle, and fewer may miss 1.
         values, vectors = linalg.eigs(
             part.T.tocsr(), k=6, which="LR", tol=1e-13, v0=np.ones(cells.size)
         )
         vector = vectors[:, np.argmin(np.abs(values - 1))]
-        # It comes with any complex phase, which its sum takes off.
+        # Division by the sum removes its complex phase.
         value[cells] = (vector / vector.sum()).real
     return value / (group.max() + 1)
 
 
 def power_limiting(matrix: scipy.sparse.csr_array, group: np.ndarray) -> np.ndarray:
-    """Power iteration on each group, resting every second time so that periods do not matter."""
+    """Iterate the average of the identity and the matrix of each group, which has no period."""
     value = np.zeros(group.size)
     for cells, part in classes_of(matrix, group):
         forward = part.T.tocsr()
@@ -134,21 +106,12 @@ def power_limiting(matrix: scipy.sparse.csr_array, group: np.ndarray) -> np.ndar
     return value / (group.max() + 1)
 
 
-def whole_power_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """Power iteration from a uniform start over all cells, which weighs the groups by itself."""
-    forward = matrix.T.tocsr()
-    x = np.full(matrix.shape[0], 1 / matrix.shape[0])
-    while np.abs(change := forward @ x - x).sum() > RESIDUAL:
-        x = x + change / 2
-    return x
-
-
 def quantecon_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
     return np.asarray(MarkovChain(matrix).stationary_distributions).mean(axis=0)
 
 
 def agreeing(tolerance: float) -> Callable[[dict[str, np.ndarray]], None]:
-    """A check that all programs give what the first gives."""
+    """Make a check that all programs agree with the first."""
 
     def check(results: dict[str, np.ndarray]) -> None:
         ours, expected = next(iter(results.items()))
@@ -159,16 +122,8 @@ def agreeing(tolerance: float) -> Callable[[dict[str, np.ndarray]], None]:
     return check
 
 
-def show(title: str, timings: dict[str, Timing]) -> None:
-    ours = next(iter(timings.values())).median
-    print(f"\n### {title}\n")
-    line("", "median, ms", "times ours")
-    line("---", "--:", "--:")
-    for name, (_, _, median) in timings.items():
-        line(name, f"{1e3 * median:,.1f}", f"{median / ours:,.1f} x")
-
-
-def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
+def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
+    """Time the groups and the limiting distribution of one bouncing angle."""
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
     matrix = chain.to_scipy()
@@ -178,15 +133,11 @@ def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
     programs: dict[str, Callable[[], np.ndarray]] = {
         "jaxcell, persistent_groups": lambda: np.asarray(persistent_groups(chain).group),
         "scipy strong components, sink test in NumPy": lambda: scipy_groups(matrix),
-        "the same, with the matrix made by scipy": lambda: scipy_groups(matrix_of(chain)),
-        SLOW_SCIPY: lambda: plain_groups(matrix),
         "QuantEcon, recurrent_classes": lambda: quantecon_groups(matrix),
     }
     timings = take_turns(programs, repeats, agreeing(0), PATIENCE_S)
-    show(f"Persistent groups, {title}", timings)
+    table(f"Persistent groups, {title}", timings)
     size, noise = f"{cells.size:,} cells", f"imprecise policy, {bounce_deg} deg"
-    # The table of all has the fastest of scipy only.
-    del timings["the same, with the matrix made by scipy"], timings[SLOW_SCIPY]
     rows = rows_of("coverage", f"persistent groups, {noise}", size, timings)
 
     programs = {
@@ -196,16 +147,13 @@ def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
         "scipy eigs, given the groups": lambda: eigs_limiting(matrix, group),
         f"power iteration to {RESIDUAL:g}, given the groups": lambda: power_limiting(matrix, group),
     }
-    if full:
-        programs[WHOLE_POWER] = lambda: whole_power_limiting(matrix)
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
-    show(f"Limiting distribution, {title}", timings)
-    timings.pop(WHOLE_POWER, None)
+    table(f"Limiting distribution, {title}", timings)
     return rows + rows_of("coverage", f"limiting distribution, {noise}", size, timings)
 
 
 def quantecon_size(repeats: int) -> list[Row]:
-    """QuantEcon makes its matrices dense, so it gets a fifth of the directions."""
+    """Time QuantEcon on a fifth of the directions, because it makes dense matrices."""
     cells = room(directions=72)
     chain = jax.block_until_ready(noisy(cells, 75))
     matrix = chain.to_scipy()
@@ -220,16 +168,17 @@ def quantecon_size(repeats: int) -> list[Row]:
     }
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
     title = f"75 deg, {cells.size:,} cells, {int(found.size.sum()):,} persistent"
-    show(f"Groups and distribution, {title}", timings)
+    table(f"Groups and distribution, {title}", timings)
     what = "groups and limiting distribution, imprecise policy, 75 deg"
     return rows_of("coverage", what, f"{cells.size:,} cells", timings)
 
 
 def whole_job(repeats: int) -> list[Row]:
+    """Time Alg. 3.3 as a whole, for three sizes of cells."""
     angles, error = np.radians(BOUNCES_DEG), math.radians(ERROR_DEG)
     print("\n### The whole of Alg. 3.3, three angles\n")
-    line("cells", "first call, s", "median, s", "largest residual", "peak memory so far, GB")
-    line(*["--:"] * 5)
+    names = ("first call, s", "median, s", "largest residual", "peak memory so far, GB")
+    header("cells", *names, words=0)
     rows = []
     for cell in (1.0, 0.5, 0.25):
         cells = room(cell=cell)
@@ -240,26 +189,20 @@ def whole_job(repeats: int) -> list[Row]:
 
         first, _, median = take_turns({"ours": ours}, repeats, found.update, PATIENCE_S)["ours"]
         residual = max(one.certificate.residual for one in found["ours"].limiting)
-        unit = 1 if sys.platform == "darwin" else 1024
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
-        told = (f"{first:.2f}", f"{median:.3f}", f"{residual:.1e}", f"{peak:.2f}")
-        line(f"{cells.size:,}", *told)
+        peak = f"{peak_bytes() / 1e9:.2f}"
+        line(f"{cells.size:,}", f"{first:.2f}", f"{median:.3f}", f"{residual:.1e}", peak)
         what = f"mixture of {len(angles)} imprecise policies, Alg. 3.3"
         rows.append(Row("coverage", what, f"{cells.size:,} cells", median))
     return rows
 
 
 def main() -> None:
-    arguments = options(
-        __doc__,
-        repeats=3,
-        full="one more angle, and power iteration over all cells, which takes minutes",
-    ).parse_args()
+    arguments = options(__doc__, repeats=3, full="one more angle").parse_args()
     begin("jax", "scipy", "numpy", "quantecon")
-    # First of all, since peak memory never falls.
+    # This part is first because it measures peak memory, which never falls.
     rows = whole_job(arguments.repeats)
     for bounce_deg in BOUNCES_DEG if arguments.full else SIDE_BY_SIDE_DEG:
-        rows += one_angle(bounce_deg, arguments.repeats, arguments.full)
+        rows += one_angle(bounce_deg, arguments.repeats)
     rows += quantecon_size(arguments.repeats)
     write_rows(arguments.rows, rows)
 

@@ -1,16 +1,16 @@
-"""Times value iteration for a drifter's voyage beside quantecon and pymdptoolbox.
+"""Time value iteration for a drifter's voyage beside quantecon and pymdptoolbox.
 
 Run `python experiments/benchmarks/bench_decision.py`; it takes about half a minute, and with
 `--full`, a million cells, about three minutes more.
 
-The sea has three layers of gyres, turned against each other. A drifter is carried to one of four
-cells, or goes up or down where there is a layer, and is to come to one cell (Alam 2018, Alg. 5.5).
-All programs have the same model, discount and tolerance of the value. That of the others is `V /
-discount` in our convention; `off` is the largest difference after that is undone. They have no
-sink: there, the goal is a cell that is never left and gains nothing. quantecon takes the actions
-that are allowed; pymdptoolbox takes all, and those that are not allowed cost 10^6 here; its
-checks want a full matrix, which ends it for large models. Beside them is the surest voyage, which
-has no discount, where it does not take minutes. A first call compiles.
+The sea has three layers of gyres with different phases. A drifter drifts to one of four cells, or
+goes up or down to another layer, and has a cell as its goal (Alam 2018, Alg. 5.5). All programs
+have the same model, discount and tolerance of the value. The value of the others is `V / discount`
+in our convention; `off` is the largest difference after a conversion. They have no sink, so the
+goal is a cell that is never left, with reward 0. quantecon has only the allowed actions.
+pymdptoolbox has all actions, and other actions cost 10^6 here; its checks make a dense matrix, so
+it fails for large models. The surest voyage, which has no discount, is included where it does not
+take minutes. A first call compiles.
 """
 
 import statistics
@@ -22,7 +22,7 @@ import numpy as np
 import quantecon
 import scipy.sparse
 from rows import Row, options, write_rows
-from timing import begin, line, timed
+from timing import begin, header, line, timed
 
 from jaxcell.drift.sea import Sea
 from jaxcell.drift.voyage import voyage_model
@@ -37,7 +37,7 @@ FORBIDDEN = -1e6
 
 
 def gyres(rows: int, columns: int) -> Sea:
-    """Three layers of water without land."""
+    """Make three layers of water without land."""
     y, x = np.divmod(np.arange(rows * columns), columns)
     number = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     side, zero = np.full(number.shape, 1000.0), np.zeros(number.shape)
@@ -58,7 +58,7 @@ def gyres(rows: int, columns: int) -> Sea:
 
 
 def matrices(model: DecisionModel, goal: int) -> tuple[list[Any], np.ndarray, np.ndarray]:
-    """Transition matrices that stay in the goal, rewards, and where actions are allowed."""
+    """Make transition matrices that stay in the goal, rewards, and a mask of allowed actions."""
     stay = scipy.sparse.csr_array(([1.0], ([goal], [goal])), shape=(model.cells, model.cells))
     moves = [(chain.to_scipy() + stay).tocsr() for chain in model.chains]
     return moves, np.array(model.reward), np.array(model.allowed)
@@ -66,7 +66,7 @@ def matrices(model: DecisionModel, goal: int) -> tuple[list[Any], np.ndarray, np
 
 def with_quantecon(model: DecisionModel, goal: int, discount: float, method: str) -> Any:
     moves, reward, allowed = matrices(model, goal)
-    # By cell and then by action, which is the order that it wants.
+    # quantecon expects pairs in the order of cells, then of actions.
     cell, action = np.nonzero(allowed.T)
     rows = scipy.sparse.vstack(moves, format="csr")[action * model.cells + cell]
     rows = scipy.sparse.csr_matrix(rows)
@@ -92,6 +92,7 @@ def with_mdptoolbox(model: DecisionModel, goal: int, discount: float, method: st
 
 
 def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list[Row]:
+    """Time all programs on a sea."""
     sea = gyres(rows, columns)
     goal = rows * columns + rows * columns // 3 + columns // 2
     model = voyage_model(sea, goal, discount)
@@ -101,17 +102,17 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list
     least, found = min(seconds for seconds, _ in ours), ours[0][1]
 
     def row(program: str, seconds: list[float], off: str) -> None:
-        told = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}")
-        line(cells, f"{discount:g}", program, *told, f"{min(seconds) / least:.3g}", off)
+        times = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}")
+        line(cells, f"{discount:g}", program, *times, f"{min(seconds) / least:.3g}", off)
 
     row(f"jaxcell ({found.iterations} sweeps)", [t for t, _ in ours], f"{found.gap:.0e} (bound)")
     row("jaxcell, first call", [first], "")
 
     def peer(name: str, prepare: Callable[..., Any], method: str) -> float | None:
-        """Its seconds; `None` where it cannot do it."""
+        """Time another program; `None` if it fails."""
         try:
             program = prepare(model, goal, discount, method)
-            program() if rows < 100 and name == "quantecon" else None  # it compiles
+            program() if rows < 100 and name == "quantecon" else None  # compiles
             seconds, value = timed(program)
         except Exception as error:
             line(cells, f"{discount:g}", f"{name} {method}", error, "", "", "")
@@ -141,8 +142,7 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list
 def main() -> None:
     arguments = options(__doc__, repeats=3, full="a million cells").parse_args()
     begin("jax", "numpy", "quantecon", "pymdptoolbox")
-    line("cells", "discount", "program", "min, s", "median, s", "to ours", "off")
-    line("--:", "--:", "---", *["--:"] * 4)
+    header("cells", "discount", "program", "min, s", "median, s", "to ours", "off", words=3)
     rows = []
     side_by_side(21, 29, 0.9, arguments.repeats)
     rows += side_by_side(21, 29, 0.99, arguments.repeats)

@@ -1,17 +1,15 @@
-"""Persistent groups and absorption times of a drift map, side by side with peers.
+"""Time persistent groups and absorption times of a drift map beside other libraries.
 
     python experiments/benchmarks/bench_drift.py
 
-prints a Markdown table; README.md in this folder says what is timed, and the rules. deeptime is
-compared where it is installed (`pip install deeptime`).
+The script prints a Markdown table. README.md in this folder explains the measurements.
 
-The current is made of gyres whose water goes slowly to their middles. Peers get the matrix of the
-map, and all give the expected number of steps until a drifter is in a persistent group: scipy by
-strong components and `spsolve`, deeptime by the mean first passage time to given persistent
-cells.
+The current consists of gyres whose water slowly moves to their centres. The other programs start
+from the matrix of the map. All compute the expected number of steps until a drifter is in a
+persistent group: scipy by strong components and `spsolve`, deeptime by the mean first passage time
+to persistent cells that it gets as input.
 """
 
-import resource
 import sys
 from collections.abc import Callable
 
@@ -21,7 +19,7 @@ import xarray as xr
 from bench_coverage import persistent_components
 from rows import Row, options, rows_of, write_rows
 from scipy.sparse import linalg
-from timing import begin, line, take_turns
+from timing import begin, header, line, peak_bytes, take_turns
 
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.flow import Flow, crossing_time
@@ -31,13 +29,13 @@ from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 
 
-# The largest relative difference of two answers.
+# The largest relative difference of two results.
 AGREEMENT = 1e-6
 INWARD = 1.0
 
 
 def gyres(side: int, count: int = 4) -> xr.Dataset:
-    """Currents on `side` x `side` cells of 1 km."""
+    """Make currents on `side` x `side` cells of 1 km."""
     x = (np.arange(side) + 0.5)[None] * count / side
     y = (np.arange(side) + 0.5)[:, None] * count / side
     sign = np.sign(np.sin(np.pi * x) * np.sin(np.pi * y))
@@ -64,12 +62,11 @@ def gyres(side: int, count: int = 4) -> xr.Dataset:
 
 
 def ours(currents: xr.Dataset, spread: str) -> tuple[Chain, float]:
-    """The drift map, and what one of its steps takes."""
+    """Make the drift map, and return the seconds of a step."""
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 2 * crossing_time(water, flow)
-    return drift_map(
-        water, flow, DriftStep(duration, spread=spread, samples=3, edge="exit")
-    ), duration
+    step = DriftStep(duration, spread=spread, samples=3, edge="exit")
+    return drift_map(water, flow, step), duration
 
 
 def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
@@ -84,30 +81,25 @@ def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
 def deeptime_times(matrix: scipy.sparse.csr_array, persistent: np.ndarray) -> np.ndarray:
     from deeptime.markov.tools.analysis import mfpt
 
-    # It needs scipy's older matrices, and closed classes except the target make it singular.
+    # deeptime needs the older matrices of scipy, and is singular if the target is not all groups.
     return np.asarray(mfpt(scipy.sparse.csr_matrix(matrix), np.flatnonzero(persistent).tolist()))
 
 
-def peak() -> float:
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
-
-
 def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
+    """Time all programs on a square sea."""
     currents = gyres(side)
     chain, duration = ours(currents, spread)
     matrix, cells = chain.to_scipy(), chain.cells
-    by_us, by_scipy = "jaxcell, groups, domiciles and times", "scipy, groups and times"
-    by_deeptime = "deeptime, times only"
+    by_us = "jaxcell, groups, domiciles and times"
     programs: dict[str, Callable[[], np.ndarray]] = {
         by_us: lambda: np.asarray(
             long_term_behaviour(chain, duration, throw=True).absorption.value
         ),
-        by_scipy: lambda: scipy_times(matrix),
+        "scipy, groups and times": lambda: scipy_times(matrix),
     }
     if cells <= 10_000:
         persistent = persistent_components(matrix) >= 0
-        programs[by_deeptime] = lambda: deeptime_times(matrix, persistent)
+        programs["deeptime, times only"] = lambda: deeptime_times(matrix, persistent)
 
     def check(results: dict[str, np.ndarray]) -> None:
         times = results[by_us]
@@ -116,25 +108,23 @@ def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
             if not (times.any() and off <= AGREEMENT):
                 sys.exit(f"{name} and jaxcell disagree by {off:g}")
 
-    the_map = "jaxcell, the map"
-    mapping = take_turns({the_map: lambda: np.asarray(ours(currents, spread)[0].image)}, repeats)
+    drift_maps = {"jaxcell, the map": lambda: np.asarray(ours(currents, spread)[0].image)}
+    mapping = take_turns(drift_maps, repeats)
     timings = take_turns(programs, repeats, check, patience_s=5)
     base = timings[by_us].least
     for program, (_, least, median) in {**mapping, **timings}.items():
-        told = (f"{least:.3f}", f"{median:.3f}", f"{least / base:.2f}", f"{peak():.2f}")
-        line(f"{cells:,}", spread, program, *told)
+        times = (f"{least:.3f}", f"{median:.3f}", f"{least / base:.2f}")
+        line(f"{cells:,}", spread, program, *times, f"{peak_bytes() / 1e9:.2f}")
     size = f"{cells:,} cells"
-    return [
-        Row("drift", f"drift map, {spread} disturbances", size, mapping[the_map].median),
-        *rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings),
-    ]
+    rows = rows_of("drift", f"drift map, {spread} disturbances", size, mapping)
+    return rows + rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings)
 
 
 def main() -> None:
     arguments = options(__doc__, repeats=5, full="a million cells").parse_args()
     begin("jax", "numpy", "scipy", "deeptime")
-    line("cells", "spread", "program", "min, s", "median, s", "to ours", "peak so far, GB")
-    line("--:", "---", "---", *["--:"] * 4)
+    names = ("program", "min, s", "median, s", "to ours", "peak so far, GB")
+    header("cells", "spread", *names, words=3)
     rows = []
     for side in (100, 500, 1000) if arguments.full else (100, 500):
         for spread in ("turned", "sampled"):

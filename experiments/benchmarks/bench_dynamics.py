@@ -1,11 +1,11 @@
-"""Times attractors and basins of Thomas' system, side by side with recurrences in Numba.
+"""Time attractors and basins of Thomas' system beside recurrences in Numba.
 
     python experiments/benchmarks/bench_dynamics.py
 
-The peer does what Attractors.jl does (Datseris & Wagemakers 2022): the orbit of each cell is
-followed through the cells until it is where it has been again and again, which is an attractor, or
-where others have been that have ended. Both map by the same Runge-Kutta steps; the peer's orbits
-come one after the other, since each needs what those before it have left.
+The peer follows the method of Attractors.jl (Datseris & Wagemakers 2022). The orbit of each cell
+continues until it repeatedly visits its own cells, which are an attractor, or repeatedly visits
+cells of a known attractor or basin. Both programs have the same Runge-Kutta steps. The orbits of
+the peer are sequential, because each uses the labels of earlier orbits.
 """
 
 import sys
@@ -13,7 +13,7 @@ import sys
 import numba
 import numpy as np
 from rows import options, rows_of, write_rows
-from timing import begin, line, take_turns
+from timing import begin, line, table, take_turns
 
 from jaxcell import dynamics
 from jaxcell.dynamics import systems
@@ -55,7 +55,7 @@ def cell_of(x, y, z, lower, width, cells):
 
 @numba.njit(cache=False)
 def recurrences(lower, width, cells):
-    """The attractor of each cell, from 1; -1 for those that leave the box."""
+    """Number the attractor of each cell, from 1; -1 for orbits that leave the box."""
     basin = np.zeros(cells**3, np.int32)
     attractor = np.zeros(cells**3, np.int32)
     seen = np.full(cells**3, -1, np.int32)
@@ -105,7 +105,10 @@ def shares(basin: np.ndarray) -> np.ndarray:
 
 
 def agree(results: dict[str, np.ndarray]) -> None:
-    """Refuses other shares than cells of this size explain; recurrences find small ones besides."""
+    """Stop if the shares of the three attractors differ by more than cells of this size explain.
+
+    Recurrences may find more attractors, which are small.
+    """
     one, other = map(shares, results.values())
     print(f"shares of the cells: {one.round(3)}, {other.round(3)}\n")
     if one.size != 3 or other.size < 3 or np.abs(one - other[:3]).max() > 0.1:
@@ -113,7 +116,7 @@ def agree(results: dict[str, np.ndarray]) -> None:
 
 
 def main() -> None:
-    full = f"{ALL_CELLS}^3 cells of ours, in 32 and in 64 bits"
+    full = f"our time for {ALL_CELLS}^3 cells, in 32 and in 64 bits"
     arguments = options(__doc__, repeats=3, full=full).parse_args()
     begin("jax", "numba", "numpy")
     system = systems.thomas
@@ -126,18 +129,15 @@ def main() -> None:
         "recurrences, Numba": lambda: recurrences(-6.0, 12 / CELLS, CELLS),
     }
     timings = take_turns(programs, arguments.repeats, agree)
-    line("", "first call, s", "median, s", "ours = 1")
-    line("---", *["--:"] * 3)
-    for name, (first, _, median) in timings.items():
-        line(name, f"{first:.2f}", f"{median:.2f}", f"{median / timings['jaxcell'].median:.1f}")
+    size = f"{CELLS**3:,} cells"
+    what = "attractors and basins of Thomas' system"
+    table(f"{what}, {size}", timings)
     if arguments.full:
         alone = {kind: lambda kind=kind: ours(ALL_CELLS, kind) for kind in ("float32", "float64")}
         for name, (_, _, median) in take_turns(alone, 1).items():
-            line(f"jaxcell, {ALL_CELLS}^3 cells, {name}", "", f"{median:.1f}", "")
+            line(f"jaxcell, {ALL_CELLS}^3 cells, {name}", "", "", f"{median:.1f}", "")
         each = timings["recurrences, Numba"].median * (ALL_CELLS / CELLS) ** 3
-        line("recurrences, as many at that time a cell, float64", "", f"{each:.0f}", "")
-    size = f"{CELLS**3:,} cells"
-    what = "attractors and basins of Thomas' system"
+        line(f"recurrences, extrapolated to {ALL_CELLS}^3 cells", "", "", f"{each:.0f}", "")
     write_rows(arguments.rows, rows_of("dynamics", what, size, timings))
 
 

@@ -1,12 +1,12 @@
-"""Times maximum-likelihood fits of the generalized lambda distribution beside those of gldpy.
+"""Time maximum-likelihood fits of the generalized lambda distribution beside gldpy.
 
-Run `python experiments/benchmarks/bench_gld.py`; ours takes about 20 s. gldpy is no dependency;
-where it is installed it is run too, by default on 300 samples, which takes it about 10 s a law
-from its start by L-moments. `--samples 5000` takes it minutes a law. `--full` has more laws.
+Run `python experiments/benchmarks/bench_gld.py`; our fits take about 20 s. gldpy starts from
+L-moments; by default it fits 300 samples, which takes it about 10 s per law. With `--samples 5000`
+it takes minutes per law. `--full` adds more laws.
 
-Both fit the same continuous samples. What counts is the log-likelihood that they reach, by our
-density for both. Samples of whole numbers are fitted by ours alone: for them the likelihood that
-gldpy maximises has no bound.
+Both programs fit the same continuous samples. The table has the log-likelihoods of both by our
+density. Samples of whole numbers are fitted by our program only, because the likelihood that gldpy
+maximizes is unbounded for them.
 """
 
 import warnings
@@ -16,82 +16,63 @@ import gldpy
 import numpy as np
 import scipy.stats
 from rows import Row, options, write_rows
-from timing import Timing, begin, line, take_turns, timed
+from timing import Timing, begin, header, line, take_turns, timed
 
 from jaxcell.patrol.law.distribution import Gld
 from jaxcell.patrol.law.fit import fit_gld
 
 
-CONTINUOUS = {
-    "normal": scipy.stats.norm(3, 2),
-    "exponential": scipy.stats.expon(scale=5),
-}
-WHOLE = {
-    "geometric": scipy.stats.geom(0.03),
-}
+CONTINUOUS = {"normal": scipy.stats.norm(3, 2), "exponential": scipy.stats.expon(scale=5)}
+WHOLE = {"geometric": scipy.stats.geom(0.03)}
 MORE_CONTINUOUS = {
     "logistic": scipy.stats.logistic(),
     "uniform": scipy.stats.uniform(-1, 3),
     "Student, 3": scipy.stats.t(3),
     "lognormal": scipy.stats.lognorm(0.8),
 }
-MORE_WHOLE = {
-    "negative binomial": scipy.stats.nbinom(3, 0.1),
-    "Poisson": scipy.stats.poisson(900),
-}
+MORE_WHOLE = {"negative binomial": scipy.stats.nbinom(3, 0.1), "Poisson": scipy.stats.poisson(900)}
 
 
 def ours(name: str, samples: np.ndarray, repeats: int) -> float:
-    """The median of our seconds."""
+    """Print our fit, and return the median of its seconds."""
     found: dict[str, Any] = {}
     timing = take_turns({"jaxcell": lambda: fit_gld(samples)}, repeats, found.update)["jaxcell"]
-    reached = found["jaxcell"].log_likelihood
-    row(name, samples, "jaxcell", f"{timing.first:.2f}", timing, reached)
+    row(name, samples, "jaxcell", timing, found["jaxcell"].log_likelihood)
     return timing.median
 
 
 def by_gldpy(name: str, samples: np.ndarray) -> float | None:
-    """Its seconds; `None` where it fails."""
-
-    def program() -> Any:
-        return gldpy.GLD("FMKL").fit_ML(
-            samples,
-            method="LMM",
-            initial_guess=(0.1, 0.1),
-            disp_optimizer=False,
-            disp_fit=False,
-        )
-
+    """Print the fit of gldpy, and return its seconds; `None` if it fails."""
+    quiet = {"disp_optimizer": False, "disp_fit": False}
+    guess = {"method": "LMM", "initial_guess": (0.1, 0.1)}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            seconds, parameters = timed(program)
-    except Exception as error:  # The error for no start is not documented.
+            seconds, parameters = timed(lambda: gldpy.GLD("FMKL").fit_ML(samples, **guess, **quiet))
+    except Exception as error:  # gldpy does not document its error for a failed start.
         line(name, f"{samples.size:,}", "gldpy", f"{type(error).__name__}: {error}")
         return None
     law = Gld(*(float(parameter) for parameter in parameters))
     timing = Timing.of(seconds, [seconds])
-    row(name, samples, "gldpy", "", timing, float(np.log(law.pdf(samples)).sum()))
+    row(name, samples, "gldpy", timing, float(np.log(law.pdf(samples)).sum()))
     return seconds
 
 
-def row(
-    name: str, samples: np.ndarray, program: str, first: str, timing: Timing, reached: float
-) -> None:
-    seconds = (f"{timing.least:.3f}", f"{timing.median:.3f}")
-    line(name, f"{samples.size:,}", program, first, *seconds, f"{reached:.3f}")
+def row(name: str, samples: np.ndarray, program: str, timing: Timing, reached: float) -> None:
+    seconds = (f"{one:.3f}" for one in timing)
+    line(name, f"{samples.size:,}", program, *seconds, f"{reached:.3f}")
 
 
 def main() -> None:
     parser = options(__doc__, repeats=5, full="more laws")
-    parser.add_argument("--samples", type=int, default=300, help="that gldpy gets")
+    parser.add_argument("--samples", type=int, default=300, help="number of samples for gldpy")
     arguments = parser.parse_args()
     begin("jax", "numpy", "scipy", "gldpy")
     continuous, whole = CONTINUOUS, WHOLE
     if arguments.full:
         continuous, whole = {**CONTINUOUS, **MORE_CONTINUOUS}, {**WHOLE, **MORE_WHOLE}
-    line("law", "samples", "program", "first call, s", "min, s", "median, s", "log-likelihood")
-    line("---", "--:", "---", *["--:"] * 4)
+    times = ("first call, s", "min, s", "median, s")
+    header("law", "samples", "program", *times, "log-likelihood", words=3)
     rows = []
     for name, law in {**continuous, **whole}.items():
         seconds = ours(name, law.rvs(5000, random_state=0), arguments.repeats)

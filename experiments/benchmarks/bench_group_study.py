@@ -1,27 +1,24 @@
-"""Times Figure 2.7 on all cores, side by side with a Numba pass over the same rooms.
+"""Time Figure 2.7 on all cores beside a Numba program for the same rooms.
 
-Run `python experiments/benchmarks/bench_group_study.py`; it takes about 20 s, and with `--full`,
-which is the whole of the figure, about 3 min.
+Run `python experiments/benchmarks/bench_group_study.py`; it takes about 20 s. With `--full` it
+takes about 3 min, for all rooms of the figure.
 
-Both programs get the same rooms, and give the number of periodic groups and the longest transient
-of each, which have to be equal; rooms are shared out to a thread for each core in both. The peer is
-Alg. 2.1 as in `bench_groups.py`, in its faster form, on a table of the steps of all positions.
+Both programs compute the number of periodic groups and the longest transient of the same rooms, and
+must agree. Both distribute the rooms over one thread per core. The peer is Alg. 2.1 as in
+`bench_groups.py`, in its faster form, on a table of the steps of all positions.
 """
 
 import functools
 import os
-import statistics
 import sys
 import threading
-import time
-from collections.abc import Callable
 from multiprocessing.pool import ThreadPool
 
 import numba
 import numpy as np
 from bench_groups import flat, tabulate, walk_on_table
-from rows import Row, options, write_rows
-from timing import begin, line
+from rows import options, rows_of, write_rows
+from timing import begin, table, take_turns
 
 from experiments.chapter_2.group_study import BATCH, BOUNCE_DEG, groups_and_transients
 from jaxcell.space import ENDPOINT, CellSpace, stencil
@@ -40,13 +37,14 @@ def peer_room(position, square, offset, crossed, beside, ways, shift, image, gro
 
 @functools.cache
 def peer_arrays(_thread: int, size: int) -> list[np.ndarray]:
-    """Arrays over the cells of a room; a thread uses its own again and again."""
+    """Allocate arrays over the cells of a room, which each thread reuses."""
     return [np.empty(size, np.int32) for _ in range(4)]
 
 
 def peer(free: np.ndarray) -> tuple[int, int]:
+    """Compute the number of groups and the longest transient of a room by Alg. 2.1."""
     cells = CellSpace.of_grid(free, DIRECTIONS)
-    # A margin of blocked squares makes every look-up of a neighbour safe.
+    # Each square has all neighbours because of a margin of blocked squares.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
     shape = stencil(DIRECTIONS, ENDPOINT, cells.free.shape)
@@ -70,40 +68,31 @@ def our_study(free: np.ndarray, threads: int) -> np.ndarray:
 
 def main() -> None:
     parser = options(__doc__, repeats=3, full="all 100 placements of each environment: 3 min")
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--threads", type=int, default=os.cpu_count(), help="threads per program")
     arguments = parser.parse_args()
     runs = 100 if arguments.full else 10
     free = np.array([place(0, e, run).free for run in range(runs) for e in ENVIRONMENTS])
     cells = int(free.sum()) * DIRECTIONS
     begin("numpy", "numba")
     print(f"{len(free)} rooms, {cells:,} cells; {arguments.threads} threads\n")
-    programs: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
-        "jaxcell.bounce.grid_groups": our_study,
-        "Alg. 2.1 on a table, Numba": peer_study,
+    programs = {
+        "jaxcell.bounce.grid_groups": lambda: our_study(free, arguments.threads),
+        f"Alg. 2.1 on a table, Numba, {arguments.threads} threads": lambda: peer_study(
+            free, arguments.threads
+        ),
     }
-    for program in programs.values():
-        program(free[: 2 * BATCH], arguments.threads)
-    found: dict[str, np.ndarray] = {}
-    wall: dict[str, list[float]] = {name: [] for name in programs}
-    for _ in range(arguments.repeats):
-        for name, program in programs.items():
-            began = time.perf_counter()
-            found[name] = program(free, arguments.threads)
-            wall[name].append(time.perf_counter() - began)
-    (ours, one), (peer, other) = found.items()
-    wrong = np.flatnonzero((one != other).any(axis=0))
-    if wrong.size:
-        sys.exit(f"room {wrong[0]}: {one[:, wrong[0]]} and {other[:, wrong[0]]}")
-    line("", "least, s", "median, s", "ours = 1")
-    line("---", *["--:"] * 3)
-    median = {name: statistics.median(seconds) for name, seconds in wall.items()}
-    for name in programs:
-        ratio = median[name] / median[ours]
-        line(name, f"{min(wall[name]):.2f}", f"{median[name]:.2f}", f"{ratio:.1f}")
+
+    def check(results: dict[str, np.ndarray]) -> None:
+        one, other = results.values()
+        wrong = np.flatnonzero((one != other).any(axis=0))
+        if wrong.size:
+            sys.exit(f"room {wrong[0]}: {one[:, wrong[0]]} and {other[:, wrong[0]]}")
+
+    timings = take_turns(programs, arguments.repeats, check, patience_s=60)
     what = "periodic groups and longest transients of Figure 2.7"
+    table(what, timings)
     size = f"{len(free)} rooms of 200 x 125 squares and 360 directions"
-    told = f"{peer}, {arguments.threads} threads"
-    write_rows(arguments.rows, [Row("group_study", what, size, median[ours], told, median[peer])])
+    write_rows(arguments.rows, rows_of("group_study", what, size, timings))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,13 @@
-"""Image, periodic groups and transient steps of a bouncing robot, side by side with a Numba pass.
+"""Time images, periodic groups and transient steps of a bouncing robot beside a Numba program.
 
     python experiments/benchmarks/bench_groups.py
 
-prints Markdown tables; README.md in this folder says what is timed, and the rules.
+The script prints Markdown tables. README.md in this folder explains the measurements.
 """
 
 import concurrent.futures
 import math
 import multiprocessing
-import resource
 import sys
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -19,7 +18,7 @@ import numpy as np
 import psutil
 from any_map import any_map
 from rows import Row, options, rows_of, write_rows
-from timing import Timing, begin, line, take_turns
+from timing import Timing, begin, header, line, peak_bytes, take_turns
 
 from experiments.shared.data import MAPS
 from jaxcell import bounce
@@ -27,7 +26,7 @@ from jaxcell.mapping import GroupSummary
 from jaxcell.space import CellSpace, Motion, Stencil, Workspace, stencil
 
 
-# Here, since the processes that tell of memory import this module only.
+# The processes that measure memory import only this module.
 jax.config.update("jax_enable_x64", True)
 
 DIRECTIONS = 360
@@ -38,7 +37,7 @@ MORE_SIZES = [3e5, 3e6, 3e7]
 
 
 def room(scale: float = 1.0, directions: int = DIRECTIONS) -> CellSpace:
-    """The bundled room of 200 x 125 m in squares of `1 / scale` metres."""
+    """Make the cells of the bundled room of 200 x 125 m, in squares of `1 / scale` metres."""
     return CellSpace.of_grid(CellSpace.of(Workspace.load(MAP), 1 / scale, 1).free, directions)
 
 
@@ -54,7 +53,7 @@ class Groups(NamedTuple):
 
 @numba.njit(cache=False, inline="always")
 def finish_walk(path, length, z, group, step, count):
-    """Labels the cells of a walk that came to `z`, of the same walk (-2) or of an earlier one."""
+    """Label the cells of a walk that ends at `z`, a cell of this walk (-2) or of an earlier one."""
     if group[z] == -2:
         while True:
             length -= 1
@@ -73,7 +72,7 @@ def finish_walk(path, length, z, group, step, count):
 
 @numba.njit(cache=False, inline="always")
 def destination(position, square, way, offset, crossed, beside):
-    """The position that a step leads to, -1 if the robot bumps."""
+    """Find the position after a step; -1 if the robot bumps."""
     to = position[square + offset[way]]
     for j in range(crossed.shape[1]):
         if position[square + crossed[way, j]] < 0:
@@ -150,7 +149,7 @@ def walk_on_table(target, ways, shift, image, group, step, path):
 
 @numba.njit(cache=False)
 def summary_of_arrays(group, step, count):
-    """Count, periods, basins and longest transients, in the order of the groups' first cells."""
+    """Compute periods, basins and longest transients, in the order of the groups' first cells."""
     number = np.full(count, -1, np.int32)
     period, basin, transient = np.zeros((3, count), np.int32)
     known = 0
@@ -168,7 +167,7 @@ def summary_of_arrays(group, step, count):
 
 
 def flat(shape: Stencil, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number the squares of a stencil, and fill up its lists with the end square."""
+    """Convert the squares of a stencil to offsets, and pad its lists with the end square."""
     weights = np.array([columns, 1])
     most = max(map(len, shape.crossed)), max(1, *map(len, shape.beside))
     rows = list(zip(map(tuple, shape.offset), shape.crossed, shape.beside, strict=True))
@@ -178,7 +177,8 @@ def flat(shape: Stencil, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
-    # A margin of blocked squares makes every look-up of a neighbour safe.
+    """Compute the groups by Alg. 2.1, on the grid or on a table of steps."""
+    # Each square has all neighbours because of a margin of blocked squares.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
     shape = stencil(cells.directions, Motion(collision=collision), cells.free.shape)
@@ -186,7 +186,7 @@ def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
     if collision == "endpoint":
         crossed, beside = crossed[:, :0], beside[:, :0]
     shift = bounce.bounce_shift(BOUNCE, cells.directions)
-    # NumPy asks the system for huge pages for these, which Numba does not.
+    # NumPy, unlike Numba, requests huge pages for large arrays.
     arrays = [np.empty(cells.size, np.int32) for _ in range(4)]
     if tabulated:
         target = tabulate(position.ravel(), square, offset, crossed, beside)
@@ -202,9 +202,6 @@ def peer_summary(cells: CellSpace, collision: str, tabulated: bool) -> GroupSumm
     return GroupSummary(*summary_of_arrays(groups.group, groups.step, groups.count))
 
 
-# Ours.
-
-
 def two_calls(cells: CellSpace, collision: str) -> Groups:
     image = bounce.bounce_map(cells, BOUNCE, motion=Motion(collision=collision)).image
     groups = bounce.bounce_groups(cells, BOUNCE, motion=Motion(collision=collision))
@@ -218,10 +215,10 @@ def summary_only(cells: CellSpace, collision: str) -> GroupSummary:
 
 
 def check(results: dict[str, Groups | GroupSummary]) -> None:
-    """Refuses results that differ in any cell.
+    """Stop if the results of two programs differ in any cell.
 
-    Alg. 2.1 numbers groups as it meets their basins, and is spared the sorting: ours are in the
-    order of their smallest periodic cells.
+    jaxcell numbers groups by their smallest periodic cells. Alg. 2.1 numbers them as it visits
+    their basins, so its groups are renumbered here, without timing.
     """
 
     def ordered(result: Groups | GroupSummary) -> list[np.ndarray]:
@@ -253,7 +250,9 @@ def both_alike(results: dict[str, Groups | GroupSummary]) -> None:
 
 
 def programs(cells: CellSpace, collision: str) -> dict[str, Callable[[], object]]:
-    # A new space each time, since one keeps what it has found out about its walls.
+    """Make all programs by name."""
+
+    # A new space has nothing in its caches.
     def new() -> CellSpace:
         return CellSpace.of_grid(cells.free, cells.directions)
 
@@ -276,7 +275,7 @@ def compile_peer() -> None:
 
 
 def rows_for(timings: dict[str, Timing], cells: CellSpace, collision: str) -> list[Row]:
-    """Ours beside the faster of the peers."""
+    """Make rows with the faster of both peers."""
     rows = []
     wanted = "image, group and step of all cells", "counts, periods, basins, longest transients"
     for what, (ours, *_, grid, table) in zip(wanted, (EXPANDED, SUMMARY), strict=True):
@@ -288,11 +287,11 @@ def rows_for(timings: dict[str, Timing], cells: CellSpace, collision: str) -> li
 
 
 def side_by_side(collision: str, repeats: int) -> list[Row]:
+    """Time all programs on the room."""
     cells = room()
     timings = take_turns(programs(cells, collision), repeats, both_alike)
     print(f"\n### 200 x 125 x {DIRECTIONS}, {cells.size:,} cells, collision {collision!r}\n")
-    line("", "first call, s", "min, ms", "median, ms", "Alg. 2.1 takes", "on a table")
-    line("---", *["--:"] * 5)
+    header("program", "first call, s", "min, ms", "median, ms", "Alg. 2.1 takes", "on a table")
     for names in (EXPANDED, SUMMARY):
         for name in names:
             first, least, median = timings[name]
@@ -302,17 +301,16 @@ def side_by_side(collision: str, repeats: int) -> list[Row]:
 
 
 def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> list[Row]:
-    """The median time of all programs in several sizes, and the exponent of its growth.
+    """Print the median times in several sizes, and the exponents of their growth.
 
-    The rows are those of the smallest, where the peer is at its best.
+    The returned rows are for the smallest size, which is best for the peer.
     """
     names = EXPANDED + SUMMARY
     print(f"\n### {title}, collision 'swept', median ms\n")
-    line("cells", *names)
-    line("--:", *["--:"] * len(names))
+    header("cells", *names, words=0)
     counted, measured, rows = [], [], []
     for cells in spaces:
-        # Small cases are repeated more, the largest less.
+        # Small cases have more turns, and the largest fewer.
         turns = 3 if cells.size > 2e7 else max(repeats, min(50, round(repeats * 3e6 / cells.size)))
         timings = take_turns(programs(cells, "swept"), turns, both_alike)
         rows = rows or rows_for(timings, cells, "swept")
@@ -324,25 +322,24 @@ def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> list[Row]:
     return rows
 
 
-def peak_bytes(scale: float, name: str) -> float:
-    """Peak memory of one call in bytes a cell, above a small case; for a process of its own."""
+def bytes_per_cell(scale: float, name: str) -> float:
+    """Measure the peak memory of a call above that of a small room, in a new process."""
     programs(room(0.1), "swept")[name]()
     cells = room(scale)
     before = psutil.Process().memory_info().rss
     programs(cells, "swept")[name]()
-    unit = 1 if sys.platform == "darwin" else 1024
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit - before) / cells.size
+    return (peak_bytes() - before) / cells.size
 
 
 def memory(size: float) -> None:
+    """Print the peak memory of four programs."""
     scale = math.sqrt(size / room().size)
     print(f"\n### Peak memory, {room(scale).size:,} cells\n")
-    line("", "bytes a cell")
-    line("---", "--:")
+    header("program", "bytes per cell")
     for name in (EXPANDED[0], EXPANDED[2], SUMMARY[0], SUMMARY[1]):
         spawn = multiprocessing.get_context("spawn")
         with concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn) as process:
-            line(name, f"{process.submit(peak_bytes, scale, name).result():.1f}")
+            line(name, f"{process.submit(bytes_per_cell, scale, name).result():.1f}")
 
 
 def main() -> None:
@@ -350,7 +347,7 @@ def main() -> None:
     arguments = options(__doc__, repeats=9, full=full).parse_args()
     repeats = arguments.repeats
     begin("jax", "numba", "numpy", "scipy")
-    # First of all: a child's record of its peak begins at the size of its parent.
+    # This part is first because the recorded peak of a child begins at the size of its parent.
     if arguments.full:
         memory(MORE_SIZES[-1])
     compile_peer()

@@ -1,18 +1,17 @@
-"""Times how long a bump takes to stop the wheels: from its byte on the line to the stop command.
+"""Time the latency of a bump: from its byte on the serial line to the command that stops the robot.
 
 Run `python experiments/benchmarks/bench_latency.py`; it takes half a minute, and with `--full`,
-10,000 bumps, three.
+10,000 bumps, three minutes.
 
-The emulated robot is in a process of its own, as a real one would be, at the other end of a
-pseudo-terminal. It presses its bumper as soon as it drives. Both times are taken there: when the
-first frame of the stream that tells of the bump has been written, and when the command that stops
-the wheels has been read. In between are the pseudo-terminal, pySerial, the driver and two process
-switches. To a real robot come the transfers, at 115200 baud 2.3 ms for a frame and 0.4 ms for a
-command, and up to 15 ms until the next frame. The robot's time runs at twice the clock, so that
-frames come every 7.5 ms.
+The emulated robot is in another process, at the other end of a pseudo-terminal. It presses its
+bumper as soon as it drives. Both times are measured in its process: after the first frame with the
+bump is written, and after the command that stops the wheels is read. Between them are the
+pseudo-terminal, pySerial, the driver and two process switches. A real robot adds the transfers, at
+115200 baud 2.3 ms for a frame and 0.4 ms for a command, and up to 15 ms until the next frame. The
+emulated robot runs at twice the speed, so that frames arrive every 7.5 ms.
 
-On a machine that is busy with other work this times its scheduler: `chrt -f 10 python ...`, or
-`CPUSchedulingPolicy=fifo` in a unit of systemd, lets both processes run first.
+On a busy machine the result measures the scheduler. `chrt -f 10 python ...`, or
+`CPUSchedulingPolicy=fifo` in a unit of systemd, gives priority to both processes.
 """
 
 import contextlib
@@ -20,10 +19,10 @@ import multiprocessing
 import os
 import time
 from multiprocessing.connection import Connection
-from pathlib import Path
 
 import numpy as np
 from rows import Row, options, write_rows
+from timing import header, line
 
 from jaxcell.robot import Contact, Create
 from jaxcell.robot.create.open_interface import HEADER, Command
@@ -37,42 +36,41 @@ SPEEDUP = 2.0
 
 
 class Bumping(Emulator):
-    """A robot that bumps as soon as it drives, until it is stopped."""
+    """A robot that bumps as soon as it drives, until a command stops it."""
 
     def __init__(self) -> None:
-        # It drives for 8 ms between two bumps.
         room = Workspace([(0, 0), (100, 0), (100, 1), (0, 1)])
         super().__init__(Body(room, (0.5, 0.5, 0.0)), line=Line(speedup=SPEEDUP))
         self.seconds_to_stop: list[float] = []
-        self._told: float | None = None
+        self._sent: float | None = None
 
     def _send(self, data: bytes) -> None:
         super()._send(data)
-        if self.contact and self._told is None and data[0] == HEADER:
-            self._told = time.perf_counter()
+        if self.contact and self._sent is None and data[0] == HEADER:
+            self._sent = time.perf_counter()
 
     def _do(self, command: Command) -> None:
         super()._do(command)
         if any(self.wheels):
             self.contact = Contact.BUMP_LEFT
-        elif self._told is not None:
-            self.seconds_to_stop.append(time.perf_counter() - self._told)
-            self._told, self.contact = None, Contact(0)
+        elif self._sent is not None:
+            self.seconds_to_stop.append(time.perf_counter() - self._sent)
+            self._sent, self.contact = None, Contact(0)
 
 
 def robot(bumps: int, pipe: Connection) -> None:
+    """Run the robot: send its port, then the latencies, and wait until the host closes the line."""
     with Bumping() as emulator:
         pipe.send(emulator.port)
         while len(emulator.seconds_to_stop) < bumps:
             time.sleep(0.05)
         pipe.send(emulator.seconds_to_stop[:bumps])
-        # Until the host has closed the line.
         pipe.recv()
 
 
 def host(port: str, pipe: Connection) -> list[float]:
-    """Drives on after every bump."""
-    # On a busy machine the robot itself may be late.
+    """Drive on after every bump, and return the latencies."""
+    # On a busy machine the robot may be slow.
     with Create.open(port, patience=10.0) as create:
         create.arm()
         while not pipe.poll():
@@ -86,31 +84,8 @@ def host(port: str, pipe: Connection) -> list[float]:
     return seconds
 
 
-def draw(seconds: np.ndarray, path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    milliseconds = 1000 * seconds
-    low, high = milliseconds.min(), max(milliseconds.max(), 1000 * MOST_P99)
-    axes.hist(milliseconds, np.geomspace(low, 1.1 * high, 80), color="#0072b2")
-    for name, at, color in (
-        ("p50", np.quantile(milliseconds, 0.5), "#009e73"),
-        ("p99", np.quantile(milliseconds, 0.99), "#d55e00"),
-        ("most that p99 may be", 1000 * MOST_P99, "black"),
-    ):
-        axes.axvline(at, color=color, label=f"{name}: {at:.3g} ms")
-    axes.set(xscale="log", yscale="log", xlabel="bump byte to stop command, ms", ylabel="bumps")
-    axes.legend(frameon=False)
-    figure.savefig(path, dpi=150)
-
-
 def main() -> None:
-    parser = options(__doc__, 1, "10,000 bumps instead of 1,500")
-    parser.add_argument("--out", type=Path, help="directory for a histogram, latency.png")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, repeats=1, full="10,000 bumps instead of 1,500").parse_args()
     bumps = 10_000 if arguments.full else 1_500
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     spawn = multiprocessing.get_context("spawn")
@@ -121,19 +96,15 @@ def main() -> None:
         seconds = np.array(host(ours.recv(), ours))
     process.join()
     p50, p99 = np.quantile(seconds, [0.5, 0.99])
-    print("\n| bumps | p50, ms | p99, ms | max, ms |\n|--:|--:|--:|--:|")
-    print(f"| {bumps:,} | {1e3 * p50:.2f} | {1e3 * p99:.2f} | {1e3 * seconds.max():.2f} |")
-    size = f"{bumps:,} bumps"
-    write_rows(
-        arguments.rows,
-        [
-            Row("latency", "bump byte to stop command, median", size, float(p50)),
-            Row("latency", "bump byte to stop command, 99th percentile", size, float(p99)),
-        ],
-    )
-    if arguments.out is not None:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        draw(seconds, arguments.out / "latency.png")
+    print()
+    header("bumps", "p50, ms", "p99, ms", "max, ms", words=0)
+    line(f"{bumps:,}", *(f"{1e3 * value:.2f}" for value in (p50, p99, seconds.max())))
+    kinds = {"median": p50, "99th percentile": p99}
+    rows = [
+        Row("latency", f"bump byte to stop command, {kind}", f"{bumps:,} bumps", float(value))
+        for kind, value in kinds.items()
+    ]
+    write_rows(arguments.rows, rows)
     verdict = "under" if p99 < MOST_P99 else "NOT UNDER"
     print(f"\nThe 99th percentile is {verdict} {1e3 * MOST_P99:g} ms.")
 

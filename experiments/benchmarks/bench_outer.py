@@ -1,11 +1,11 @@
-"""Times Morse sets of Leslie's maps, side by side with CMGDB.
+"""Time Morse sets of Leslie's maps beside CMGDB.
 
     python experiments/benchmarks/bench_outer.py
 
-Both bisect the box, one axis after the other, and keep the boxes that recur. By intervals CMGDB
-maps boxes in C++, with ends that are not rounded outward; by corners, with a batch of NumPy. The
-numbers of boxes of all Morse sets, and of pairs of sets in the order, must be equal. If CMGDB is
-not installed, only ours is timed.
+Both programs bisect the box along each axis in turn, and keep the recurrent boxes. With intervals,
+CMGDB maps boxes in C++, without rounding their ends outward. With corners, NumPy maps batches. The
+numbers of boxes of all Morse sets, and of pairs of sets in the order, must agree. If CMGDB is
+not installed, only jaxcell is timed.
 """
 
 import contextlib
@@ -15,8 +15,8 @@ import tempfile
 
 import jax.numpy as jnp
 import numpy as np
-from rows import Row, options, rows_of, write_rows
-from timing import begin, line, take_turns
+from rows import options, rows_of, write_rows
+from timing import begin, table, take_turns
 
 from jaxcell import dynamics
 from jaxcell.base.process import no_output
@@ -27,7 +27,7 @@ GROWTH = [19.6, 23.68, 19.6]
 UPPER = {2: [90.0, 70.0], 3: [90.0, 65.0, 45.0]}
 # The bisections of CMGDB's own benchmarks.
 DEPTH = {2: (20, 24), 3: (21, 24)}
-# Sorted numbers of boxes of the sets, and pairs of sets in the order.
+# The sorted numbers of boxes of the sets, and the number of pairs of sets in the order.
 Counts = tuple[list[int], int]
 
 
@@ -51,7 +51,7 @@ def peer(kind: str, axes: int) -> Counts:
         return np.column_stack([first, *(0.7 * points[:, k] for k in range(axes - 1))])
 
     bounds = [-0.001] * axes, UPPER[axes]
-    # It writes a file of statistics into the current folder.
+    # CMGDB writes a file of statistics into the current folder.
     with no_output(), tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         if kind == "intervals":
             graph = CMGDB.MorseGraphIntvalMap(*DEPTH[axes], *bounds, GROWTH[:axes], "/dev/null")
@@ -88,13 +88,9 @@ def main() -> None:
             programs["CMGDB"] = lambda kind=kind, axes=axes: peer(kind, axes)
         timings = take_turns(programs, arguments.repeats, agree)
         what = f"Morse sets of Leslie's map, {kind}"
-        line(f"{what}, {axes} axes", "first call, s", "median, s", "ours = 1")
-        line("---", *["--:"] * 3)
-        for name, (first, _, median) in timings.items():
-            line(name, f"{first:.2f}", f"{median:.2f}", f"{median / timings['jaxcell'].median:.1f}")
         size = f"{axes} axes, {DEPTH[axes][0]} bisections"
-        alone = [Row("outer", what, size, timings["jaxcell"].median)]
-        rows += rows_of("outer", what, size, timings) if found else alone
+        table(f"{what}, {size}", timings)
+        rows += rows_of("outer", what, size, timings)
     write_rows(arguments.rows, rows)
 
 

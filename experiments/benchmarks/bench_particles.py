@@ -1,11 +1,11 @@
-"""Drifters without cells in a current that changes, beside Parcels 3.
+"""Time drifters without cells in a changing current beside Parcels 3.
 
     python experiments/benchmarks/bench_particles.py --parcels PYTHON
 
-prints a Markdown table; README.md in this folder says what is timed, and the rules. Drifters go
-with the surface of the bundled sea for 23 hours by the Runge-Kutta method, in steps of 5 minutes,
-on squares of 1 km. `PYTHON` has Parcels 3, which keeps velocities in 32 bits: ends agree to some
-centimetres.
+The script prints a Markdown table. README.md in this folder explains the measurements. Drifters
+follow the surface of the bundled sea for 23 hours by the Runge-Kutta method, in steps of 5 minutes,
+on squares of 1 km. `PYTHON` is an interpreter with Parcels 3. It stores velocities in 32 bits, so
+the ends agree to some centimetres.
 """
 
 import subprocess
@@ -16,7 +16,7 @@ from pathlib import Path
 import jax
 import numpy as np
 from rows import Row, options, write_rows
-from timing import begin, line, take_turns
+from timing import begin, header, line, take_turns
 
 from jaxcell import bundled, drift
 
@@ -27,7 +27,7 @@ AGREEMENT = 1.0
 
 
 def by_parcels(python: Path, current: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:
-    """The ends and the seconds of Parcels."""
+    """Run Parcels, and return the ends `[2, drifters]` and the seconds."""
     with tempfile.TemporaryDirectory() as folder:
         given, out = (str(Path(folder) / name) for name in ("in.npz", "out.npz"))
         np.savez(given, **current, step=STEP, end=3600 * HOURS)
@@ -39,11 +39,10 @@ def by_parcels(python: Path, current: dict[str, np.ndarray]) -> tuple[np.ndarray
 
 def main() -> None:
     parser = options(__doc__, repeats=3, full="a million drifters")
-    parser.add_argument("--parcels", type=Path, metavar="PYTHON", help="has Parcels 3")
+    parser.add_argument("--parcels", type=Path, metavar="PYTHON", help="Python with Parcels 3")
     arguments = parser.parse_args()
     begin("jax", "numpy")
-    line("drifters", "jaxcell, s", "Parcels 3, s", "ratio")
-    line(*["--:"] * 4)
+    header("drifters", "jaxcell, s", "Parcels 3, s", "ratio", words=0)
     currents = drift.open_currents(bundled("ocean/gyres.nc"), depths=0)
     u, v = (np.nan_to_num(currents[name].values[:, 0].astype(float)) for name in "uv")
     times, rows, columns = u.shape

@@ -1,13 +1,12 @@
-"""Times plans between all pairs of cells: beside scipy's Dijkstra, and alone on large maps.
+"""Time plans between all pairs of cells: beside scipy's Dijkstra, and alone on large maps.
 
 Run `python experiments/benchmarks/bench_plans.py`; it takes about 15 s and 0.6 GB.
 
 The maps are those of `experiments/chapter_3/all_plans.py`, with 8 directions, angles 45, 90 and
-135 deg, and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions
-of all pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in
-use as a finished sparse matrix; one row of its answer is the costs from one cell, and with
-predecessors, from which its plans can be read, it gives what ours gives. Costs are compared before
-any is timed; then the programs take turns. A first call compiles, and is shown apart.
+135 deg, and weights 1 and 100. jaxcell starts from a `CellSpace`, and computes costs and first
+actions of all pairs, `[cells, cells]`. scipy starts from a sparse matrix that is not timed: the
+roadmap over cells and the angle in use. Its predecessors define plans, so costs and predecessors
+are comparable with our results. Costs must agree.
 """
 
 import sys
@@ -20,7 +19,7 @@ import scipy.sparse
 from rich.console import Console
 from rows import Row, options, rows_of, write_rows
 from scipy.sparse.csgraph import dijkstra
-from timing import begin, line, take_turns, timed
+from timing import begin, header, line, table, take_turns, timed
 
 from experiments.chapter_3.all_plans import environments
 from experiments.shared.data import MAPS
@@ -33,7 +32,7 @@ KEEP, CHANGE = 1, 100
 
 
 def roadmap(cells: CellSpace) -> scipy.sparse.csr_array:
-    """The roadmap over cells and the angle in use; the last layer is that before the first bump."""
+    """Make the roadmap over cells and the angle in use; the last layer precedes the first bump."""
     layers = len(BOUNCES) + 1
     z = np.arange(cells.size)
     rows, columns, weights = [], [], []
@@ -69,8 +68,7 @@ def theirs(cells: CellSpace, graph: scipy.sparse.csr_array, *, predecessors: boo
 
 
 def side_by_side(repeats: int) -> list[Row]:
-    line("map", "cells", "program", "first call, s", "min, ms", "median, ms", "times ours")
-    line("---", "--:", "---", *["--:"] * 4)
+    """Time jaxcell and scipy on each map."""
     rows = []
     for name, cells in environments().items():
         graph = roadmap(cells)
@@ -89,12 +87,8 @@ def side_by_side(repeats: int) -> list[Row]:
                     sys.exit(f"{name}: scipy and jaxcell disagree")
 
         timings = take_turns(programs, repeats, check)
-        base = timings["jaxcell, costs and actions"].median
-        for program, (first, least, median) in timings.items():
-            milliseconds = [f"{1e3 * seconds:.1f}" for seconds in (least, median)]
-            ratio = f"{median / base:.1f}"
-            line(name, f"{cells.size:,}", program, f"{first:.2f}", *milliseconds, ratio)
-        # It gives what ours gives, costs alone do not.
+        table(f"{name}, {cells.size:,} cells", timings)
+        # Costs alone define no plans.
         del timings["scipy, costs"]
         what = f"plans between all pairs, {name}"
         rows += rows_of("plans", what, f"{cells.size:,} cells", timings)
@@ -102,10 +96,9 @@ def side_by_side(repeats: int) -> list[Row]:
 
 
 def large() -> list[Row]:
-    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a store."""
+    """Time plans that are written to a store, because their costs would fill the memory."""
     print()
-    line("room", "cells", "pairs", "seconds", "store, MB", "one plan, ms")
-    line("---", *["--:"] * 5)
+    header("room", "cells", "pairs", "seconds", "store, MB", "one plan, ms")
     room = Workspace.load(MAPS / "room_200x125.json")
     for side in (4, 2, 1):
         cells = CellSpace.of(room, side, 8)
@@ -122,9 +115,8 @@ def large() -> list[Row]:
             size = sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / 1e6
             one, _ = timed(lambda plans=plans, cells=cells: plans.plan(0, cells.size - 1))
         squares = f"{cells.free.shape[1]} x {cells.free.shape[0]}"
-        pairs = f"{cells.size**2:.1e}"
-        told = (f"{seconds:.1f}", f"{size:.0f}", f"{1e3 * one:.0f}")
-        line(squares, f"{cells.size:,}", pairs, *told)
+        times = (f"{seconds:.1f}", f"{size:.0f}", f"{1e3 * one:.0f}")
+        line(squares, f"{cells.size:,}", f"{cells.size**2:.1e}", *times)
     return [Row("plans", "plans between all pairs, in a file", f"{cells.size:,} cells", seconds)]
 
 

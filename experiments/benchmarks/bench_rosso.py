@@ -1,17 +1,16 @@
-"""Times walks that capture most beside RoSSO, and says what they capture.
+"""Time walks that maximize capture beside RoSSO, and compare their capture.
 
 Run `python experiments/benchmarks/bench_rosso.py`; it takes about 40 s, and with `--full` 2 minutes
 for larger grids. `--rosso FOLDER` is the folder `robosurvstratopt` of a checkout of
-github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024); without it, only its published figures
-stand beside ours, and its time is missing. `--memory 8` adds what robots with up to 8 states of
-memory capture (4 in San Francisco), beside a tour and an upper bound; that takes many minutes.
+github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024). Without it, the table has only its
+published results, and no time. `--memory 8` adds the capture of robots with up to 8 states of
+memory (4 in San Francisco), a tour, and an upper bound, which takes many minutes.
 
-Its gradients are run as in its specification of San Francisco (RMSprop, 5 random starts), on its
-graphs: a grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with its travel times,
-the longer of both ways for each pair. Both programs are given what they capture by our exact law.
+RoSSO runs as in its specification of San Francisco (RMSprop, 5 random starts), on its graphs: a
+grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with travel times, the longer of
+both directions for each pair. The capture of both programs is computed by our exact law.
 """
 
-import argparse
 import sys
 import time
 from collections import deque
@@ -25,7 +24,7 @@ import networkx as nx
 import numpy as np
 import optax
 from rows import Row, options, write_rows
-from timing import begin, line
+from timing import begin, header, line
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import maximin_capture
@@ -51,7 +50,7 @@ STARTS, ITERATIONS, WINDOW, STILL, RATE = 5, 10_000, 10, 0.0025, 0.1
 
 
 class Case(NamedTuple):
-    """A graph, an attack, and the best that RoSSO publishes."""
+    """A graph, the steps of an attack, and the best published result of RoSSO."""
 
     name: str
     graph: Graph
@@ -80,6 +79,7 @@ def cases(full: bool) -> list[Case]:
 
 
 def captured(case: Case, matrix: np.ndarray) -> float:
+    """Compute the least probability of capture of a walk."""
     given = case.graph, matrix, case.attack_time, case.travel_times
     return float(walk_capture_probabilities(*given).min())
 
@@ -90,7 +90,7 @@ def ours(case: Case) -> np.ndarray:
 
 
 def theirs(case: Case) -> np.ndarray:
-    """The best of RoSSO's walks from random starts."""
+    """Compute the best walk of RoSSO from random starts."""
     import strat_comp
 
     n, attack = case.graph.vertices, case.attack_time
@@ -119,7 +119,7 @@ def theirs(case: Case) -> np.ndarray:
 
 
 def descended(Q: jax.Array, slope: Callable[[jax.Array], tuple[jax.Array, jax.Array]]) -> jax.Array:
-    """Run the optimizer of RoSSO until it stops by its own test."""
+    """Run the optimizer of RoSSO with its stopping rule."""
     largest = float(jnp.abs(slope(Q)[1]).max())
     optimizer = optax.rmsprop(RATE / max(largest, 1e-12))
     state, before, changes = optimizer.init(Q), 1000.0, deque(maxlen=WINDOW)
@@ -141,6 +141,7 @@ def descended(Q: jax.Array, slope: Callable[[jax.Array], tuple[jax.Array, jax.Ar
 
 
 def timed(find: Callable[[Case], np.ndarray], case: Case) -> tuple[float, float]:
+    """Time a search, and return its seconds and its capture."""
     began = time.perf_counter()
     matrix = find(case)
     return time.perf_counter() - began, captured(case, matrix)
@@ -150,21 +151,19 @@ def row(case: Case, peer: bool) -> Row:
     seconds, found = timed(ours, case)
     peer_s, theirs_found = timed(theirs, case) if peer else (None, None)
     shown = [f"{one:.5f}" if one is not None else "" for one in (case.published, theirs_found)]
-    beside = [f"{one:.1f}" if one is not None else "" for one in (seconds, peer_s)]
-    line(case.name, case.attack_time, f"{found:.5f}", *shown, *beside)
+    times = [f"{one:.1f}" if one is not None else "" for one in (seconds, peer_s)]
+    line(case.name, case.attack_time, f"{found:.5f}", *shown, *times)
     best = theirs_found if theirs_found is not None else case.published
-    what = f"walk that captures most, {found:.4f}" + (
-        "" if best is None else f" (RoSSO {best:.4f})"
-    )
+    beside = "" if best is None else f" (RoSSO {best:.4f})"
+    what = f"walk that captures most, {found:.4f}{beside}"
     size = f"{case.name}, attacks of {case.attack_time} steps"
     return Row("rosso", what, size, seconds, "RoSSO, 5 starts", peer_s)
 
 
 def print_memory(chosen: list[Case], most: int) -> None:
-    """Print the least capture by the number of states of memory, of a tour, and the bound."""
+    """Print the least capture by the number of states of memory, a tour, and the bound."""
     sizes = [f"memory {2**k}" for k in range(most.bit_length())]
-    line("graph", "attack", *sizes, "tour", "tour, any time", "bound", "s")
-    line("---", *["--:"] * (len(sizes) + 5))
+    header("graph", "attack", *sizes, "tour", "tour, any time", "bound", "s")
     for case in chosen:
         began = time.perf_counter()
         given = {"travel_times": case.travel_times, "stay": case.stay}
@@ -172,27 +171,19 @@ def print_memory(chosen: list[Case], most: int) -> None:
         found = memory_patrol(case.graph, case.attack_time, states, ours(case)[None], **given)
         values = dict(zip(found.patrol, found.least_capture.tolist(), strict=True))
         shown = [f"{values[name]:.4f}" if name in values else "" for name in (*sizes, "tour")]
-        bound, seconds = f"{found.upper_bound:.4f}", time.perf_counter() - began
-        line(
-            case.name,
-            case.attack_time,
-            *shown,
-            f"{found.any_time[-1]:.4f}",
-            bound,
-            f"{seconds:.0f}",
-        )
+        shown += [f"{found.any_time[-1]:.4f}", f"{found.upper_bound:.4f}"]
+        line(case.name, case.attack_time, *shown, f"{time.perf_counter() - began:.0f}")
 
 
 def main() -> None:
-    parser: argparse.ArgumentParser = options(__doc__, repeats=1, full="grids up to 8 x 8")
-    parser.add_argument("--rosso", type=Path, metavar="FOLDER", help="its folder robosurvstratopt")
-    parser.add_argument("--memory", type=int, default=1, help="most states of memory")
+    parser = options(__doc__, repeats=1, full="grids up to 8 x 8")
+    parser.add_argument("--rosso", type=Path, metavar="FOLDER", help="folder robosurvstratopt")
+    parser.add_argument("--memory", type=int, default=1, help="largest number of memory states")
     arguments = parser.parse_args()
     if arguments.rosso is not None:
         sys.path.insert(0, str(arguments.rosso))
     begin("jax", "optax", "numpy")
-    line("graph", "attack", "ours", "RoSSO, published", "RoSSO here", "ours, s", "RoSSO, s")
-    line("---", *["--:"] * 6)
+    header("graph", "attack", "ours", "RoSSO, published", "RoSSO here", "ours, s", "RoSSO, s")
     chosen = cases(arguments.full)
     write_rows(arguments.rows, [row(case, arguments.rosso is not None) for case in chosen])
     if arguments.memory > 1:

@@ -1,19 +1,19 @@
-"""Times what cells see of each other beside shapely.
+"""Time the visibility between cells beside shapely.
 
-Run `python experiments/benchmarks/bench_sight.py`; it takes about half a minute. `--full` adds
-a map of 10,000 cells with slanted walls.
+Run `python experiments/benchmarks/bench_sight.py`; it takes about half a minute. `--full` adds a
+map of 10,000 cells with slanted walls.
 
-shapely answers the same question as users of it would ask it: for each pair of a viewer and a cell
-in range, whether the prepared environment covers the convex hull of the centre and each convex part
-of the cell, in batch. It gets the pairs in range for nothing (untimed), and the environment with a
-margin of 1e-9 of a cell, without which its exact predicates would refuse what touches a slanted
-wall. The script stops where the answers differ.
+For each pair of a viewer and a cell in range, shapely tests in batches if the prepared environment
+covers the convex hull of the viewer's centre and each convex part of the cell. The pairs in range
+are computed before, without timing. The environment has a margin of 1e-9 of a cell, because the
+exact predicates of shapely would exclude cells that touch a slanted wall. The script stops if the
+results differ.
 """
 
 import numpy as np
 import shapely
 from rows import Row, options, rows_of, write_rows
-from timing import begin, line, take_turns
+from timing import begin, header, line, take_turns
 
 from experiments.shared.data import MAPS
 from jaxcell.space import CellSpace, Workspace
@@ -24,7 +24,7 @@ REACH = 6
 
 
 def large(slanted: bool) -> CellSpace:
-    """About 10,000 free cells among rectangles on the lines of the grid, or polygons off them."""
+    """Make about 10,000 free cells among rectangles of whole cells, or among slanted polygons."""
     random = np.random.default_rng(0)
     obstacles = []
     for _ in range(200):
@@ -41,10 +41,9 @@ def large(slanted: bool) -> CellSpace:
 
 
 class Peer:
-    """The pairs in range, and what shapely says of them."""
+    """Visibility by shapely, with its pairs in range."""
 
     def __init__(self, cells: CellSpace, reach: float) -> None:
-        assert cells.workspace is not None
         self.cells = cells
         x, y, _ = cells.centre(np.arange(cells.positions))
         centre = np.stack([x, y], axis=1)
@@ -64,7 +63,7 @@ class Peer:
         self.corners = np.concatenate([centre[viewer][:, None], np.array(ring)[near]], axis=1)
         far = np.hypot(*np.moveaxis(self.corners - self.corners[:, :1], -1, 0)).max(axis=1)
         beyond = far > reach + margin
-        # A cell that has a part out of range is not asked for.
+        # Cells with a part out of range are not visible.
         out = np.zeros((cells.positions, cells.positions), bool)
         out[viewer[beyond], of[near][beyond]] = True
         keep = ~out[viewer, of[near]]
@@ -81,11 +80,11 @@ class Peer:
 
 def cells_of(name: str) -> CellSpace:
     workspace = Workspace.load(MAPS / name)
-    assert workspace.cell is not None
     return CellSpace.of(workspace, workspace.cell, 1)
 
 
 def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
+    """Time the visibility of one map."""
     reach = REACH * cells.cell
     peer = Peer(cells, reach)
     seen = 0
@@ -116,12 +115,10 @@ def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
 
 
 def main() -> None:
-    parser = options(__doc__, repeats=5, full="10,000 cells among slanted walls")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, repeats=5, full="10,000 cells among slanted walls").parse_args()
     begin("numpy", "shapely")
-    print(f"Wholly visible cells, range {REACH} cells; least seconds, ratio of medians\n")
-    line("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
-    line("---", *["--:"] * 6)
+    print(f"Fully visible cells, range {REACH} cells; least seconds, ratio of medians\n")
+    header("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
     rows = []
     for name in ("depot.json", "harbour.json", "arena.json", "office.yaml"):
         rows += side_by_side(name, cells_of(name), arguments.repeats)

@@ -1,39 +1,31 @@
-"""Times subset construction: side by side with automata-lib at N = 2,000, and alone on large maps.
+"""Time subset construction: beside automata-lib for 2,000 cells, and alone on large maps.
 
 Run `python experiments/benchmarks/bench_subset.py`; it takes about 15 s and 1 GB, and with `--full`
-twice as much. Times are medians of several warm runs in one process. Both programs start from what
-they take: NumPy arrays here, an `NFA` object there, whose making has a column of its own.
+twice as much. jaxcell starts from NumPy arrays, and automata-lib from an `NFA` object. The time to
+make this object has a row of its own.
 """
 
-import resource
+import math
 
 import numpy as np
 from automata.fa.dfa import DFA
 from automata.fa.nfa import NFA
 from rows import Row, options, rows_of, write_rows
-from timing import begin, take_turns
+from timing import begin, header, line, peak_bytes, table, take_turns
 
 from jaxcell.automata import Filter, minimize, subset_construction
+from jaxcell.bounce import bounce_map
+from jaxcell.space import ENDPOINT, CellSpace
 
 
 Graph = tuple[np.ndarray, np.ndarray]
 
 
 def bounce(free: np.ndarray, directions: int, shift: int) -> Graph:
-    """Image and observation of a robot that goes on where the next cell is free and turns else."""
-    height, width = free.shape
-    number = np.full((height + 2, width + 2), -1)
-    number[1:-1, 1:-1][free] = np.arange(free.sum())
-    y, x = np.nonzero(free)
-    image, observation = [], []
-    for direction in range(directions):
-        angle = 2 * np.pi * direction / directions
-        dx, dy = np.floor(0.5 + np.round([np.cos(angle), np.sin(angle)], 9)).astype(int)
-        target = number[y + dy + 1, x + dx + 1]
-        turned = (direction + shift) % directions * x.size + np.arange(x.size)
-        image.append(np.where(target >= 0, direction * x.size + target, turned))
-        observation.append(target < 0)
-    return np.concatenate(image).astype(np.int32), np.concatenate(observation)
+    """Compute the image and the observation of each cell; a bump turns by `shift` directions."""
+    angle = math.tau * shift / directions
+    simple = bounce_map(CellSpace.of_grid(free, directions), angle, motion=ENDPOINT)
+    return np.asarray(simple.image), np.asarray(simple.bumped)
 
 
 def room(width: int, height: int, *obstacles: tuple[int, int, int, int]) -> np.ndarray:
@@ -60,20 +52,12 @@ def automaton_of(graph: Graph) -> NFA:
     )
 
 
-def peak() -> float:
-    """Peak memory of this process so far, in MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def compare(repeats: int) -> list[Row]:
+    """Time both programs on 2,000 cells."""
     graphs = {
         "bounce map, 250 positions x 8": bounce(room(20, 15, (5, 4, 15, 9)), 8, 1),
         "random functional graph": random_graph(2000),
     }
-    print(
-        f"{'N = 2,000':30} {'states':>7} {'jaxcell ms':>11}"
-        f" {'automata-lib ms':>16} {'its NFA ms':>11} {'ratio':>6}"
-    )
     rows = []
     for name, graph in graphs.items():
         nfa = automaton_of(graph)
@@ -89,17 +73,14 @@ def compare(repeats: int) -> list[Row]:
             },
             2 * repeats,
         )
-        ours, theirs, building = (timing.median for timing in timings.values())
-        print(
-            f"{name:30} {states:7} {1e3 * ours:11.2f}"
-            f" {1e3 * theirs:16.1f} {1e3 * building:11.1f} {theirs / ours:6.1f}"
-        )
+        table(f"{name}, {states} states", timings)
         del timings["its NFA"]
         rows += rows_of("subset", f"localization filter, {name}", "2,000 cells", timings)
     return rows
 
 
 def scale(repeats: int, full: bool) -> list[Row]:
+    """Time the construction of filters of large maps, and their minimization."""
     small = room(32, 20, (8, 6, 14, 12), (20, 4, 26, 10))
     big = room(200, 125, (30, 20, 60, 45), (90, 70, 120, 95), (140, 20, 170, 45), (40, 85, 65, 115))
     graphs = {
@@ -109,15 +90,14 @@ def scale(repeats: int, full: bool) -> list[Row]:
     }
     if full:
         graphs["200 x 125 room x 40, 99 deg"] = bounce(big, 40, 11)
-    # From the smallest to the largest, so that the peak so far is that of the last construction.
+    # Sizes increase, so the peak so far is the peak of the last construction.
     peaks = {}
     for name, graph in graphs.items():
         subset_construction(*graph)
-        peaks[name] = peak()
-    print(
-        f"\n{'':28} {'N':>7} {'states':>7} {'members':>10} {'subsets s':>10} {'peak MB':>8}"
-        f" {'filter s':>9} {'minimize s':>11} {'minimal':>8}"
-    )
+        peaks[name] = peak_bytes() / 1e6
+    print()
+    times = ("subsets, s", "peak, MB", "filter, s", "minimize, s", "minimal")
+    header("map", "cells", "states", "members", *times)
     for name, graph in graphs.items():
         automaton = subset_construction(*graph)
         filter = Filter.of(automaton)
@@ -130,11 +110,9 @@ def scale(repeats: int, full: bool) -> list[Row]:
             repeats if graph[0].size < 100_000 else 2,
         )
         subsets, coloring, minimizing = (timing.median for timing in timings.values())
-        print(
-            f"{name:28} {graph[0].size:7} {len(automaton.transition):7} {automaton.members.size:10}"
-            f" {subsets:10.4f} {peaks[name]:8.0f} {coloring:9.4f} {minimizing:11.4f}"
-            f" {len(minimize(filter).transition):8}"
-        )
+        sizes = graph[0].size, len(automaton.transition), automaton.members.size
+        shown = f"{subsets:.4f}", f"{peaks[name]:.0f}", f"{coloring:.4f}", f"{minimizing:.4f}"
+        line(name, *sizes, *shown, len(minimize(filter).transition))
         del automaton, filter
     size = f"{graph[0].size:,} cells"
     return [

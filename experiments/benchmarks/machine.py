@@ -1,4 +1,4 @@
-"""The machine and the packages of a benchmark."""
+"""Describe the machine and the packages of a benchmark."""
 
 import datetime
 import os
@@ -12,7 +12,7 @@ import jax
 import psutil
 
 
-# Ours, what it stands on, and the peers of all benchmarks.
+# jaxcell, its main dependencies, and the peers of all benchmarks.
 PACKAGES = (
     "jaxcell",
     "jax",
@@ -32,7 +32,7 @@ PACKAGES = (
 
 
 def version(package: str) -> str | None:
-    """The installed version of a package, by its name on PyPI; `None` if it is not installed."""
+    """Find the version of a package by its name on PyPI; `None` if it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -40,12 +40,12 @@ def version(package: str) -> str | None:
 
 
 def versions() -> dict[str, str | None]:
-    """The version of each package; `None` if it is not installed."""
+    """Find the version of each package; `None` if it is not installed."""
     return {package: version(package) for package in PACKAGES}
 
 
 def machine() -> dict[str, Any]:
-    """The machine, the time, and how busy it is."""
+    """Describe the machine, the date, and the load."""
     return {
         "cpu": cpu(),
         "cores": os.cpu_count(),
@@ -59,7 +59,7 @@ def machine() -> dict[str, Any]:
 
 
 def cpu() -> str:
-    """The model of the processor, as the system names it."""
+    """Name the model of the processor."""
     file = Path("/proc/cpuinfo")
     if file.exists() and (found := re.search(r"^model name\s*:\s*(.+)$", file.read_text(), re.M)):
         return found[1].strip()

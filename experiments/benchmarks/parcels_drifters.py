@@ -1,8 +1,8 @@
-"""The program of Parcels 3 for `bench_particles.py`, in an environment of its own.
+"""Move drifters by Parcels 3, for `bench_particles.py`.
 
     python parcels_drifters.py IN.npz OUT.npz
 
-Parcels 3 needs zarr 2, and jaxcell zarr 3, so they cannot be installed together.
+The script runs in an environment of its own, because Parcels 3 needs zarr 2, and jaxcell zarr 3.
 """
 
 import sys

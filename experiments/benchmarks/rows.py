@@ -1,14 +1,14 @@
-"""The report of a benchmark: a `Row` for each comparison in the table of all benchmarks.
+"""Report a benchmark: a `Row` for each comparison in the table of all benchmarks.
 
-The convention, which `run.py` (`make bench`) relies on, is short. A script `bench_NAME.py`
+`run.py` (`make bench`) expects that a script `bench_NAME.py`
 
-- takes its options from `options(__doc__, ...)`, so it knows `--rows FILE`;
-- prints what it likes, in full, on standard output;
+- has the options of `options(__doc__, ...)`, with `--rows FILE`;
+- prints its complete results on standard output;
 - ends with `write_rows(arguments.rows, rows)`, where `rows` is its list of `Row`s;
-- stops with an error where results differ, or anything else goes wrong;
-- takes less than 45 s with its default options; what takes longer is behind `--full`.
+- stops with an error if results differ, or anything else goes wrong;
+- takes less than 45 s with its default options; longer parts need `--full`.
 
-`rows_of` makes the rows of the timings of `timing.take_turns`. By hand, a row is
+`rows_of` makes rows from the timings of `timing.take_turns`. A row made by hand is
 
     Row("plans", "plans between all pairs", "1,464 cells", 0.016, "scipy, Dijkstra", 0.188)
 
@@ -35,16 +35,16 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One program of ours, and a peer where there is one.
+    """The times of our program and of a peer.
 
     **Arguments:**
 
     - `benchmark`: the name of the script, without `bench_` and `.py`.
-    - `what`: what both programs find, in few words.
-    - `size`: how large the problem is, with its unit.
+    - `what`: the result of both programs, in few words.
+    - `size`: the size of the problem, with its unit.
     - `ours_s`: the median of our seconds.
-    - `peer`: the peer, and which of its programs; `None` if there is none.
-    - `peer_s`: the median of its seconds; `None` also if it cannot do it.
+    - `peer`: the name of the peer and its program; `None` if there is none.
+    - `peer_s`: the median of its seconds; `None` if there is no peer, or if the peer fails.
     """
 
     benchmark: str
@@ -80,7 +80,10 @@ class Row:
 
     @classmethod
     def from_json(cls, entry: Any) -> "Row":
-        """**Raises:** `ValueError` if `entry` has not the fields of a row."""
+        """Make a row from its JSON.
+
+        **Raises:** `ValueError` if `entry` does not have the fields of a row.
+        """
         names = {field.name for field in dataclasses.fields(cls)}
         if not isinstance(entry, dict) or set(entry) != names | {"ratio"}:
             raise ValueError(f"a row is {entry!r}; expected the fields {sorted(names)} and ratio")
@@ -88,38 +91,43 @@ class Row:
 
 
 def rows_of(benchmark: str, what: str, size: str, timings: "Mapping[str, Timing]") -> list[Row]:
-    """A row for each peer: the programs of `timings` but the first."""
-    ours, *peers = timings
-    seconds = timings[ours].median
-    return [Row(benchmark, what, size, seconds, peer, timings[peer].median) for peer in peers]
+    """Make a row per peer, or one row without a peer; the first program of `timings` is ours."""
+    ours, *peers = (timing.median for timing in timings.values())
+    if not peers:
+        return [Row(benchmark, what, size, ours)]
+    names = list(timings)[1:]
+    return [Row(benchmark, what, size, ours, *peer) for peer in zip(names, peers, strict=True)]
 
 
 def options(doc: str, repeats: int, full: str | None = None) -> argparse.ArgumentParser:
-    """The options that benchmarks share.
+    """Make a parser of the options of all benchmarks.
 
     **Arguments:**
 
     - `doc`: the docstring of the script, whose first line is shown by `--help`.
-    - `repeats`: how often each program is timed, by default.
-    - `full`: what `--full` adds; `None` if there is no such option.
+    - `repeats`: default number of turns of each program.
+    - `full`: the additions of `--full`; `None` if there is no such option.
     """
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=repeats, help="timed turns of each program")
     if full is not None:
         parser.add_argument("--full", action="store_true", help=f"add {full}")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="write rows here, as JSON")
+    parser.add_argument("--rows", type=Path, metavar="FILE", help="file for the rows, as JSON")
     return parser
 
 
 def write_rows(path: Path | None, rows: Sequence[Row]) -> None:
-    """Writes rows to `path`, if there is one."""
+    """Write rows to `path`, unless it is `None`."""
     if path is not None:
         with replacing(path) as file:
             file.write_text(json.dumps([row.to_json() for row in rows], indent=1) + "\n")
 
 
 def read_rows(path: Path) -> list[Row]:
-    """**Raises:** `ValueError` if the file holds no rows, `OSError` if there is none."""
+    """Read the rows of a benchmark.
+
+    **Raises:** `ValueError` if the file has no rows, `OSError` if there is no file.
+    """
     try:
         entries = json.loads(path.read_text())
         if not isinstance(entries, list) or not entries:

@@ -1,4 +1,4 @@
-"""Tasks of `bench_sweep_engine.py`, in a module that workers import."""
+"""Tasks of `bench_sweep_engine.py`, which its workers import."""
 
 import time
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ import xarray as xr
 
 
 def wait(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
-    """Takes `seconds` for the first `slow` members, and no processor."""
+    """Wait for `seconds` if the member is one of the first `slow`."""
     if batch["number"].min() < fixed["slow"]:
         time.sleep(fixed["seconds"])
     return xr.Dataset({"waited": ("member", batch["number"])})
@@ -36,7 +36,7 @@ _kept: list[Any] = []
 
 
 def _summaries() -> Any:
-    """The kernel, compiled once a process."""
+    """Compile the kernel, once per process."""
     if not _kept:
         import jax
 

@@ -1,7 +1,9 @@
-"""Time benchmarks: every program is called once, checked, and then timed in turns."""
+"""Time programs: each is called once, the results are checked, and then the programs take turns."""
 
 import os
+import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -11,7 +13,7 @@ from machine import version
 
 
 class Timing(NamedTuple):
-    """The wall-clock seconds of a program: of its first call, and of the later ones."""
+    """The seconds of a program: its first call, and the least and the median of its turns."""
 
     first: float
     least: float
@@ -23,9 +25,9 @@ class Timing(NamedTuple):
 
 
 def begin(*packages: str) -> None:
-    """Turns on 64-bit numbers, as the command line does, and says what is timed on what.
+    """Turn on 64-bit numbers, as the command line does, and print versions and the machine.
 
-    There is no cache of compiled programs, so first calls compile.
+    First calls compile, because there is no cache of compiled programs.
     """
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_enable_compilation_cache", False)
@@ -34,7 +36,7 @@ def begin(*packages: str) -> None:
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, Any]:
-    """The seconds of one call, until the arrays of its result are there, and the result."""
+    """Time one call until the arrays of its result are computed; return seconds and result."""
     began = time.perf_counter()
     result = jax.block_until_ready(program())
     return time.perf_counter() - began, result
@@ -46,17 +48,17 @@ def take_turns(
     check: Callable[[dict[str, Any]], None] = lambda results: None,
     patience_s: float = 10.0,
 ) -> dict[str, Timing]:
-    """Times several programs side by side.
+    """Time several programs.
 
-    Each is called once, which compiles it, and `check` gets all results, to raise where they
-    differ. Then they take turns.
+    Each program is called once, which compiles it. Then the programs take turns.
 
     **Arguments:**
 
-    - `programs`: by name; the first is ours.
-    - `repeats`: the number of turns.
-    - `patience_s`: a program that has taken more seconds than this in its turns has no further
-        one. A peer whose first call takes that long has none at all, and its first call counts.
+    - `programs`: programs by name; the first is ours.
+    - `repeats`: number of turns.
+    - `check`: a function of all results by name, which raises if they differ.
+    - `patience_s`: seconds after which a program has no further turn. A peer whose first call takes
+        that long has no turn, and its first call counts.
     """
     first, results = {}, {}
     for name, program in programs.items():
@@ -75,5 +77,26 @@ def take_turns(
 
 
 def line(*entries: object) -> None:
-    """Prints a line of a Markdown table, at once."""
+    """Print a line of a Markdown table immediately."""
     print(f"| {' | '.join(map(str, entries))} |", flush=True)
+
+
+def header(*names: str, words: int = 1) -> None:
+    """Print the first lines of a Markdown table whose first `words` columns are text."""
+    line(*names)
+    line(*["---"] * words, *["--:"] * (len(names) - words))
+
+
+def table(title: str, timings: Mapping[str, Timing]) -> None:
+    """Print a Markdown table of programs, with the ratio of each median to that of the first."""
+    print(f"\n### {title}\n")
+    header("program", "first call, s", "least, s", "median, s", "to ours")
+    ours = next(iter(timings.values())).median
+    for name, timing in timings.items():
+        line(name, *(f"{seconds:.4f}" for seconds in timing), f"{timing.median / ours:.2f}")
+
+
+def peak_bytes() -> int:
+    """Return the largest memory of this process so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

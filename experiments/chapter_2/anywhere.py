@@ -1,29 +1,33 @@
-"""Robots that start anywhere: a filter of cells, and sets on walls, against rays of its own.
+"""Compare filters of cells and sets on walls for robots that start anywhere in a room.
 
     python -m experiments.chapter_2.anywhere
 
 A robot starts anywhere in the free space, drives straight until it bumps, turns by its bouncing
-angle, and so on, for `--bumps` bumps. Its clock counts whole steps of the length of a cell, or
-measures runs to 5 cm. The truth is found by rays (`straight_runs.py`), which share no code with the
-library.
+angle, and repeats this for `--bumps` bumps. It measures each run in whole steps of the length of a
+cell, or to 5 cm. Rays that share no code with the library compute the true runs
+(`straight_runs.py`).
 
-The first table, of `--runs` robots with one of the directions of the map as heading: in how many
-the filter of cells loses the robot, which a walker that knows the heading moves from cell to cell
-(1,000 robots), and which moves straight as here; in how many the sets lose it; the extent of the
-sets in the end, median and 90 %; from which bump on it is within half a cell, in the median, and
-the share of robots where it is not in the end; the milliseconds of an observation, in the median,
-after the first and of the first.
+The first table is for `--runs` robots whose heading is one of the directions of the map:
 
-The second table, of `--few` robots of any heading: with errors at their bounds, of all signs, drawn
-at each bump, in how many the sets lose the robot, and their extent after 5, 15 and 50 bumps.
+- `cells, walker` and `cells, straight`: the share of robots that a filter of cells loses, if a
+  walker that knows the heading moves the robot from cell to cell (1,000 robots), and if the robot
+  drives straight as in this experiment;
+- `lost`: the number of robots that the sets on walls lose;
+- `extent (m)` and `90 %`: the median and the 90 % quantile of the extent of the sets at the end;
+- `bumps`: the median number of bumps until the extent stays below half a cell; `never`: the share
+  of robots whose extent is larger at the end;
+- `ms` and `ms, first`: the median time of an observation after the first, and of the first.
+
+The second table is for `--few` robots with any heading. Each error is at its positive or negative
+bound, drawn at each bump. The table has the number of robots that the sets lose, and the median
+extent of the sets after 5, 15 and 50 bumps.
 """
 
-import copy
 import dataclasses
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,7 +38,7 @@ from jaxcell.study import Navigate
 from jaxcell.walls import Errors, WallFilter, WallSet, contains
 
 from ..shared.data import MAPS
-from ..shared.options import experiment_parser, read_options
+from ..shared.options import at_least, experiment_parser, read_options
 from ..shared.report import Rows, emit
 from .straight_runs import Rays, anywhere
 
@@ -49,10 +53,10 @@ ANGLES = {
     "slanted.json": (67.5, 135),
     "arena.json": (70, 130),
 }
-# Share and metres of a run, and degrees of a turn.
+# The bounds of the errors of a run, as a share and in metres, and of a turn, in degrees.
 ERRORS = ((0.0, 0.0, 0.0), (0.01, 0.02, 0.5), (0.02, 0.05, 1.0))
 AFTER = (5, 15, 50)
-# The goals of robots that come home, in metres.
+# The goals of the robots that drive to a goal, in metres.
 GOALS = {
     "lab_a.json": "1.5,0.5",
     "lab_b.json": "1.5,0.5",
@@ -62,52 +66,26 @@ GOALS = {
     "arena.json": "1.55,0.75",
 }
 HOME_ERRORS = ("run=0.01", "distance=0.02", "turn=0.5")
-# Robots that are followed at once, and batches of which one robot is timed by itself.
-AT_ONCE, AT_ONCE_OF_ANY_HEADING, TIMED = 250, 5, 20
+# The number of robots in a batch, and of batches whose first robot is timed alone.
+BATCH, BATCH_OF_ANY_HEADING, TIMED = 250, 5, 20
 
 
-class Sets:
-    """The calls of the library that this experiment makes, for many robots at once."""
+def after_run(filter: WallFilter, state: WallSet | None, bounce: float, run: np.ndarray) -> WallSet:
+    """Turn the sets by the bouncing angle, and return them after the next runs.
 
-    def __init__(
-        self,
-        room: Workspace,
-        bounce: float,
-        headings: int | None,
-        errors: Errors,
-        slices: int,
-        clock: float = 0.0,
-    ) -> None:
-        self.filter = WallFilter.of(
-            room, headings=headings, slices=slices, errors=errors, step=clock
-        )
-        self.bounce = bounce
+    The first sets are `None`, because a robot does not turn before its first run.
+    """
+    return filter.observe(None if state is None else filter.turn(state, bounce), run)
 
-    def fresh(self) -> "Sets":
-        """The same without what it keeps from earlier robots."""
-        new = copy.copy(self)
-        new.filter = dataclasses.replace(self.filter)
-        return new
 
-    def observe(self, state: WallSet | None, run: np.ndarray) -> WallSet:
-        """Make the set after a run, before the turn."""
-        if state is not None:
-            state = self.filter.turn(state, self.bounce)
-        return self.filter.observe(state, run)
-
-    def holds(self, state: WallSet, point: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        """Find the robots in their set; a heading between two slices is in either."""
-        slices = [self.filter.slice_of(heading + by) for by in (-1e-9, 1e-9)]
-        boundary = self.filter.boundary
-        return np.any([contains(boundary, state, one, point) for one in slices], axis=0)
-
-    def extent(self, state: WallSet, robots: int) -> np.ndarray:
-        """The diagonal of the box around the places of each set, in metres."""
-        return self.filter.extent(state, robots)
+def holds(filter: WallFilter, state: WallSet, point: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Test whether each robot is in its set; a heading between two slices belongs to both."""
+    slices = [filter.slice_of(heading + by) for by in (-1e-9, 1e-9)]
+    return np.any([contains(filter.boundary, state, one, point) for one in slices], axis=0)
 
 
 class Robots:
-    """Robots that run from wall to wall, with errors at their bounds."""
+    """Robots that drive from wall to wall. Each error is at its positive or negative bound."""
 
     def __init__(
         self,
@@ -126,7 +104,7 @@ class Robots:
         self.at = np.full(count, -1)
 
     def run(self) -> np.ndarray:
-        """Drive to the next bump; return how far by the measure of each robot."""
+        """Drive to the next bump, and return the distance that each robot measures."""
         length, self.point, self.at = self.rays.run(self.point, self.at, self.heading)
         share, metres = self.signs(self.errors.run), self.signs(self.errors.distance)
         return np.maximum(length * (1 + share) + metres, 0.0)
@@ -135,15 +113,15 @@ class Robots:
         self.heading = self.heading + bounce + self.signs(self.errors.turn)
 
     def signs(self, bound: float) -> np.ndarray:
+        """Draw the sign of an error for each robot."""
         return self.rng.choice([-bound, bound], len(self.point))
 
 
 def cell_filter(cells: CellSpace, bounce: float, runs: int, bumps: int) -> dict[str, float]:
-    """The shares of robots that a filter of cells does not hold."""
-    motion = CELL_BY_CELL
+    """Compute the shares of robots that a filter of cells loses."""
     shift = round(bounce * cells.directions / math.tau)
     filter = localization_filter(bounce_map(cells, bounce)).with_trap()
-    robots = Robots(room_of(cells), runs, cells.directions, Errors(), np.random.default_rng(2))
+    robots = Robots(cells.workspace, runs, cells.directions, Errors(), np.random.default_rng(2))
     state = np.zeros(runs, np.int64)
     for k in range(bumps):
         if k:
@@ -154,71 +132,60 @@ def cell_filter(cells: CellSpace, bounce: float, runs: int, bumps: int) -> dict[
             steps = steps - 1
         state = filter.transition[state, 1]
     return {
-        "cells, walker": sum(filter_shares(filter, cells, shift, motion)),
+        "cells, walker": sum(filter_shares(filter, cells, shift, CELL_BY_CELL)),
         "cells, straight": float((state == filter.trap).mean()),
     }
 
 
-def room_of(cells: CellSpace) -> Workspace:
-    assert cells.workspace is not None
-    return cells.workspace
+class Followed(NamedTuple):
+    """The results of robots that were followed by sets on walls."""
 
-
-@dataclasses.dataclass
-class Followed:
-    """Robots that sets have followed."""
-
-    lost: np.ndarray
-    "A mask of the robots that were out of their set at a bump."
+    lost: int
+    "Number of robots that were outside their set at a bump."
     extent: np.ndarray
-    "The extent of each set after each bump, by bump and robot."
-    first: float
-    later: float
-    "The milliseconds of the first observation and of later ones, in the median."
+    "The extent of each set in metres, `[bumps, robots]`."
+    times: dict[str, float]
+    "The median times in milliseconds of the first observation, and of the later ones."
 
 
 def follow(
-    sets: Sets,
+    filter: WallFilter,
+    bounce: float,
     robots: Callable[[int, np.random.Generator], Robots],
     runs: int,
     bumps: int,
-    at_once: int,
+    batch: int,
 ) -> Followed:
-    """Follow robots, some at once."""
-    lost, extents, first, later = [], [], [], []
-    batches = -(-runs // at_once)
-    for k, rng in enumerate(np.random.default_rng(1).spawn(batches)):
-        some = robots(min(at_once, runs - k * at_once), rng)
+    """Follow `runs` robots in batches; `robots(count, rng)` makes a batch."""
+    lost, extents, first, later = 0, [], [], []
+    for k, rng in enumerate(np.random.default_rng(1).spawn(-(-runs // batch))):
+        some = robots(min(batch, runs - k * batch), rng)
         count = len(some.point)
         out, extent, state, seen = np.zeros(count, bool), [], None, []
         for _ in range(bumps):
             if state is not None:
-                some.turn(sets.bounce)
+                some.turn(bounce)
             seen.append(some.run())
-            state = sets.observe(state, seen[-1])
-            out |= ~sets.holds(state, some.point, some.heading)
-            extent.append(sets.extent(state, count))
-        lost.append(out)
+            state = after_run(filter, state, bounce, seen[-1])
+            out |= ~holds(filter, state, some.point, some.heading)
+            extent.append(filter.extent(state, count))
+        lost += int(out.sum())
         extents.append(extent)
         if k < TIMED:
-            alone = [run[:1] for run in seen]
-            times = milliseconds(sets.fresh(), alone)
+            times = milliseconds(filter, bounce, [run[:1] for run in seen])
             first += times[:1]
             later += times[1:]
-    return Followed(
-        np.concatenate(lost),
-        np.concatenate(extents, axis=1),
-        float(np.median(first)),
-        float(np.median(later)),
-    )
+    times = {"ms": float(np.median(later)), "ms, first": float(np.median(first))}
+    return Followed(lost, np.concatenate(extents, axis=1), times)
 
 
-def milliseconds(sets: Sets, observed: list[np.ndarray]) -> list[float]:
-    """Measure the time of each observation."""
-    times, state = [], None
-    for run in observed:
+def milliseconds(filter: WallFilter, bounce: float, runs: list[np.ndarray]) -> list[float]:
+    """Measure the time of each observation of a robot."""
+    # A copy of the filter has nothing in its caches from earlier robots.
+    filter, times, state = dataclasses.replace(filter), [], None
+    for run in runs:
         began = time.perf_counter()
-        state = sets.observe(state, run)
+        state = after_run(filter, state, bounce, run)
         times.append(1e3 * (time.perf_counter() - began))
     return times
 
@@ -226,61 +193,54 @@ def milliseconds(sets: Sets, observed: list[np.ndarray]) -> list[float]:
 def known_heading(
     cells: CellSpace, bounce: float, clock: float, runs: int, bumps: int
 ) -> dict[str, Any]:
-    """Measure the sets of robots whose heading is one of the directions."""
-    room = room_of(cells)
-    sets = Sets(room, bounce, cells.directions, Errors(), cells.directions, clock)
-    found = follow(
-        sets,
-        lambda count, rng: Robots(room, count, cells.directions, Errors(), rng),
-        runs,
-        bumps,
-        AT_ONCE,
-    )
-    # The bump from which on the robot is within half a cell.
-    far = found.extent > cells.cell / 2
+    """Measure the sets of robots whose heading is one of the directions of the map."""
+    room, headings = cells.workspace, cells.directions
+    filter = WallFilter.of(room, headings=headings, slices=headings, errors=Errors(), step=clock)
+
+    def robots(count: int, rng: np.random.Generator) -> Robots:
+        return Robots(room, count, headings, Errors(), rng)
+
+    lost, extent, times = follow(filter, bounce, robots, runs, bumps, BATCH)
+    # The first bump after which the extent stays below half a cell.
+    far = extent > cells.cell / 2
     within = np.where(far.any(axis=0), bumps + 1 - far[::-1].argmax(axis=0), 1)
     never = far[-1]
     return {
         "clock (m)": clock,
-        "lost": int(found.lost.sum()),
-        "extent (m)": float(np.median(found.extent[-1])),
-        "90 %": float(np.quantile(found.extent[-1], 0.9)),
+        "lost": lost,
+        "extent (m)": float(np.median(extent[-1])),
+        "90 %": float(np.quantile(extent[-1], 0.9)),
         "bumps": float(np.median(np.where(never, np.inf, within))),
         "never": float(never.mean()),
-        "ms": found.later,
-        "ms, first": found.first,
+        **times,
     }
 
 
 def any_heading(
     cells: CellSpace, bounce: float, bounds: tuple[float, float, float], runs: int, slices: int
 ) -> dict[str, Any]:
-    """Measure the sets of robots of any heading, with errors at their bounds."""
-    room = room_of(cells)
+    """Measure the sets of robots with any heading, with errors at their bounds."""
     share, metres, degrees = bounds
     errors = Errors(run=share, distance=metres, turn=math.radians(degrees))
     began = time.perf_counter()
-    sets = Sets(room, bounce, None, errors, slices)
+    filter = WallFilter.of(cells.workspace, headings=None, slices=slices, errors=errors)
     made = time.perf_counter() - began
-    found = follow(
-        sets,
-        lambda count, rng: Robots(room, count, None, errors, rng),
-        runs,
-        max(AFTER),
-        AT_ONCE_OF_ANY_HEADING,
-    )
+
+    def robots(count: int, rng: np.random.Generator) -> Robots:
+        return Robots(cells.workspace, count, None, errors, rng)
+
+    lost, extent, times = follow(filter, bounce, robots, runs, max(AFTER), BATCH_OF_ANY_HEADING)
     return {
         "error": f"{100 * share:g} % + {100 * metres:g} cm, {degrees:g} deg",
-        "lost": int(found.lost.sum()),
-        **{f"after {k}": float(np.median(found.extent[k - 1])) for k in AFTER},
+        "lost": lost,
+        **{f"after {k}": float(np.median(extent[k - 1])) for k in AFTER},
         "made (s)": made,
-        "ms": found.later,
-        "ms, first": found.first,
+        **times,
     }
 
 
 def home(name: str, robots: int, bumps: int) -> dict[str, Any]:
-    """Measure how robots that start anywhere come to a goal, and plans that know their start."""
+    """Compare robots that start anywhere and drive to a goal with plans from known starts."""
     study = Navigate(
         map=MAPS / name,
         goal=GOALS[name],
@@ -292,48 +252,50 @@ def home(name: str, robots: int, bumps: int) -> dict[str, Any]:
         robots=robots,
         bumps=bumps,
     )
-    came: Any = study.run()
+    result: Any = study.run()
     return {
         "case": name.split(".")[0],
-        "lost": came.lost_share,
-        "arrived": came.arrived_share,
-        "bumps": came.median_bumps_until_home,
-        "90 %": float(np.quantile(came.bumps_until_home, 0.9, method="inverted_cdf")),
-        "metres": came.median_metres,
-        "bumps, plan": came.planned_bumps,
-        "metres, plan": came.planned_metres,
+        "lost": result.lost_share,
+        "arrived": result.arrived_share,
+        "bumps": result.median_bumps_until_home,
+        "90 %": float(np.quantile(result.bumps_until_home, 0.9, method="inverted_cdf")),
+        "metres": result.median_metres,
+        "bumps, plan": result.planned_bumps,
+        "metres, plan": result.planned_metres,
     }
 
 
 def main() -> None:
     parser = experiment_parser(__doc__, "runs/chapter_2/anywhere")
     parser.add_argument("--maps", nargs="+", default=list(ANGLES), choices=list(ANGLES))
-    parser.add_argument("--runs", type=int, default=10_000, help="robots of known heading")
-    parser.add_argument("--few", type=int, default=200, help="robots of any heading")
-    parser.add_argument("--home", type=int, default=1000, help="robots that come to a goal")
-    parser.add_argument("--bumps", type=int, default=20)
-    parser.add_argument("--slices", type=int, default=720, help="slices of headings")
-    asked = read_options(parser)
+    parser.add_argument(
+        "--runs", type=at_least(1), default=10_000, help="robots with a heading of the map"
+    )
+    parser.add_argument("--few", type=at_least(1), default=200, help="robots with any heading")
+    parser.add_argument("--home", type=at_least(1), default=1000, help="robots that have a goal")
+    parser.add_argument("--bumps", type=at_least(1), default=20, help="bumps of each robot")
+    parser.add_argument("--slices", type=at_least(1), default=720, help="slices of headings")
+    options = read_options(parser)
     known: Rows = []
     unknown: Rows = []
     homes: Rows = []
-    for name in asked.maps:
+    for name in options.maps:
         cells = CellSpace.load(MAPS / name)
         for degrees in ANGLES[name]:
             bounce, case = math.radians(degrees), f"{name.split('.')[0]} {degrees:g}"
-            whole = cell_filter(cells, bounce, asked.runs, asked.bumps)
+            whole = cell_filter(cells, bounce, options.runs, options.bumps)
             for clock in (cells.cell, 0.05):
-                found = known_heading(cells, bounce, clock, asked.runs, asked.bumps)
-                known.append({"case": case, **whole, **found})
-        # The last of the angles, which tells most places apart.
+                row = known_heading(cells, bounce, clock, options.runs, options.bumps)
+                known.append({"case": case, **whole, **row})
+        # The last of the angles distinguishes most places.
         for bounds in ERRORS:
-            found = any_heading(cells, bounce, bounds, asked.few, asked.slices)
-            unknown.append({"case": case, **found})
-        emit("Headings among the directions", known, asked.out / "known.csv", ".2g")
-        emit("Any heading", unknown, asked.out / "unknown.csv", ".2g")
+            row = any_heading(cells, bounce, bounds, options.few, options.slices)
+            unknown.append({"case": case, **row})
+        emit("Headings among the directions", known, options.out / "known.csv", ".2g")
+        emit("Any heading", unknown, options.out / "unknown.csv", ".2g")
         if name in GOALS:
-            homes.append(home(name, asked.home, 3 * asked.bumps))
-            emit("Home from anywhere", homes, asked.out / "home.csv", ".3g")
+            homes.append(home(name, options.home, 3 * options.bumps))
+            emit("From anywhere to a goal", homes, options.out / "home.csv", ".3g")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Bounces of a Create 2 that a physics engine moves, one by one, for `physics_bounces.py`."""
+"""Single bounces of a Create 2 in a physics engine, for `physics_bounces.py`."""
 
 import concurrent.futures
 import dataclasses
@@ -16,28 +16,32 @@ from jaxcell.space import Workspace
 
 
 HALL = Workspace([(-6, -6), (6, -6), (6, 6), (-6, 6)])
+# The way to the wall, and the farthest that the robot drives beyond it, in metres.
 RUN_UP, AFTER = 0.15, 0.5
-FELT = ("seen", "gained", "error", "late", "aside")
+MEASURED = ("seen", "gained", "error", "late", "aside")
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounce:
-    """A bounce to make: the run at a wall, the bump, and the turn. Angles are in degrees."""
+    """The conditions of a bounce: a run to a wall, a bump, and a turn. Angles are in degrees."""
 
     incidence: float
-    "Of the heading with the normal of the wall; where it is positive the wall is to the left."
+    "Angle of the heading with the normal of the wall; positive if the wall is to the left."
     turn: float
     speed: float
     back: float
-    "Metres that it backs up before it turns."
+    "Metres that the robot backs up before it turns."
     physics: Physics
     latency: float = LATENCY
     phase: float = 0.0
-    "Part of the time slot of the robot, 0 to 1, by which it comes later to the wall."
+    "Delay of the arrival at the wall, as a part 0 to 1 of the time slot of the robot."
 
 
-def made(bounce: Bounce) -> dict[str, float]:
-    """Make a bounce, and measure it by the true pose and by the encoders, in degrees and mm."""
+def measure(bounce: Bounce) -> dict[str, float]:
+    """Simulate a bounce, and measure the true pose and the encoders, in degrees and mm.
+
+    All values are `nan` if the robot does not notice the bump.
+    """
     incidence = math.radians(bounce.incidence)
     heading = math.pi / 2 - incidence
     way = RUN_UP + bounce.phase * 0.015 * bounce.speed
@@ -47,7 +51,7 @@ def made(bounce: Bounce) -> dict[str, float]:
     robot = SimulatedCreate(Emulator(body, line=line))
     moved = robot.forward(way + AFTER, speed=bounce.speed)
     if not moved.bumped:
-        return dict.fromkeys(FELT, math.nan)
+        return dict.fromkeys(MEASURED, math.nan)
     x, _, bumped = body.pose
     toward = math.copysign(1.0, incidence)
     gained, seen = toward * (bumped - heading), toward * moved.angle
@@ -58,7 +62,7 @@ def made(bounce: Bounce) -> dict[str, float]:
         turned = robot.turn(math.radians(bounce.turn), tolerance=math.radians(0.4))
         error = body.pose[2] - before - turned.angle
     except RobotStopped:
-        # With a long latency the turn goes to and fro about its end.
+        # With a long latency the turn oscillates around its end.
         error = math.nan
     return {
         "gained": math.degrees(gained),
@@ -70,8 +74,8 @@ def made(bounce: Bounce) -> dict[str, float]:
 
 
 def batch(bounces: Sequence[Bounce], processes: int) -> dict[str, np.ndarray]:
-    """Make bounces on several processors; `nan` stands where a bump was not felt."""
+    """Measure bounces in several processes, and return an array `[bounces]` per measurement."""
     spawn = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(processes, spawn) as pool:
-        found = list(pool.map(made, bounces, chunksize=20))
-    return {name: np.array([one[name] for one in found]) for name in FELT}
+        results = list(pool.map(measure, bounces, chunksize=20))
+    return {name: np.array([result[name] for result in results]) for name in MEASURED}

@@ -1,34 +1,32 @@
-"""Tables 2.1 and 2.2 of Alam 2018: localization filters of two lab environments, side by side.
+"""Tables 2.1 and 2.2 of Alam 2018: localization filters of two labs, beside those of the source.
 
     python -m experiments.chapter_2.lab_filters
 
-For each environment and bouncing angle: states of the nondeterministic and of the deterministic
-I-state automaton, time of the conversion (JFLAP on an Intel Core i7 at 3.6 GHz in the source), and
-the fewest and most configurations to which the robot can be localized. Collisions are `endpoint`,
-as in the source.
+For each lab and bouncing angle, the table has the numbers of states of the nondeterministic (NFA)
+and of the deterministic I-state automaton (DFA), the time of the conversion (the source used JFLAP
+on an Intel Core i7 at 3.6 GHz), and the least and largest number of configurations to which the
+robot can be localized. Collisions are `endpoint`, as in the source.
 
-Writes `lab_filters.csv`, and `lab_filters.png` with the periodic groups (Figures 2.8(b) and 2.9(b)
-show two of them). Exit status 1 if a row disagrees with the source.
+The script writes `lab_filters.csv`, and `lab_filters.png` with the periodic groups (Figures 2.8(b)
+and 2.9(b) show two of them). The exit status is 1 if a row disagrees with the source.
 """
 
-import csv
 import dataclasses
 import math
 import time
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
 from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import bounce_groups, bounce_map, localization_filter
 from jaxcell.mapping import PeriodicGroups
-from jaxcell.space import ENDPOINT, CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace
 
 from ..shared.data import MAPS
+from ..shared.figures import draw_room, plt, save
 from ..shared.options import experiment_parser, read_options
+from ..shared.report import show, write_csv
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,9 +41,9 @@ class Row:
     least: int
     most: int
     uncertainties: tuple[int, ...] | None
-    "Configurations in each knowledge cycle, where section 2.5.2 tells them."
+    "Number of configurations in each knowledge cycle, or `None` if section 2.5.2 does not have it."
     groups: int | None
-    "Number of periodic groups, where section 2.5.2 tells it."
+    "Number of periodic groups, or `None` if section 2.5.2 does not have it."
 
     def agrees(self, other: "Row") -> bool:
         """Test whether `other` has all numbers of this row, except the time."""
@@ -76,10 +74,8 @@ class Case:
 
 
 def compute(name: str, source: Row) -> Case:
-    workspace = Workspace.load(MAPS / f"{name}.json")
-    if workspace.cell is None or workspace.directions is None:
-        raise ValueError(f"{name}.json: expected the side of a cell and a number of directions")
-    cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
+    """Compute our row beside a row of the source."""
+    cells = CellSpace.load(MAPS / f"{name}.json")
     bounce = math.radians(source.bounce_deg)
     simple_map = bounce_map(cells, bounce, motion=ENDPOINT)
     groups = bounce_groups(cells, bounce, motion=ENDPOINT)
@@ -102,69 +98,38 @@ def compute(name: str, source: Row) -> Case:
 
 
 def report(cases: list[Case]) -> None:
-    table = Table(title="States, seconds and configurations: Tables 2.1 and 2.2", box=SIMPLE_HEAD)
-    table.add_column("environment and bounce", no_wrap=True)
-    for heading in ("NFA", "DFA", "seconds", "localized to", "cycles", "groups"):
-        table.add_column(heading, justify="right")
+    """Print the rows of the source, each with our row below it."""
+    rows = []
     for case in cases:
         same = "agrees" if case.source.agrees(case.ours) else "DISAGREES"
-        for who, row in (
-            (f"{case.source.environment}, {case.source.bounce_deg}°", case.source),
-            (f"  jaxcell {same}", case.ours),
-        ):
-            table.add_row(
-                who,
-                f"{row.nfa_states}",
-                f"{row.dfa_states}",
-                f"{row.seconds:.2g}",
-                f"{row.least} to {row.most}",
-                ", ".join(map(str, row.uncertainties or "-")),
-                f"{row.groups or '-'}",
+        who = f"{case.source.environment}, {case.source.bounce_deg}°"
+        for name, row in ((who, case.source), (f"  jaxcell {same}", case.ours)):
+            rows.append(
+                {
+                    "environment and bounce": name,
+                    "NFA": row.nfa_states,
+                    "DFA": row.dfa_states,
+                    "seconds": float(row.seconds),
+                    "localized to": f"{row.least} to {row.most}",
+                    "cycles": ", ".join(map(str, row.uncertainties or "-")),
+                    "groups": f"{row.groups or '-'}",
+                }
             )
-        table.add_section()
-    Console().print(table)
+    show("States, seconds and configurations: Tables 2.1 and 2.2", rows, ".2g")
     print(
-        "The source shows its maps as pictures only. lab_a is the one arrangement of up to three\n"
-        "rectangles that gives the rows of Figure 2.8(a). lab_b is a stand-in for Figure 2.9(a):\n"
-        "one of several maps that give its rows, and perhaps not the one of the source."
+        "The source shows its maps as pictures only. lab_a is the only arrangement of up to three\n"
+        "rectangles that gives the rows of Figure 2.8(a). lab_b replaces Figure 2.9(a): it is one\n"
+        "of several maps that give its rows, and may differ from the map of the source."
     )
 
 
-def save(cases: list[Case], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        names = [field.name for field in dataclasses.fields(Row)]
-        writer = csv.DictWriter(file, ["from", *names])
-        writer.writeheader()
-        for case in cases:
-            writer.writerow({"from": "Alam 2018", **dataclasses.asdict(case.source)})
-            writer.writerow({"from": "jaxcell", **dataclasses.asdict(case.ours)})
-
-
 def draw(cases: list[Case], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the periodic groups of each case on its map."""
     figure, panels = plt.subplots(2, 2, figsize=(10, 7.4), layout="constrained")
     for axes, case in zip(panels.flat, cases, strict=True):
-        rows, columns = case.cells.free.shape
-        axes.imshow(
-            case.cells.free,
-            origin="lower",
-            cmap="gray",
-            vmin=-0.4,
-            vmax=1,
-            extent=(0, columns, 0, rows),
-        )
-        axes.set_xticks(range(columns + 1))
-        axes.set_yticks(range(rows + 1))
-        axes.grid(color="0.85", linewidth=0.6)
-        axes.tick_params(length=0, labelbottom=False, labelleft=False)
+        draw_room(axes, case.cells.free, grid=True)
         step, group = np.asarray(case.groups.step), np.asarray(case.groups.group)
-        for number, color in zip(
-            range(int(case.groups.count)), ("#0072b2", "#d55e00"), strict=False
-        ):
+        for number, color in enumerate(("#0072b2", "#d55e00")[: int(case.groups.count)]):
             x, y, theta = case.cells.centre(np.flatnonzero((step == 0) & (group == number)))
             arrows = {"angles": "xy", "scale_units": "xy", "scale": 2.2, "width": 0.006}
             label = f"group {number}, period {len(x)}"
@@ -177,19 +142,21 @@ def draw(cases: list[Case], path: Path) -> None:
             fontsize=10,
         )
     figure.suptitle(
-        "Periodic groups in lab_a (Figure 2.8(a)) and lab_b (a stand-in for Figure 2.9(a))"
+        "Periodic groups in lab_a (Figure 2.8(a)) and lab_b (in place of Figure 2.9(a))"
     )
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> int:
-    parser = experiment_parser(__doc__, "runs/chapter_2/lab_filters")
-    options = read_options(parser)
-
+    options = read_options(experiment_parser(__doc__, "runs/chapter_2/lab_filters"))
     configure_jax()
     cases = [compute(name, row) for name, rows in SOURCE.items() for row in rows]
     report(cases)
-    save(cases, options.out / "lab_filters.csv")
+    both = [
+        (who, row) for c in cases for who, row in (("Alam 2018", c.source), ("jaxcell", c.ours))
+    ]
+    rows = [{"from": who, **dataclasses.asdict(row)} for who, row in both]
+    write_csv(rows, options.out / "lab_filters.csv")
     draw(cases, options.out / "lab_filters.png")
     print(f"Data and figure in {options.out}")
     return 0 if all(case.source.agrees(case.ours) for case in cases) else 1

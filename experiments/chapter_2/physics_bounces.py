@@ -1,28 +1,28 @@
-"""By how much a bump turns a robot: bounces of a Create 2 in a physics engine.
+"""Measure how far a bump turns a Create 2 in a physics engine.
 
     python -m experiments.chapter_2.physics_bounces
 
-The model of section 2.3 of Alam 2018 turns a robot by its bouncing angle and by nothing else. A
-real one is turned by the bump, too, until its wheels stand still. A Create 2 in MuJoCo, with its
-driver, runs at a wall `--bounces` times, at incidences up to 85 degrees to either side. It turns by
-45, 90 or 135 degrees, with or without backing up by 2 cm first, for two frictions of the floor,
-three of the wall and three speeds. Written for each bounce:
+In the model of section 2.3 of Alam 2018 a robot turns by its bouncing angle and by nothing else. A
+bump also turns a real robot, until its wheels stand still. Here a Create 2 in MuJoCo, with its
+driver, runs into a wall `--bounces` times, at incidences up to 85 degrees to either side. It turns
+by 45, 90 or 135 degrees, with or without backing up by 2 cm first, for two frictions of the floor,
+three of the wall, and three speeds. The measurements of each bounce are
 
-- `gained`: the turn of the body by the bump, toward the wall, in degrees, and how much of it the
-  encoders have `seen`;
-- `error`: the error of the turn by the bouncing angle that follows;
-- `late`: how much farther than to the wall the robot went by its encoders until it stood, in mm,
-  and how far `aside` along the wall it stands;
-- all are missing where the bump was not felt within 0.5 m.
+- `gained`: the turn of the body by the bump, toward the wall, in degrees; `seen`: the part of this
+  turn that the encoders show;
+- `error`: the error of the following turn by the bouncing angle;
+- `late`: the distance that the encoders show beyond the wall until the robot stands, in mm;
+  `aside`: its final distance along the wall.
 
-Springs, switches, latency and acceleration are assumed as well. The second table varies each by
-itself, at 0.2 m/s. The third has ten measurements that tell a robot's true numbers, with what is
-expected of each, and the least and the most over all assumptions of the second table.
+All are missing if the robot does not notice the bump within 0.5 m.
 
-Writes `bounces.nc`, `bounces.csv`, `assumptions.csv`, `protocol.csv` and `bounces.png`.
+Springs, switches, latency and acceleration are assumptions too. The second table varies one at a
+time, at 0.2 m/s. The third table has ten measurements by which an owner can find the values of a
+real robot: the expected value, and the least and largest over the assumptions of the second table.
+
+The script writes `bounces.nc`, `bounces.csv`, `assumptions.csv`, `protocol.csv` and `bounces.png`.
 """
 
-import argparse
 import dataclasses
 import itertools
 import os
@@ -34,6 +34,8 @@ import xarray as xr
 from jaxcell.record import save_dataset
 from jaxcell.robot.physics import Physics
 
+from ..shared.figures import plt, save
+from ..shared.options import at_least, experiment_parser, read_options
 from ..shared.report import Rows, emit
 from .bounce_batches import Bounce, batch
 
@@ -46,10 +48,10 @@ WORDS = {
     "gained": "turn of the body by the bump, toward the wall",
     "seen": "turn by the bump, toward the wall, that the encoders show",
     "error": "error of the turn after the bump, counterclockwise",
-    "late": "distance by the encoders from the wall to where the robot stood",
+    "late": "distance by the encoders from the wall to the place where the robot stood",
     "aside": "place along the wall where the robot stood",
 }
-# One by one, at 0.2 m/s: the least and the most that a real robot may have.
+# The least and the largest value that a real robot may have, by the assumption that varies.
 ASSUMED: dict[str, tuple[dict[str, float], ...]] = {
     "as assumed": ({},),
     "floor friction 0.4, 1.0": ({"floor": 0.4}, {"floor": 1.0}),
@@ -59,7 +61,7 @@ ASSUMED: dict[str, tuple[dict[str, float], ...]] = {
     "acceleration 0.9, 3.6 m/s²": ({"acceleration": 0.9}, {"acceleration": 3.6}),
     "latency 0, 30 ms": ({"latency": 0.0}, {"latency": 0.03}),
 }
-# Incidence in degrees, speed, backing up, and what is measured; the turn is by 135 degrees.
+# Incidence in degrees, speed in m/s, metres to back up, and quantity; turns are 135 degrees.
 PROTOCOL = (
     (0, 0.2, 0.0, "gained"),
     (30, 0.2, 0.0, "gained"),
@@ -82,11 +84,13 @@ def bounce(
     phase: float = 0.0,
     **assumed: float,
 ) -> Bounce:
+    """Make the conditions of a bounce from the parameters of `Physics`, and `latency`."""
     latency = {"latency": assumed.pop("latency")} if "latency" in assumed else {}
     return Bounce(incidence, turn, speed, back, Physics(**assumed), phase=phase, **latency)
 
 
 def statistics(count: int, processes: int) -> xr.Dataset:
+    """Measure `count` bounces under all combinations of conditions."""
     rng = np.random.default_rng(0)
     cases = list(itertools.product(FLOORS, WALLS, SPEEDS, TURNS, BACKS))
     drawn = [cases[index % len(cases)] for index in range(count)]
@@ -117,39 +121,45 @@ def statistics(count: int, processes: int) -> xr.Dataset:
     )
 
 
+def chosen(found: xr.Dataset, speed: float, wall: float, incidence: float) -> xr.Dataset:
+    """Select the bounces with these conditions, to either side."""
+    same = (found.speed == speed) & (found.wall == wall) & (abs(found.incidence) == incidence)
+    return found.isel(bounce=np.flatnonzero(same))
+
+
 def rows(found: xr.Dataset) -> Rows:
+    """Tabulate means over bounces by speed, friction of the wall, and incidence."""
     table: Rows = []
-    steep = np.abs(found.incidence)
-    for speed, wall in itertools.product(SPEEDS, WALLS):
-        for incidence in INCIDENCES:
-            some = (found.speed == speed) & (found.wall == wall) & (steep == incidence)
-            one = found.isel(bounce=np.flatnonzero(some))
-            if not one.bounce.size:
-                continue
-            stands = one.isel(bounce=np.flatnonzero(one.back == 0))
-            backed = one.isel(bounce=np.flatnonzero(one.back > 0))
-            table.append(
-                {
-                    "speed, wall": f"{speed:g} m/s, {wall:g}",
-                    "incidence, deg": str(incidence),
-                    "bounces": one.bounce.size,
-                    "not felt, %": 100 * float(np.isnan(one.gained).mean()),
-                    "turn by, the bump": float(one.gained.mean()),
-                    "spread": float(one.gained.std()),
-                    "unseen": float((one.gained - one.seen).mean()),
-                    "error of the, turn": float(abs(stands.error).mean()),
-                    "after, backing": float(abs(backed.error).mean()),
-                    "late, mm": float(one.late.mean()),
-                    "its, spread": float(one.late.std()),
-                }
-            )
+    for speed, wall, incidence in itertools.product(SPEEDS, WALLS, INCIDENCES):
+        one = chosen(found, speed, wall, incidence)
+        if not one.bounce.size:
+            continue
+        error = abs(one.error)
+        table.append(
+            {
+                "speed, wall": f"{speed:g} m/s, {wall:g}",
+                "incidence, deg": str(incidence),
+                "bounces": one.bounce.size,
+                "not felt, %": 100 * float(np.isnan(one.gained).mean()),
+                "turn by, the bump": float(one.gained.mean()),
+                "spread": float(one.gained.std()),
+                "unseen": float((one.gained - one.seen).mean()),
+                "error of the, turn": float(error[one.back.values == 0].mean()),
+                "after, backing": float(error[one.back.values > 0].mean()),
+                "late, mm": float(one.late.mean()),
+                "its, spread": float(one.late.std()),
+            }
+        )
     return table
 
 
 def measured(
     jobs: list[tuple[float, float, float, str, dict[str, float]]], phases: int, processes: int
 ) -> np.ndarray:
-    """The mean and the standard deviation of each measurement over the phases of the time slot."""
+    """Compute the mean and the standard deviation of each measurement over phases of the time slot.
+
+    The result is an array `[jobs, 2]`.
+    """
     bounces = [
         bounce(incidence, speed, back, phase=phase / phases, **assumed)
         for incidence, speed, back, _, assumed in jobs
@@ -161,6 +171,7 @@ def measured(
 
 
 def assumptions(phases: int, processes: int) -> tuple[Rows, Rows]:
+    """Tabulate the measurements under all assumptions, and as a protocol for a real robot."""
     variants = [(name, values) for name, some in ASSUMED.items() for values in some]
     jobs = [(*job, values) for _, values in variants for job in PROTOCOL]
     found = measured(jobs, phases, processes).reshape(len(variants), len(PROTOCOL), 2)
@@ -191,46 +202,35 @@ def assumptions(phases: int, processes: int) -> tuple[Rows, Rows]:
 
 
 def _rounded(value: float) -> float:
-    # A zero without a sign.
+    # The sum turns -0.0 into 0.0.
     return round(float(value), 2) + 0.0
 
 
 def draw(found: xr.Dataset, path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the turn by the bump against the incidence."""
     figure, panels = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", sharey=True)
     colors, marks = ("#0072b2", "#d55e00", "#009e73"), "osD"
-    steep = np.abs(found.incidence)
     for panel, speed in zip(panels, SPEEDS, strict=True):
         for wall, color, mark in zip(WALLS, colors, marks, strict=True):
-            means, spreads = [], []
-            for incidence in INCIDENCES:
-                some = (found.speed == speed) & (found.wall == wall) & (steep == incidence)
-                means.append(float(found.gained[some].mean()))
-                spreads.append(float(found.gained[some].std()))
+            gained = [chosen(found, speed, wall, incidence).gained for incidence in INCIDENCES]
+            means, spreads = [float(x.mean()) for x in gained], [float(x.std()) for x in gained]
             style = {"color": color, "marker": mark, "markersize": 5, "capsize": 3}
-            panel.errorbar(
-                INCIDENCES, means, spreads, label=f"friction of the wall {wall}", **style
-            )
+            label = f"friction of the wall {wall}"
+            panel.errorbar(INCIDENCES, means, spreads, label=label, **style)
         panel.set_title(f"{speed} m/s", fontsize=10)
         panel.set_xlabel("incidence, degrees (0: head-on)")
         panel.grid(color="0.9")
     panels[0].set_ylabel("turn toward the wall by the bump, degrees")
     panels[0].legend(frameon=False, fontsize=8, loc="upper left")
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/physics_bounces"))
-    parser.add_argument("--bounces", type=int, default=8000)
-    parser.add_argument("--phases", type=int, default=20, help="bounces of each measurement")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+def main() -> None:
+    parser = experiment_parser(__doc__, "runs/chapter_2/physics_bounces")
+    parser.add_argument("--bounces", type=at_least(1), default=8000, help="number of bounces")
+    parser.add_argument("--phases", type=at_least(1), default=20, help="bounces per measurement")
+    parser.add_argument("--processes", type=at_least(1), default=os.cpu_count())
+    options = read_options(parser)
 
     found = statistics(options.bounces, options.processes)
     found.attrs["physics"] = str(dataclasses.asdict(Physics()))
@@ -241,8 +241,7 @@ def main() -> int:
     emit("The ten measurements under other assumptions", table, options.out / "assumptions.csv")
     emit("Ten measurements on a real robot", protocol, options.out / "protocol.csv", spec=".2f")
     print(f"Data and figure in {options.out}")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

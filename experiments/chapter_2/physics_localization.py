@@ -1,32 +1,33 @@
-"""Five estimators on a Create 2 in a physics engine: right, wrong or lost.
+"""Measure how often estimators localize a Create 2 in a physics engine rightly.
 
     python -m experiments.chapter_2.physics_localization --maps lab_b --runs 20
 
-What a user learns before buying a robot. On each map, with the true radius of a Create 2, `jaxcell
-localize` makes a filter of one bouncing angle, a policy and a belief of two, a belief that knows
-what a bump does to the robot, and sets on walls for a robot that starts anywhere at any heading. A
-cloud of particles slips as that belief does, with the angle of the filter. Each then localizes a
-robot in MuJoCo, through the driver; filter and particles follow the same robot. All but the sets
-start from the centre of a random cell, with the heading known to the walker. A run ends
+The results predict what a user may expect from a real robot. On each map, with the true radius of a
+Create 2, `jaxcell localize` makes a filter of one bouncing angle, a policy and a belief of two, a
+belief that models the effect of a bump on the robot, and sets on walls, without and with this
+effect, for a robot that starts anywhere with any heading. Particles slip as that belief does, with
+the angle of the filter. Each estimator then localizes a robot in MuJoCo, through the driver; filter
+and particles follow the same robot. Except for the sets on walls, a robot starts from the centre of
+a random cell, and the walker knows its heading. A run ends
 
-- `right`: localized, with the place of the robot among those that are left;
-- `wrong`: localized, and it is elsewhere;
-- `lost`: it observed what cannot be on the map, or the driver stopped it;
-- `unfinished`: neither after `--limit` observations.
+- `right`: localized, and the robot is in one of the remaining places;
+- `wrong`: localized, but the robot is elsewhere;
+- `lost`: an observation was impossible on the map, or the driver stopped the robot;
+- `unfinished`: none of these after `--limit` observations.
 
-Bumps and seconds of the robot are means over the runs that were localized. `holds` is the share of
-all observations after which the answer (the cells of a filter or a policy, the 95 % credible set of
-a belief or of particles, the sets on walls) has the robot in it. A credible set is made of whole
-cells, so it holds more than 95 %, and a belief of which one cell has 99 % is never a set of 95 %.
-`exactly` is the share of sets of exactly 95 %: their last cell counts by the part of its
-probability that makes up the 95 %. For a belief that is right this is 95 % whatever the robot does;
-`±` is the standard error. `at the end` is the same for the last observation of each run.
+Bumps and seconds of the robot are means over the localized runs. The answer is the cells of a
+filter or a policy, the 95 % credible set of a belief or of particles, or the sets on walls. `holds`
+is the share of observations after which the answer contains the robot. A credible set consists of
+whole cells, so its probability exceeds 95 %; if a cell has 99 %, no set has exactly 95 %.
+`exactly` corrects for this: the last cell of a set counts by the part of its probability that
+completes 95 %. For a correct belief this is 95 % whatever the robot does. `±` is the standard
+error. `at the end` is the same share for the last observation of each run.
 
 The turn and the skid by a bump are those of measurements 3 and 1 of `physics_protocol.csv`, at
-0.2 m/s, and the slip is the drift of the heading on a metre, rounded up: all three were fixed
-before these runs. `belief, calibrated, fine` has four times as many fine cells.
+0.2 m/s, and the slip is the drift of the heading per metre, rounded up. All three were fixed before
+these runs. `belief, calibrated, fine` has four times as many fine cells.
 
-`runs.csv` has each run as it ends. A script that was cut off goes on from there.
+`runs.csv` has each run as it ends. The same command continues an interrupted script.
 """
 
 import argparse
@@ -62,11 +63,15 @@ from ..shared.report import Rows, emit
 
 SLIP, BUMP_TURN, BUMP_SKID = 0.003, 2.0, 0.012
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
+KNOWN_BOUNDS = f"run=0.01 distance=0.05 turn=1 bump_turn={BUMP_TURN} displacement=0.06"
 FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
-FINE = "belief, calibrated, fine"
+FINE, KNOWING = "belief, calibrated, fine", "sets, from anywhere, calibrated"
 ANGLES = ["--bounces", "45", "135"]
 CALIBRATED = f"--slip {SLIP} --bump-turn {BUMP_TURN} --bump-skid {BUMP_SKID}".split()
+FROM_ANYWHERE = (
+    "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5"
+)
 ESTIMATORS = {
     FILTER: (["--bounce", "135"], "filter.jxf"),
     PARTICLES: (["--bounce", "135"], "filter.jxf"),
@@ -74,20 +79,17 @@ ESTIMATORS = {
     PLAIN: ([*ANGLES, "--slip", str(SLIP)], "belief.jxb"),
     BELIEF: ([*ANGLES, *CALIBRATED], "belief.jxb"),
     FINE: ([*ANGLES, *CALIBRATED, "--max-fine-cells", "1600000"], "belief.jxb"),
-    ANYWHERE: (
-        "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5 "
-        f"--errors {BOUNDS}".split(),
-        "anywhere.json",
-    ),
+    ANYWHERE: (f"{FROM_ANYWHERE} --errors {BOUNDS}".split(), "anywhere.json"),
+    KNOWING: (f"{FROM_ANYWHERE} --errors {KNOWN_BOUNDS}".split(), "anywhere.json"),
 }
-# The estimators of one robot: those that do not choose angles.
-TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,)
+# Estimators that choose no angles can follow the same robot.
+TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (FINE,), (ANYWHERE,), (KNOWING,)
 SHARE = 0.95
 ENDS = ("right", "wrong", "lost", "unfinished")
 
 
 class Run(NamedTuple):
-    """The end of a run, and the answers along it."""
+    """The end of a run, and how often its answers contained the robot."""
 
     map: str
     by: str
@@ -97,15 +99,15 @@ class Run(NamedTuple):
     seconds: float
     observations: int
     held: int
-    "Number of observations after which the robot was in the answer."
+    "Number of observations after which the answer contained the robot."
     exactly: float
-    "The same of sets of exactly 95 %."
+    "Number of observations after which a set of exactly 95 % contained the robot."
     last: float
-    "The term of the last observation in `exactly`."
+    "Contribution of the last observation to `exactly`, 0 to 1."
 
 
 class Listener:
-    """An estimator that follows a robot, and how often its answers held the robot."""
+    """An estimator that follows a robot, with a record of its answers."""
 
     def __init__(self, follower: Any) -> None:
         self.follower = follower
@@ -114,13 +116,16 @@ class Listener:
         self.parts: list[float] = []
 
     def add(self, bump: int, seconds: float, held: bool, part: float) -> None:
-        """Note an observation, after which the answer held the robot or not."""
+        """Record an observation: 1 for a bump, the time, and if its answer contains the robot.
+
+        `part` replaces `held` for a set of exactly 95 %.
+        """
         self.bumps, self.seconds = self.bumps + bump, seconds
         self.held.append(held)
         self.parts.append(part)
 
     def judge(self, observation: int, at: int, seconds: float) -> None:
-        """Note whether the answer after an observation and a turn has the robot in it."""
+        """Record an observation after which the robot is in the cell `at`."""
         cells = [] if self.follower.result == "refuted" else list(self.follower.cells)
         part = float(at in cells)
         if part and isinstance(self.follower, BeliefFollower) and at == cells[-1]:
@@ -129,7 +134,7 @@ class Listener:
         self.add(observation, seconds, at in cells, part)
 
     def run(self, name: str, by: str, seed: int, *, stopped: bool) -> Run:
-        """Describe the run, which the driver may have stopped."""
+        """Summarize the run; `stopped` if the driver stopped the robot."""
         ends = {"localized": "right" if self.held and self.held[-1] else "wrong", "refuted": "lost"}
         result = self.follower.result
         end = ends.get(result, "lost" if stopped else "unfinished")
@@ -141,7 +146,7 @@ class Listener:
 
 
 class ParticleFollower(BeliefFollower):
-    """Particles along a run with one bouncing angle."""
+    """Particles that follow a robot with one bouncing angle."""
 
     @property
     def turn(self) -> int | None:
@@ -150,13 +155,13 @@ class ParticleFollower(BeliefFollower):
 
 
 def make(name: str, estimator: str, out: Path) -> Path:
-    """Make the file of an estimator of a map by the command, unless the file exists."""
+    """Make the file of an estimator with `jaxcell localize`, unless the file exists."""
     options, file = ESTIMATORS[estimator]
     folder = out / "files" / f"{name}, {estimator}"
     if not (folder / file).exists():
         command = [sys.executable, "-m", "jaxcell", "localize", str(MAPS / f"{name}.json")]
         command += [*options, "--robot-radius", str(RADIUS), "--out", str(folder)]
-        # A policy that cannot tell all cells apart has status 1.
+        # The exit status is 1 for a policy that cannot distinguish all cells.
         subprocess.run(command, check=False, capture_output=True)
     return folder / file
 
@@ -171,8 +176,9 @@ def problem(path: Path, name: str) -> tuple[Any, CellSpace]:
 
 def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
     """Localize one robot by one estimator, or by several that choose no angles."""
-    if ANYWHERE in paths:
-        return [run_anywhere(paths[ANYWHERE], name, seed, limit)]
+    for by in (ANYWHERE, KNOWING):
+        if by in paths:
+            return [run_anywhere(paths[by], name, by, seed, limit)]
     tasks = {by: problem(path, name)[0] for by, path in paths.items()}
     _, cells = problem(next(iter(paths.values())), name)
     rng = np.random.default_rng([23, seed])
@@ -206,12 +212,12 @@ def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
 
 
 def angles(task: Any) -> tuple[float, ...]:
-    """List the angles that a follower chooses from, or the one of a filter."""
+    """List the angles from which a follower chooses, or the single angle of a filter."""
     return (task.bounce,) if hasattr(task, "filter") else tuple(task.bounces)
 
 
 def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
-    """Make the follower of a run."""
+    """Make the follower that runs an estimator."""
     if by == PARTICLES:
         slip = Slip.of(
             SLIP,
@@ -225,8 +231,8 @@ def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
     return PolicyFollower(task.policy) if hasattr(task, "policy") else FilterFollower(task.filter)
 
 
-def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
-    """Localize one robot that starts anywhere at any heading."""
+def run_anywhere(path: Path, name: str, by: str, seed: int, limit: int) -> Run:
+    """Localize one robot that starts anywhere with any heading."""
     task, cells = problem(path, name)
     rng = np.random.default_rng([29, seed])
     x, y = places_anywhere(room(cells), 1, rng)[0].tolist()
@@ -248,14 +254,16 @@ def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
                 walker.rotate(turn)
     except RobotStopped:
         stopped = True
-    return listener.run(name, ANYWHERE, seed, stopped=stopped)
+    return listener.run(name, by, seed, stopped=stopped)
 
 
 def is_held(follower: SetFollower, pose: tuple[float, float, float], reach: float) -> bool:
-    """Check that a robot which has backed off is as near to its set as its errors allow."""
+    """Test whether a robot that backed off is as close to its set as its errors allow."""
     state, filter = follower.state, follower.settings.filter
     boundary = filter.boundary
-    slices = np.unique(filter.slice_of(pose[2] + filter.errors.turn * np.linspace(-1, 1, 61)))
+    # The set has the heading before the bump, which turned the robot.
+    turn = filter.errors.turn + filter.errors.bump_turn
+    slices = np.unique(filter.slice_of(pose[2] + turn * np.linspace(-1, 1, 61)))
     near = state.take(np.isin(state.slice, slices))
     begin, end = (boundary.point(near.wall, arc) for arc in (near.begin, near.end))
     along = end - begin
@@ -283,10 +291,10 @@ def row(name: str, by: str, runs: list[Run]) -> dict[str, Any]:
     )
     percent = 100 / max(count.sum(), 1)
     summary = {"map": name, "by": by, "runs": len(runs), **shares, "bumps": bumps, "s": seconds}
-    # A policy has cells at bumps only.
+    # A policy has an answer at bumps only.
     summary["holds, %"] = math.nan if by == POLICY else percent * held.sum()
     if "belief" in by or by == PARTICLES:
-        # Robots are independent, and observations of one are not.
+        # Robots are independent, but the observations of one robot are not.
         share = exactly.sum() / max(count.sum(), 1)
         error = percent * float(np.sqrt(((exactly - share * count) ** 2).sum()))
         summary |= {"exactly, %": percent * exactly.sum(), "±": error}
@@ -299,8 +307,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/physics_localization"))
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex", "cafe", "depot"])
     parser.add_argument("--by", nargs="+", choices=ESTIMATORS, default=list(ESTIMATORS))
-    parser.add_argument("--runs", type=int, default=200, help="runs of each map and estimator")
-    parser.add_argument("--limit", type=int, default=300)
+    parser.add_argument("--runs", type=int, default=200, help="runs per map and estimator")
+    parser.add_argument("--limit", type=int, default=300, help="most observations of a run")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -342,7 +350,7 @@ def main() -> int:
 
 
 def read(path: Path) -> list[Run]:
-    """Read the runs of a file, if there is one."""
+    """Read the runs of a file; none if there is no file."""
     if not path.exists():
         return []
     kinds = Run.__annotations__
@@ -354,7 +362,7 @@ def read(path: Path) -> list[Run]:
 
 
 def write_table(runs: list[Run], out: Path) -> None:
-    """Write the table of all runs."""
+    """Print the table of all runs, and write it as CSV."""
     table: Rows = []
     for name, by in itertools.product(dict.fromkeys(one.map for one in runs), ESTIMATORS):
         if some := [one for one in runs if (one.map, one.by) == (name, by)]:

@@ -2,22 +2,22 @@
 
     python -m experiments.chapter_2.robot_noise
 
-The robot of section 2.4 of Alam 2018 is taken to do as the model says. A real one slips: here every
-step and every turn is off by a relative error that is drawn each time, and the heading veers on the
-way. The encoders and the filter do not see these errors. A run ends in one of four ways:
+The robot of section 2.4 of Alam 2018 follows its model exactly. A real robot slips: here each step
+and each turn has a random relative error, and the heading changes while the robot drives. The
+encoders and the filter do not see these errors. A run ends in one of four ways:
 
-- `right`: localized, with the cell where it is among those that are left;
-- `wrong`: localized, and it is elsewhere;
-- `refuted`: it observed what cannot be in the map, so it knows that it is lost;
-- `unfinished`: neither after 300 observations, or it backed into a wall on its way from a bump.
+- `right`: localized, and the robot is in one of the remaining cells;
+- `wrong`: localized, but the robot is elsewhere;
+- `refuted`: an observation was impossible on the map, so the robot knows that it is lost;
+- `unfinished`: none of these after 300 observations, or the robot backed into a wall after a bump.
 
-Each of `--starts` configurations of a map, drawn at random, begins a run. The whole driver, with
-its commands and its odometry, moves the emulated robot, on one clock. In the maps of two lab rooms
-the robot is a point among cells of 1 m; in `cafe` it is a disc of the size of a Create among cells
-of 25 cm, and the same slip leads it into another cell sooner.
+Runs begin at `--starts` random configurations of each map. The whole driver, with its commands and
+its odometry, moves the emulated robot. On the maps of two labs the robot is a point among cells of
+1 m. On `cafe` it is a disc of the size of a Create among cells of 25 cm, so the same slip leads it
+into another cell sooner.
 
-Writes `robot_noise.csv`, `robot_noise.nc` and `robot_noise.png`. Exit status 1 if a robot that does
-not slip is not localized rightly.
+The script writes `robot_noise.csv`, `robot_noise.nc` and `robot_noise.png`. The exit status is 1 if
+a robot that does not slip is not localized rightly.
 """
 
 import concurrent.futures
@@ -30,8 +30,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from rich.progress import track
-from scipy.stats import binomtest
 
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
@@ -39,11 +37,12 @@ from jaxcell.robot import FilterFollower, Walker, cell_strides, run_follower
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.space import CellSpace, Workspace, free_steps
+from jaxcell.space import CellSpace, free_steps
 
 from ..shared.data import MAPS
-from ..shared.options import experiment_parser, read_options
-from ..shared.report import Rows, emit, say
+from ..shared.figures import plt, save
+from ..shared.options import at_least, experiment_parser, read_options
+from ..shared.report import Rows, emit, interval, say, tracked
 
 
 CASES = [("lab_a", 45), ("lab_a", 135), ("lab_b", 45), ("lab_b", 135), ("cafe", 67.5)]
@@ -54,11 +53,8 @@ LIMIT = 300
 
 @functools.cache
 def problem(name: str, bounce_deg: float) -> tuple[CellSpace, Filter]:
-    """The cells of a map and their filter, by Eq. 2.4."""
-    workspace = Workspace.load(MAPS / f"{name}.json")
-    assert workspace.cell is not None
-    assert workspace.directions is not None
-    cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
+    """Load the cells of a map, and make their filter by Eq. 2.4."""
+    cells = CellSpace.load(MAPS / f"{name}.json")
     target = free_steps(cells)
     direction = np.arange(cells.directions)[:, None]
     turned = (direction + round(bounce_deg * cells.directions / 360)) % cells.directions
@@ -68,7 +64,7 @@ def problem(name: str, bounce_deg: float) -> tuple[CellSpace, Filter]:
 
 
 def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, int]:
-    """Run once; return the end of the run and the number of observations."""
+    """Simulate a run, and return how it ends and its number of observations."""
     cells, filter = problem(name, bounce_deg)
     body = Body.in_cell(cells, start, noise, np.random.default_rng([0, start]))
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
@@ -90,7 +86,7 @@ def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, in
 
 
 def runs(name: str, bounce_deg: float, noise: float, starts: int) -> tuple[np.ndarray, float]:
-    """Count the ends of runs, and average the observations of the localized runs."""
+    """Count the runs by their ends, and average the observations of the localized runs."""
     size = problem(name, bounce_deg)[0].size
     drawn = np.random.default_rng(0).choice(size, min(starts, size), replace=False)
     ends = [run(name, bounce_deg, noise, start) for start in drawn.tolist()]
@@ -99,35 +95,26 @@ def runs(name: str, bounce_deg: float, noise: float, starts: int) -> tuple[np.nd
     return count, float(np.mean(lengths)) if lengths else math.nan
 
 
-def interval(successes: int, trials: int) -> tuple[float, float]:
-    """The 95 % confidence interval of a proportion."""
-    bounds = binomtest(successes, trials).proportion_ci(method="wilson")
-    return float(bounds.low), float(bounds.high)
-
-
 def compute(starts: int, processes: int) -> xr.Dataset:
+    """Simulate the runs of all maps and errors."""
     jobs = list(itertools.product(CASES, NOISE))
     spawn = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(processes, spawn) as pool:
-        # The longest first, so that no process waits for one at the end.
-        order = sorted(range(len(jobs)), key=lambda job: -jobs[job][1])
-        tasks = {job: pool.submit(runs, *jobs[job][0], jobs[job][1], starts) for job in order}
-        found = [tasks[job].result() for job in track(order, "runs", transient=True)]
-    results = [found[order.index(job)] for job in range(len(jobs))]
+        # The longest jobs first, so that no process waits for one at the end.
+        order = sorted(jobs, key=lambda job: -job[1])
+        tasks = {(case, noise): pool.submit(runs, *case, noise, starts) for case, noise in order}
+        results = [tasks[job].result() for job in tracked(jobs, "runs")]
     shape = len(CASES), len(NOISE)
     count = np.array([count for count, _ in results]).reshape(*shape, len(ENDS))
     length = np.array([length for _, length in results]).reshape(shape)
     right, total = count[..., 0].ravel().tolist(), count.sum(axis=-1).ravel().tolist()
     ends = np.array([interval(*one) for one in zip(right, total, strict=True)]).reshape(*shape, 2)
+    mean = {"long_name": "mean number of observations of localized runs"}
     return xr.Dataset(
         {
-            "runs": (("case", "noise", "end"), count, {"long_name": "runs that ended so"}),
+            "runs": (("case", "noise", "end"), count, {"long_name": "number of runs by their end"}),
             "success": (("case", "noise", "bound"), ends, {"long_name": "95 % Wilson interval"}),
-            "observations": (
-                ("case", "noise"),
-                length,
-                {"long_name": "mean number of observations of the localized"},
-            ),
+            "observations": (("case", "noise"), length, mean),
         },
         coords={
             "case": [f"{name}, {angle}°" for name, angle in CASES],
@@ -135,32 +122,27 @@ def compute(starts: int, processes: int) -> xr.Dataset:
             "end": list(ENDS),
             "bound": ["low", "high"],
         },
-        attrs={
-            "title": "Localization of a robot that slips",
-            "starts": starts,
-            "limit": LIMIT,
-        },
+        attrs={"title": "Localization of a robot that slips", "starts": starts, "limit": LIMIT},
     )
 
 
 def rows(results: xr.Dataset) -> Rows:
+    """Tabulate the ends of runs by map and error."""
     table: Rows = []
     for case, noise in itertools.product(results.case.values, results.noise.values):
         one = results.sel(case=case, noise=noise)
         count = one.runs.values
         total = count.sum()
         low, high = (100 * one.success.values).tolist()
-        shares = dict(zip(ENDS, (100 * count / total).tolist(), strict=True))
+        right, *others = (100 * count / total).tolist()
         table.append(
             {
                 "map and bounce": str(case),
                 "noise, %": float(100 * noise),
                 "runs": int(total),
-                "right, %": shares["right"],
+                "right, %": right,
                 "95 %, interval": f"{low:.1f} to {high:.1f}",
-                "wrong, %": shares["wrong"],
-                "refuted, %": shares["refuted"],
-                "unfinished, %": shares["unfinished"],
+                **{f"{end}, %": share for end, share in zip(ENDS[1:], others, strict=True)},
                 "observations": float(one.observations),
             }
         )
@@ -168,11 +150,7 @@ def rows(results: xr.Dataset) -> Rows:
 
 
 def draw(results: xr.Dataset, path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the shares of the ends of runs against the error."""
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained", sharey=True)
     colors, marks = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000"), "osD^v"
     noise = 100 * results.noise.values
@@ -193,27 +171,22 @@ def draw(results: xr.Dataset, path: Path) -> None:
         axes.grid(color="0.9")
         axes.set_ylim(-2, 102)
         axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> int:
     parser = experiment_parser(__doc__, "runs/chapter_2/robot_noise")
-    parser.add_argument("--starts", type=int, default=40, help="runs of each map and noise")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--starts", type=at_least(1), default=40, help="runs per map and error")
+    parser.add_argument("--processes", type=at_least(1), default=os.cpu_count())
     options = read_options(parser)
 
     results = compute(options.starts, options.processes)
-    emit(
-        "How runs end",
-        rows(results),
-        options.out / "robot_noise.csv",
-        spec=".1f",
-        **{"noise, %": ".2f"},
-    )
+    path = options.out / "robot_noise.csv"
+    emit("Ends of runs", rows(results), path, spec=".1f", **{"noise, %": ".2f"})
     say(
-        """At most noise levels a robot that slips is refuted more often than it is localized
-        wrongly: what it observes fits no configuration of the map, so it knows that it is lost and
-        can begin again. But wrong answers are not rare: the filter does not know of noise."""
+        """For most errors, a robot that slips is refuted more often than it is localized wrongly:
+        its observations fit no configuration of the map, so it knows that it is lost and can begin
+        again. Wrong answers are not rare, because the filter has no model of the errors."""
     )
     save_dataset(results, options.out / "robot_noise.nc")
     draw(results, options.out / "robot_noise.png")

@@ -1,6 +1,6 @@
-"""Runs of emulated robots that slip, for the experiments with estimators."""
+"""Run emulated robots that slip, for the experiments with estimators."""
 
-from collections.abc import Iterator
+import contextlib
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from jaxcell.space import CellSpace
 
 
 Run = list[tuple[int, tuple[float, float, float]]]
-"Each observation of a run, with the pose after it."
+"The observations of a run, each with the pose `(x, y, heading)` after it."
 
 
 def robot(
     cells: CellSpace, noise: float, seed: int, *, driver: bool = False
 ) -> tuple[Walker, Body]:
-    """A robot at the centre of a random cell, in whose direction it takes itself to look."""
+    """Place a robot at the centre of a random cell, and return its walker and its body.
+
+    The walker assumes that the robot has the direction of the cell.
+    """
     rng = np.random.default_rng([17, seed])
     start = int(rng.integers(cells.size))
     body = Body.in_cell(cells, start, noise, rng)
@@ -32,19 +35,13 @@ def robot(
 def run(
     cells: CellSpace, bounce: float, noise: float, seed: int, *, limit: int, driver: bool
 ) -> Run:
-    """A run from a random cell, shorter if the driver stops the robot."""
+    """Make `limit` observations from a random cell; fewer if the driver stops the robot."""
     walker, body = robot(cells, noise, seed, driver=driver)
-    return list(_steps(walker, body, bounce, limit))
-
-
-def _steps(
-    walker: Walker, body: Body, bounce: float, limit: int
-) -> Iterator[tuple[int, tuple[float, float, float]]]:
-    for _ in range(limit):
-        try:
+    steps: Run = []
+    with contextlib.suppress(RobotStopped):
+        for _ in range(limit):
             bumped = walker.step()
             if bumped:
                 walker.rotate(bounce)
-        except RobotStopped:
-            return
-        yield int(bumped), body.pose
+            steps.append((int(bumped), body.pose))
+    return steps

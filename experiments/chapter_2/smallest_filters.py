@@ -1,23 +1,22 @@
-"""The smallest filters of labs and random rooms, proved, and their bytes on microcontrollers.
+"""Compute the smallest filters of labs and random rooms, and their bytes on microcontrollers.
 
     python -m experiments.chapter_2.smallest_filters --rooms 100
 
-For each room and each bouncing angle that is a multiple of 45 deg: the states of the subset
-construction, of Moore's minimization, and of the least machine with the same colours, with the
-bound that was proved within `--seconds`. A machine reads observations, or runs from bump to bump.
-Random rooms have 5 x 4 cells, up to three of which are not free. In the labs robots also start
-anywhere in their cells.
+For each room and each bouncing angle that is a multiple of 45 deg, the table has the numbers of
+states of the subset construction, of Moore's minimization, and of the smallest machine with the
+same colours, and the lower bound that was proved within `--seconds`. A machine reads single
+observations, or whole runs from bump to bump. Random rooms have 5 x 4 squares, of which up to three
+are blocked. In the labs, robots also start anywhere in their cells.
 
-The table of bytes compiles each header with the compilers for an ATmega328, an ESP32-C3 (RISC-V)
-and an ESP8266, and measures the microseconds of an observation on an ATmega328 at 16 MHz with
-simavr; a column is empty where its program is not installed. No compiler for the Xtensa cores of
-the ESP32 and ESP32-S3 was used.
+The table of bytes compiles each header for an ATmega328, an ESP32-C3 (RISC-V) and an ESP8266, and
+measures the microseconds of an observation on an ATmega328 at 16 MHz with the simulator simavr. A
+column is empty if its program is not installed. The Xtensa cores of the ESP32 and ESP32-S3 are not
+included.
 
-Writes `smallest_filters.csv`, row by row so that the same command continues it, `summary.csv`,
-`bytes.csv`, and `smallest_filters.png`.
+The script writes `smallest_filters.csv`, `summary.csv`, `bytes.csv` and `smallest_filters.png`. The
+first is written row by row, and the same command continues it.
 """
 
-import argparse
 import csv
 import itertools
 import math
@@ -39,6 +38,8 @@ from jaxcell.space import CellSpace
 from jaxcell.space.maps.random_rooms import random_room
 
 from ..shared.data import MAPS
+from ..shared.figures import plt, save
+from ..shared.options import at_least, experiment_parser, read_options
 from ..shared.report import Rows, emit, say
 
 
@@ -50,21 +51,19 @@ COLUMNS = ("room", "angle", "reads", "states", "moore", "smallest", "bound", "se
 
 
 def rooms(count: int) -> Iterator[tuple[str, CellSpace, bool]]:
-    """Yield the name and the cells of each room, and whether robots start anywhere in a cell."""
+    """Yield the name and the cells of each room, and `True` if robots start anywhere in a cell."""
     for name in LABS:
         yield name, CellSpace.load(MAPS / f"{name}.json"), False
     for number in range(count):
-        yield (
-            f"room {number}",
-            CellSpace.of_grid(random_room(SEED, number, *SIZE, OBSTACLES), 8),
-            False,
-        )
+        free = random_room(SEED, number, *SIZE, OBSTACLES)
+        yield f"room {number}", CellSpace.of_grid(free, 8), False
     for name in LABS:
         yield f"{name}, anywhere", CellSpace.load(MAPS / f"{name}.json"), True
     yield "complex", CellSpace.load(MAPS / "complex.json"), False
 
 
-def filter_of(cells: CellSpace, angle: int, anywhere: bool = False) -> Filter:
+def filter_of(cells: CellSpace, angle: int, anywhere: bool) -> Filter:
+    """Make the filter of an angle in degrees."""
     bounce = math.radians(angle)
     if anywhere:
         return localization_filter(Offsets.of(cells, motion=Motion()).bounce_map(bounce))
@@ -72,6 +71,7 @@ def filter_of(cells: CellSpace, angle: int, anywhere: bool = False) -> Filter:
 
 
 def study(path: Path, count: int, seconds: float) -> Rows:
+    """Append the missing rows to the file, and return all rows, whose entries are strings."""
     done: Rows = []
     if path.exists():
         with path.open(newline="", encoding="utf-8") as file:
@@ -88,24 +88,18 @@ def study(path: Path, count: int, seconds: float) -> Rows:
                 continue
             machine = MooreMachine.of(filter_of(cells, angle, anywhere), runs=reads == "runs")
             found = automata.smallest(machine, seconds=seconds)
-            row = {
-                "room": name,
-                "angle": angle,
-                "reads": reads,
-                "states": len(machine.color),
-                "moore": found.moore,
-                "smallest": found.states,
-                "bound": found.bound,
-                "seconds": f"{found.seconds:.2f}",
-            }
+            sizes = len(machine.color), found.moore, found.states, found.bound
+            values = map(str, (name, angle, reads, *sizes, f"{found.seconds:.2f}"))
+            row = dict(zip(COLUMNS, values, strict=True))
             writer.writerow(row)
             file.flush()
-            done.append({key: str(value) for key, value in row.items()})
+            done.append(row)
             print(*row.values(), flush=True)
     return done
 
 
 def summary(rows: Rows) -> Rows:
+    """Tabulate the median sizes by kind of room and by inputs of the machine."""
     kinds = (*LABS, *(f"{name}, anywhere" for name in LABS), "complex", "room")
     lines = []
     for kind in kinds:
@@ -133,7 +127,7 @@ def summary(rows: Rows) -> Rows:
     return lines
 
 
-# The timer counts eighths of the cycles of 500 observations; the output goes to the simulator.
+# The timer counts one eighth of the cycles of 500 observations. The simulator prints the output.
 LOOP = """
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -163,7 +157,7 @@ READ = "state = lab_next(state, observation); sink = (uint8_t)lab_color(state);"
 
 
 def headers(filter: Filter, seconds: float) -> Iterator[tuple[str, int, str]]:
-    """Yield the name, the states and the header of each form of a filter."""
+    """Yield the name, the number of states, and the C header of each form of a filter."""
     yield "filter", len(filter.transition), automata.to_c_header(filter, name="lab")
     small = automata.minimize(filter)
     yield "Moore", len(small.transition), automata.to_c_header(small, name="lab")
@@ -181,13 +175,13 @@ COMPILERS = {
 
 
 def counted(header: str, chip: str) -> tuple[int, int] | None:
-    """Count the bytes of tables and of code of a header, by the symbols of the compiler."""
+    """Count the bytes of the tables and of the code of a header; `None` without a compiler."""
     prefix, flags = COMPILERS[chip]
     if shutil.which(f"{prefix}-gcc") is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "lab.h").write_text(header)
-        # Functions with external names have symbols of their own.
+        # External functions have symbols, by which their code is counted.
         Path(folder, "lab.c").write_text(
             '#include "lab.h"\nlab_state step(lab_state state, uint8_t observation) '
             "{ return lab_next(state, observation); }\n"
@@ -206,10 +200,11 @@ def counted(header: str, chip: str) -> tuple[int, int] | None:
 
 
 def microseconds(header: str, word: list[int]) -> float | None:
-    """Measure the time of an observation on an ATmega328 at 16 MHz, in the simulator."""
+    """Measure the time of an observation on an ATmega328 at 16 MHz; `None` without a simulator."""
     if shutil.which("avr-gcc") is None or shutil.which("simavr") is None:
         return None
     times = []
+    # The second body is an empty loop, whose time is subtracted.
     for body in (READ, "(void)state; sink = observation;"):
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "lab.h").write_text(header)
@@ -223,11 +218,12 @@ def microseconds(header: str, word: list[int]) -> float | None:
 
 
 def bytes_table(seconds: float) -> Rows:
+    """Tabulate the bytes and the time of each form of the filters of both labs."""
     lines: Rows = []
     for name in LABS:
         mapped = bounce_map(CellSpace.load(MAPS / f"{name}.json"), math.radians(135))
         filter = localization_filter(mapped)
-        # The observations of a robot from the first cell.
+        # The first 500 observations of a robot that starts in the first cell.
         cell, word = 0, []
         for _ in range(500):
             word.append(int(mapped.bumped[cell]))
@@ -242,53 +238,40 @@ def bytes_table(seconds: float) -> Rows:
 
 
 def draw(rows: Rows, path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the smallest sizes against the sizes of Moore's machines."""
     figure, panels = plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained")
     for axes, reads in zip(panels, ("observations", "runs"), strict=True):
         chosen = [row for row in rows if row["reads"] == reads]
-        for proved, color, label in (
-            (True, "#0072b2", "proved least"),
-            (False, "#d55e00", "not proved"),
+        sizes = [[int(row[name]) for row in chosen] for name in ("moore", "smallest", "bound")]
+        moore, smallest, bound = np.array(sizes)
+        proved = smallest == bound
+        for some, color, label in (
+            (proved, "#0072b2", "proved smallest"),
+            (~proved, "#d55e00", "not proved"),
         ):
-            points = np.array(
-                [
-                    (int(row["moore"]), int(row["smallest"]), int(row["bound"]))
-                    for row in chosen
-                    if (row["smallest"] == row["bound"]) == proved
-                ]
-            ).reshape(-1, 3)
-            axes.plot(points[:, 0], points[:, 1], ".", color=color, label=label, alpha=0.6)
-            if not proved:
-                axes.vlines(points[:, 0], points[:, 2], points[:, 1], color=color, alpha=0.4)
+            axes.plot(moore[some], smallest[some], ".", color=color, label=label, alpha=0.6)
+        axes.vlines(moore[~proved], bound[~proved], smallest[~proved], color=color, alpha=0.4)
         limits = axes.get_xlim()
         axes.plot(limits, limits, color="0.7", linewidth=0.8, zorder=0)
         axes.set(xscale="log", yscale="log", xlabel="states, Moore", ylabel="states, smallest")
         axes.set_title(f"reads {reads}", fontsize=10)
         axes.legend(frameon=False)
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rooms", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=20.0, help="limit of time of each proof")
+    parser = experiment_parser(__doc__, "runs/chapter_2/smallest_filters")
+    parser.add_argument("--rooms", type=at_least(0), default=100, help="number of random rooms")
+    parser.add_argument("--seconds", type=float, default=20.0, help="time limit of each proof")
     parser.add_argument("--bytes-only", action="store_true", help="only the table of bytes")
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/smallest_filters"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = read_options(parser)
 
     configure_jax()
     if not options.bytes_only:
         rows = study(options.out / "smallest_filters.csv", options.rooms, options.seconds)
-        emit(
-            "Medians of states over the filters", summary(rows), options.out / "summary.csv", ".0f"
-        )
+        emit("Median numbers of states", summary(rows), options.out / "summary.csv", ".0f")
         draw(rows, options.out / "smallest_filters.png")
-    emit("Bytes, by the compilers", bytes_table(options.seconds), options.out / "bytes.csv", ".1f")
+    emit("Bytes after compilation", bytes_table(options.seconds), options.out / "bytes.csv", ".1f")
     say(f"Data and figure in {options.out}")
 
 

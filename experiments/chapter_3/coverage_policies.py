@@ -1,21 +1,20 @@
-"""Table 3.1 of Alam 2018: shares of time of bouncing angles, and robots that keep to them.
+"""Table 3.1 of Alam 2018: shares of time of bouncing angles, and robots that switch by them.
 
     python -m experiments.chapter_3.coverage_policies
 
-The angles 30, 75 and 315 deg with an error of 5 deg and reliability 0.8, on a room of 183 cells in
-360 directions (N = 65,880), to be covered evenly. The source shows its room as a picture only;
-ours, `data/maps/complex.json`, is of our own design, so its numbers stand beside the source's but
-cannot be compared with them.
+Robots with bouncing angles 30, 75 and 315 deg, an error of 5 deg and reliability 0.8 are to cover a
+room of 183 positions in 360 directions (N = 65,880) evenly. The source shows its room as a picture
+only. Ours, `data/maps/complex.json`, is another room, so the numbers cannot be compared.
 
-Section 3.4.3 reads the mixture as switching by time. The second part does that: robots with noisy
-turns, seeded, spend their time in cycles, in each of which every angle has its share of the steps.
-What is compared with the predicted coverage is the share of time that each robot alone spends in
-each position, by total variation (the share of time that is in the wrong place). A robot that has
-just switched is not yet in a persistent group of its new angle, which the prediction leaves out; so
-with cycles of one length a distance stays, which is worked out here by pushing distributions, and
-with longer and longer cycles none does.
+Section 3.4.3 interprets the mixture as switching by time, which the second part simulates. Robots
+with noisy turns repeat cycles in which each angle has its share of the steps. Total variation
+compares the share of time that a single robot spends in each position with the predicted coverage.
+It is the share of time that is in the wrong place. After a switch, a robot is not yet in a
+persistent group of its new angle, which the prediction neglects. With cycles of constant length a
+distance therefore remains, which is computed from distributions without simulation. With growing
+cycles the distance tends to 0.
 
-Writes `coverage.nc` and `coverage.png`.
+The script writes `coverage.nc` and `coverage.png`.
 """
 
 import functools
@@ -24,15 +23,11 @@ import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
+import xarray as xr
 
 import jaxcell
 from jaxcell.base.limits import Collision
@@ -42,47 +37,37 @@ from jaxcell.mapping.generalized import Chain
 from jaxcell.space import CellSpace, Motion, Workspace
 
 from ..shared.data import MAPS
+from ..shared.figures import draw_room, plt, save
 from ..shared.options import at_least, experiment_parser, read_options
+from ..shared.report import show, tracked
 
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MAP = MAPS / "complex.json"
 DIRECTIONS = 360
 BOUNCES_DEG = (30, 75, 315)
 ERROR_DEG = 5
 RELIABILITY = 0.8
-# Table 3.1 of Alam 2018, for a room of which only a picture is known.
+# Table 3.1 of Alam 2018, for another room.
 TABLE_3_1 = (0.22138172, 0.28005791, 0.49856037)
 COLLISIONS: tuple[Collision, ...] = ("swept", "endpoint")
 
 CYCLES = {"100": 100, "1,000": 1000, "10,000": 10_000}
 GROWING = "1,000, 2,000, 3,000, ..."
+# The number of steps in a call of the simulation.
 CHUNK = 1 << 14
-
-
-def chains(cells: CellSpace, collision: Collision) -> list[Chain]:
-    error = math.radians(ERROR_DEG)
-    return [
-        noisy_bounce_map(
-            cells, math.radians(angle), error, RELIABILITY, motion=Motion(collision=collision)
-        )
-        for angle in BOUNCES_DEG
-    ]
 
 
 # Switching by time.
 
 
 def shares(alpha: np.ndarray, length: int) -> np.ndarray:
-    """The steps of each angle in a cycle, whole numbers that add up."""
+    """Compute the number of steps of each angle in a cycle; they add up to `length`."""
     ends = np.round(np.cumsum(alpha) * length).astype(int)
     return np.diff(ends, prepend=0)
 
 
 def schedule(alpha: np.ndarray, name: str, steps: int) -> np.ndarray:
-    """Which angle is in use at each step."""
+    """List the number of the angle in use at each step."""
     if name == GROWING:
         lengths: Iterator[int] = itertools.count(1000, 1000)
     else:
@@ -105,14 +90,14 @@ def walk(
     *,
     positions: int,
 ) -> tuple[jax.Array, jax.Array]:
-    """Moves robots for some steps, and counts their visits.
+    """Move robots for some steps, and count their visits.
 
     **Arguments:**
 
     - `policies`: the chains of all angles, stacked.
-    - `cell`: where each robot is.
-    - `visits`: how often each robot was in each position.
-    - `used`: the angle in use at each step.
+    - `cell`: the cell of each robot.
+    - `visits`: the number of visits, `[robots, positions]`.
+    - `used`: the number of the angle in use at each step.
     """
     robot = jnp.arange(cell.size)
 
@@ -137,7 +122,7 @@ def simulate(
     seed: int,
     robots: int,
 ) -> Iterator[np.ndarray]:
-    """The share of time that each robot has spent in each position, by each check."""
+    """Yield the share of time `[robots, positions]` until each of the steps `checks`."""
     stacked = jax.tree.map(lambda *one: jnp.stack(one), *policies)
     start, key = jax.random.split(jax.random.key(seed))
     cell = jax.random.randint(start, (robots,), 0, cells.size, jnp.int32)
@@ -155,12 +140,12 @@ def simulate(
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Total variation: the share of time that is in the wrong place."""
+    """Compute the total variation between distributions over the last axis."""
     return np.abs(one - other).sum(axis=-1) / 2
 
 
 def coverage_of_cycles(policies: list[Chain], cells: CellSpace, steps: np.ndarray) -> np.ndarray:
-    """The coverage in the long run of a robot that repeats a cycle, without simulation."""
+    """Compute the long-run coverage of a robot that repeats a cycle, without simulation."""
     forwards = [one.to_scipy().T.tocsr() for one in policies]
     p = np.full(cells.size, 1 / cells.size)
     average = np.zeros(cells.positions)
@@ -175,85 +160,58 @@ def coverage_of_cycles(policies: list[Chain], cells: CellSpace, steps: np.ndarra
             return average
 
 
-# The study.
-
-
-def study(steps: int, robots: int, seed: int) -> tuple["xr.Dataset", float]:
-    import xarray as xr
-
+def study(steps: int, robots: int, seed: int) -> tuple[xr.Dataset, float]:
+    """Compute the policies and simulate the robots; also return the seconds of one policy."""
     cells = CellSpace.of(Workspace.load(MAP), 1.0, DIRECTIONS)
-    angles = np.radians(BOUNCES_DEG)
+    angles, error = np.radians(BOUNCES_DEG), math.radians(ERROR_DEG)
     policies, seconds = {}, math.inf
     for collision in COLLISIONS:
-        # The second call finds everything compiled.
+        motion = Motion(collision=collision)
+        # The first call compiles.
         for _ in range(2):
             began = time.perf_counter()
-            policies[collision] = coverage_policy(
-                cells,
-                angles,
-                math.radians(ERROR_DEG),
-                RELIABILITY,
-                motion=Motion(collision=collision),
-            )
+            policies[collision] = coverage_policy(cells, angles, error, RELIABILITY, motion=motion)
             seconds = min(seconds, time.perf_counter() - began)
     swept = policies["swept"]
     alpha, predicted = np.asarray(swept.alpha), np.asarray(swept.mixture)
-    noisy = chains(cells, "swept")
+    noisy = [noisy_bounce_map(cells, angle, error, RELIABILITY) for angle in angles.tolist()]
     checks = np.unique(np.round(np.geomspace(100, steps, 25)).astype(int))
     distance = np.zeros((len(CYCLES) + 1, checks.size, robots))
     stays = np.zeros(len(CYCLES) + 1)
     visited = np.zeros((len(CYCLES) + 1, cells.positions))
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("robots", total=distance.shape[0] * checks.size)
-        for i, name in enumerate((*CYCLES, GROWING)):
-            used = schedule(alpha, name, steps)
-            for j, share in enumerate(simulate(noisy, cells, used, checks, seed + i, robots)):
-                distance[i, j] = apart(share, predicted)
-                visited[i] = share.mean(axis=0)
-                progress.advance(task)
-            if name != GROWING:
-                cycle = coverage_of_cycles(noisy, cells, shares(alpha, CYCLES[name]))
-                stays[i] = apart(cycle, predicted)
+    for i, name in enumerate(tracked((*CYCLES, GROWING), "kinds of cycles")):
+        used = schedule(alpha, name, steps)
+        for j, share in enumerate(simulate(noisy, cells, used, checks, seed + i, robots)):
+            distance[i, j] = apart(share, predicted)
+            visited[i] = share.mean(axis=0)
+        if name != GROWING:
+            cycle = coverage_of_cycles(noisy, cells, shares(alpha, CYCLES[name]))
+            stays[i] = apart(cycle, predicted)
     x, y, _ = cells.centre(np.arange(cells.positions))
-    share_of_time = {"long_name": "share of time", "units": "1"}
+    time_share = {"long_name": "share of time", "units": "1"}
+    total_variation = {"long_name": "total variation between visits and prediction"}
+    by_angle, each = ("collision", "bounce_deg"), policies.values()
     found = xr.Dataset(
         {
-            "alpha": (
-                ("collision", "bounce_deg"),
-                [np.asarray(p.alpha) for p in policies.values()],
-            ),
+            "alpha": (by_angle, [np.asarray(p.alpha) for p in each]),
             "table_3_1": ("bounce_deg", list(TABLE_3_1), {"long_name": "alpha of the source"}),
             "coverage": (
-                ("collision", "bounce_deg", "position"),
-                [np.asarray(p.coverage) for p in policies.values()],
-                share_of_time,
+                (*by_angle, "position"),
+                [np.asarray(p.coverage) for p in each],
+                time_share,
             ),
             "mixture": (
                 ("collision", "position"),
-                [np.asarray(p.mixture) for p in policies.values()],
-                share_of_time,
+                [np.asarray(p.mixture) for p in each],
+                time_share,
             ),
-            "total_variation": ("collision", [p.total_variation for p in policies.values()]),
-            "groups": (
-                ("collision", "bounce_deg"),
-                [[g.count for g in p.groups] for p in policies.values()],
-            ),
-            "persistent_cells": (
-                ("collision", "bounce_deg"),
-                [[int(g.size.sum()) for g in p.groups] for p in policies.values()],
-            ),
-            "residual": (
-                ("collision", "bounce_deg"),
-                [[one.certificate.residual for one in p.limiting] for p in policies.values()],
-            ),
-            "distance": (
-                ("cycle", "step", "robot"),
-                distance,
-                {"long_name": "total variation between visits and prediction"},
-            ),
-            "distance_that_stays": ("cycle", stays, {"long_name": "worked out, not simulated"}),
-            "visits": (("cycle", "position"), visited, share_of_time),
+            "total_variation": ("collision", [p.total_variation for p in each]),
+            "groups": (by_angle, [[g.count for g in p.groups] for p in each]),
+            "persistent_cells": (by_angle, [[int(g.size.sum()) for g in p.groups] for p in each]),
+            "residual": (by_angle, [[x.certificate.residual for x in p.limiting] for p in each]),
+            "distance": (("cycle", "step", "robot"), distance, total_variation),
+            "distance_that_stays": ("cycle", stays, {"long_name": "computed, not simulated"}),
+            "visits": (("cycle", "position"), visited, time_share),
         },
         {
             "collision": list(COLLISIONS),
@@ -278,55 +236,43 @@ def study(steps: int, robots: int, seed: int) -> tuple["xr.Dataset", float]:
     return found, seconds
 
 
-def report(found: "xr.Dataset", seconds: float) -> None:
-    table = Table(title="Share of time of each bouncing angle, even target", box=SIMPLE_HEAD)
-    table.add_column("angle")
-    table.add_column("Table 3.1,\nanother room", justify="right")
-    for collision in COLLISIONS:
-        table.add_column(f"here,\n{collision}", justify="right")
-        table.add_column("persistent\ncells", justify="right")
+def report(found: xr.Dataset, seconds: float) -> None:
+    """Print the shares of time, and the distances of robots from the prediction."""
+    rows = []
     for angle in BOUNCES_DEG:
-        row = found.sel(bounce_deg=angle)
-        table.add_row(
-            f"{angle}°",
-            f"{float(row.table_3_1):.8f}",
-            *(
-                text
-                for share, cells in zip(row.alpha.values, row.persistent_cells.values, strict=True)
-                for text in (f"{share:.8f}", f"{cells:,}")
-            ),
-        )
-    Console().print(table)
+        here = found.sel(bounce_deg=angle)
+        row = {"angle": f"{angle}°", "Table 3.1, another room": float(here.table_3_1)}
+        for collision in COLLISIONS:
+            row[f"here, {collision}"] = float(here.alpha.sel(collision=collision))
+            cells = int(here.persistent_cells.sel(collision=collision))
+            row[f"persistent, cells, {collision}"] = f"{cells:,}"
+        rows.append(row)
+    show("Share of time of each bouncing angle, even target", rows, ".8f")
     print(f"Persistent groups of an angle: at most {int(found.groups.max())}.")
     print(
-        "The room of the source is known from a picture only, and ours is another: the columns "
-        "need not agree.\nSection 3.5.3 gives its 315 deg about half of the time, and the others a "
+        "The source shows its room as a picture only, and ours is another room, so the columns "
+        "need not agree.\nIn section 3.5.3, 315 deg has about half of the time, and the others a "
         "quarter each."
     )
-    apart_from = ", ".join(f"{float(v):.3f}" for v in found.total_variation)
-    print(f"Total variation of the mixture from the even target: {apart_from}.")
+    distances = ", ".join(f"{float(v):.3f}" for v in found.total_variation)
+    print(f"Total variation of the mixture from the even target: {distances}.")
     print(
-        f"Stationarity residuals up to {float(found.residual.max()):.1e} (1-norm). One whole job, "
-        f"warm: {seconds:.3f} s.\n"
+        f"Stationarity residuals up to {float(found.residual.max()):.1e} (1-norm). A policy takes "
+        f"{seconds:.3f} s after compilation.\n"
     )
-    table = Table(title="Robots against the prediction: total variation", box=SIMPLE_HEAD)
     checks = found.step.values[[0, len(found.step) // 3, 2 * len(found.step) // 3, -1]]
-    for heading in ("steps of a cycle", *(f"after {t:,}" for t in checks), "worked out"):
-        table.add_column(heading, justify="right")
-    for name in found.cycle.values:
+    rows = []
+    for name in found.cycle.values.tolist():
         row = found.sel(cycle=name)
-        middle = row.distance.sel(step=checks).median("robot").values
-        stays = float(row.distance_that_stays)
-        table.add_row(name, *(f"{d:.3f}" for d in middle), f"{stays:.3f}")
-    Console().print(table)
-    print("Medians of the robots, each by itself. The last column is where they tend.")
+        middle = row.distance.sel(step=checks).median("robot").values.tolist()
+        headings = [f"after {check:,} steps" for check in checks]
+        rows.append({"steps of a cycle": name, **dict(zip(headings, middle, strict=True))})
+        rows[-1]["limit"] = float(row.distance_that_stays)
+    show("Total variation between single robots and the prediction, medians", rows)
 
 
-def draw(found: "xr.Dataset", path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+def draw(found: xr.Dataset, path: Path) -> None:
+    """Draw coverages on the room, and the distances of robots over time."""
     from matplotlib.colors import LogNorm
 
     cells = CellSpace.of(Workspace.load(MAP), 1.0, DIRECTIONS)
@@ -339,26 +285,23 @@ def draw(found: "xr.Dataset", path: Path) -> None:
             for a, c in zip(BOUNCES_DEG, swept.coverage.values, strict=True)
         ),
         ("the mixture", swept.mixture.values),
-        ("visited, longer and longer cycles", found.visits.sel(cycle=GROWING).values),
+        ("visited, growing cycles", found.visits.sel(cycle=GROWING).values),
     ]
     panels = top.subplots(1, len(pictures))
     for axes, (title, values) in zip(panels, pictures, strict=True):
         image = np.full(cells.free.shape, np.nan)
         image[cells.free] = values * cells.positions
-        axes.set_facecolor("#34363a")
-        axes.imshow(
-            cells.free, origin="lower", cmap="gray", vmin=-4, vmax=1.3, alpha=cells.free * 1.0
-        )
+        draw_room(axes, cells.free)
         shown = axes.imshow(
             np.where(image > 0, image, np.nan),
             origin="lower",
+            extent=(0, image.shape[1], 0, image.shape[0]),
             cmap="viridis",
             norm=LogNorm(1 / 16, 16),
         )
-        axes.set(xticks=[], yticks=[])
         axes.set_title(title, fontsize=7.5)
     bar = top.colorbar(shown, ax=panels, location="bottom", shrink=0.4, aspect=40, extend="both")
-    bar.set_label("time in a position, in even shares (white: never)", fontsize=8)
+    bar.set_label("time in a position, relative to an even share (white: never)", fontsize=8)
     axes = bottom.subplots()
     colors = ["#e69f00", "#56b4e9", "#cc79a7", "#009e73"]
     for name, color in zip(found.cycle.values, colors, strict=True):
@@ -371,18 +314,18 @@ def draw(found: "xr.Dataset", path: Path) -> None:
     axes.set(xscale="log", yscale="log", xlabel="steps", ylabel="total variation")
     axes.set_title(
         f"Visits of each of {found.sizes['robot']} robots against the predicted coverage "
-        "(median, 10 to 90 %; dotted: where it tends, worked out)",
+        "(median, 10 to 90 %; dotted: computed limit)",
         fontsize=9,
     )
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8)
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> None:
     parser = experiment_parser(__doc__, "runs/chapter_3/coverage_policies", seed=0)
     parser.add_argument("--steps", type=at_least(1000), default=300_000, help="steps of each robot")
-    parser.add_argument("--robots", type=at_least(1), default=32)
+    parser.add_argument("--robots", type=at_least(1), default=32, help="number of robots")
     options = read_options(parser)
 
     configure_jax()

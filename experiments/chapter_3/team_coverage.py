@@ -2,35 +2,32 @@
 
     python -m experiments.chapter_3.team_coverage
 
-Teams of 2 to 5 robots with bouncing angle 135 deg in grids of 10 x 10 and 15 x 15 squares, each
-team from 20 random starts. The source shows its grids as pictures only; ours are of our own
-design, so that numbers cannot be compared with its figures, but what it says of them can.
+Teams of 2 to 5 robots with bouncing angle 135 deg cover grids of 10 x 10 and 15 x 15 squares, each
+from 20 random starts. The source shows its grids as pictures only. Ours are other grids, so the
+statements of the source can be compared, but not its numbers.
 
-Two rules for the end of a part of a trajectory stand side by side: `repeat`, as in Alg. 3.4 (when
-the robots have been in a joint state before), and `short` (then, or after as many steps as there
-are positions). Beside both stands the yardstick that section 6.3 asks for, a boustrophedon sweep:
-runs of free squares in neighbouring rows that match one to one make a strip, which is swept to and
-fro; the next strip is the one nearest by way of free squares. The path is cut into as many equal
-pieces as there are robots, and each goes from its start to one end of a piece, so that the last
-one is done as early as possible. A change of heading counts as a step, as a bump does. These robots
-know the map and where they are, and theirs is the advantage that they never collide: their ways are
-timed as if they could pass one another.
+Two rules end a part of a trajectory: `repeat`, as in Alg. 3.4 (a joint state repeats), and `short`
+(the same, or after as many steps as there are positions). Section 6.3 suggests a boustrophedon
+sweep for comparison. Rows of free squares that match one to one form a strip, which is swept back
+and forth. The next strip is the nearest one along free squares. The path is cut into equal pieces,
+one per robot, and each robot goes from its start to an end of its piece, such that the last robot
+is done as early as possible. A change of heading counts as a step, as a bump does. These robots
+know the map and their positions. They also have the advantage that they never collide, because they
+may pass through one another.
 
-Writes `team_coverage.nc` and `team_coverage.png`.
+The script writes `team_coverage.nc` and `team_coverage.png`.
 """
 
 import itertools
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import scipy.sparse
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
+import xarray as xr
 from scipy.sparse.csgraph import shortest_path
 
 import jaxcell
@@ -38,16 +35,16 @@ from jaxcell import bounce
 from jaxcell.base.runtime import configure_jax
 from jaxcell.space import CellSpace
 
+from ..shared.data import squares
+from ..shared.figures import draw_boxes, draw_room, plt, save
 from ..shared.options import at_least, experiment_parser, read_options
+from ..shared.report import show, tracked
 
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DIRECTIONS = 8
 BOUNCE_DEG = 135
 ROBOTS = (2, 3, 4, 5)
-# No part here takes this many steps until a joint state repeats.
+# More steps than any part here takes until a joint state repeats.
 UNLIMITED = 1_000_000
 GRIDS = {
     "10 x 10": """
@@ -81,28 +78,26 @@ GRIDS = {
 
 
 def grid(name: str) -> CellSpace:
-    rows = GRIDS[name].split()[::-1]
-    return CellSpace.of_grid(
-        np.array([[square == "." for square in row] for row in rows]), DIRECTIONS
-    )
+    return CellSpace.of_grid(squares(GRIDS[name]), DIRECTIONS)
 
 
 def random_starts(cells: CellSpace, robots: int, runs: int, seed: int) -> np.ndarray:
+    """Draw start cells `[runs, robots]`, at different positions in each run."""
     rng = np.random.default_rng([seed, cells.positions, robots])
     positions = [rng.choice(cells.positions, robots, replace=False) for _ in range(runs)]
     return np.array(positions) + cells.positions * rng.integers(DIRECTIONS, size=(runs, robots))
 
 
-# The yardstick.
+# The boustrophedon sweep.
 
 
 class Roads(NamedTuple):
-    """Ways of fewest moves between all positions."""
+    """Shortest paths between all positions."""
 
     moves: np.ndarray
-    "Number of moves from one position to another."
+    "Number of moves, `[start, end]`."
     before: np.ndarray
-    "The position before the last, on the way from one position to another."
+    "The last position before the end, `[start, end]`."
 
     @classmethod
     def of(cls, cells: CellSpace) -> "Roads":
@@ -114,7 +109,7 @@ class Roads(NamedTuple):
         return cls(*shortest_path(graph.tocsr(), unweighted=True, return_predecessors=True))
 
     def way(self, start: int, end: int) -> list[int]:
-        """The positions after `start`, to `end`."""
+        """List the positions of the path after `start`, up to `end`."""
         way = []
         while end != start:
             way.append(end)
@@ -123,12 +118,12 @@ class Roads(NamedTuple):
 
 
 def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
-    """The runs of free squares of each strip, as first and last positions, from the bottom up."""
+    """List the strips, each with its rows from the bottom up, as first and last positions."""
     free = np.pad(cells.free, ((0, 0), (1, 1))).astype(np.int8)
     row, first = np.nonzero(np.diff(free, axis=1) == 1)
     last = np.nonzero(np.diff(free, axis=1) == -1)[1] - 1
     above = (row == row[:, None] + 1) & (first <= last[:, None]) & (last >= first[:, None])
-    # A run is continued by the one above it where each touches no other run of the other's row.
+    # A run continues in the run above it if neither touches another run of the other's row.
     continued = above & (above.sum(axis=1, keepdims=True) == 1) & (above.sum(axis=0) == 1)
     found: list[list[int]] = []
     of_run: dict[int, list[int]] = {}
@@ -148,11 +143,11 @@ def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
 
 
 def sweep(cells: CellSpace, roads: Roads) -> list[int]:
-    """The positions of one boustrophedon path, from the lower left corner on."""
+    """List the positions of a boustrophedon path that begins in the lower left corner."""
     left = strips(cells)
     path = [left[0][0][0]]
     while left:
-        # A strip can be swept from each of its corners: up or down, from either end.
+        # A sweep of a strip may begin at each of its four corners.
         choices = [
             (roads.moves[path[-1], runs[0][side]], i, order, side)
             for i, strip in enumerate(left)
@@ -169,6 +164,7 @@ def sweep(cells: CellSpace, roads: Roads) -> list[int]:
 
 
 def moves_and_turns(cells: CellSpace, path: list[int]) -> tuple[int, int]:
+    """Count the moves and the changes of heading along positions."""
     row, column = np.divmod(cells.square[path], cells.free.shape[1])
     headings = np.stack([np.diff(row), np.diff(column)])
     return len(path) - 1, int((np.diff(headings, axis=1) != 0).any(axis=0).sum())
@@ -177,7 +173,7 @@ def moves_and_turns(cells: CellSpace, path: list[int]) -> tuple[int, int]:
 def team_sweep(
     cells: CellSpace, roads: Roads, path: list[int], start: np.ndarray
 ) -> tuple[int, int]:
-    """Moves and turns of the robot that is done last, when the robots share a path."""
+    """Count the moves and turns of the robot that is done last, if the robots share a path."""
     pieces = [piece.tolist() for piece in np.array_split(path, len(start))]
 
     def cost(robot: int, piece: list[int]) -> tuple[int, int]:
@@ -193,41 +189,36 @@ def team_sweep(
     return min(lasts, key=sum)
 
 
-# The study.
-
-
-def study(runs: int, seed: int) -> "xr.Dataset":
-    import xarray as xr
-
+def study(runs: int, seed: int) -> xr.Dataset:
+    """Simulate all teams by both rules, and their sweeps."""
     rules = ["repeat", "short"]
     shape = (len(GRIDS), len(ROBOTS), runs)
     steps, uncovered, parts, collisions = np.zeros((4, len(rules), *shape), np.int32)
     sweep_moves, sweep_turns = np.zeros((2, *shape), np.int32)
     starts = np.full((*shape, max(ROBOTS)), -1, np.int32)
-    with Console(stderr=True).status("") as shown:
-        for (i, name), (j, robots) in itertools.product(enumerate(GRIDS), enumerate(ROBOTS)):
-            shown.update(f"{name} squares, {robots} robots ...")
-            cells = grid(name)
-            roads = Roads.of(cells)
-            path = sweep(cells, roads)
-            start = random_starts(cells, robots, runs, seed)
-            starts[i, j, :, :robots] = start
-            for k, limit in enumerate((UNLIMITED, cells.positions)):
-                found = bounce.team_trajectories(
-                    cells, start, math.radians(BOUNCE_DEG), part_steps=limit
-                )
-                steps[k, i, j] = [one.steps for one in found]
-                uncovered[k, i, j] = [one.uncovered for one in found]
-                parts[k, i, j] = [one.parts for one in found]
-                collisions[k, i, j] = [one.collisions_in_all for one in found]
-            shared = [team_sweep(cells, roads, path, one) for one in start]
-            sweep_moves[i, j], sweep_turns[i, j] = np.array(shared).T
+    pairs = list(itertools.product(enumerate(GRIDS), enumerate(ROBOTS)))
+    for (i, name), (j, robots) in tracked(pairs, "teams"):
+        cells = grid(name)
+        roads = Roads.of(cells)
+        path = sweep(cells, roads)
+        start = random_starts(cells, robots, runs, seed)
+        starts[i, j, :, :robots] = start
+        for k, limit in enumerate((UNLIMITED, cells.positions)):
+            found = bounce.team_trajectories(
+                cells, start, math.radians(BOUNCE_DEG), part_steps=limit
+            )
+            steps[k, i, j] = [one.steps for one in found]
+            uncovered[k, i, j] = [one.uncovered for one in found]
+            parts[k, i, j] = [one.parts for one in found]
+            collisions[k, i, j] = [one.collisions_in_all for one in found]
+        shared = [team_sweep(cells, roads, path, one) for one in start]
+        sweep_moves[i, j], sweep_turns[i, j] = np.array(shared).T
     dims = ("environment", "robots", "run")
     ruled = ("rule", *dims)
     return xr.Dataset(
         {
-            "steps": (ruled, steps, {"long_name": "steps until all is covered, or none is left"}),
-            "uncovered": (ruled, uncovered, {"long_name": "positions that stay uncovered"}),
+            "steps": (ruled, steps, {"long_name": "steps until the end of the trajectory"}),
+            "uncovered": (ruled, uncovered, {"long_name": "positions that remain uncovered"}),
             "parts": (ruled, parts, {"long_name": "parts of the trajectory"}),
             "collisions": (ruled, collisions, {"long_name": "collisions of two robots"}),
             "sweep_moves": (dims, sweep_moves, {"long_name": "moves of the last robot to sweep"}),
@@ -250,40 +241,30 @@ def study(runs: int, seed: int) -> "xr.Dataset":
     )
 
 
-def statistics(steps: np.ndarray) -> list[str]:
-    return [f"{f(steps):,.0f}" if steps.size else "-" for f in (np.min, np.median, np.max)]
+def row_of(robots: int, rule: str, steps: np.ndarray, done: np.ndarray) -> dict[str, Any]:
+    """Describe the steps of the runs that cover the grid."""
+    row = {"robots": str(robots), "rule": rule, "covered": f"{done.sum()} of {done.size}"}
+    for name, statistic in {"min": np.min, "median": np.median, "max": np.max}.items():
+        row[name] = float(statistic(steps[done])) if done.any() else None
+    return row
 
 
-def report(found: "xr.Dataset") -> None:
+def report(found: xr.Dataset) -> None:
+    """Print a table for each grid, and compare it with section 3.5.4 of the source."""
     swept = found.sweep_moves + found.sweep_turns
     for name in found.environment.values:
-        here = found.sel(environment=name)
-        table = Table(
-            title=f"{name} squares, {int(here.positions)} free: steps to cover all",
-            title_justify="left",
-            box=SIMPLE_HEAD,
-        )
-        table.add_column("robots", justify="right")
-        table.add_column("rule")
-        for column in ("covered", "min", "median", "max", "parts", "collisions"):
-            table.add_column(column, justify="right")
+        here, rows = found.sel(environment=name), []
         for robots in found.robots.values:
             for rule in found.rule.values:
                 one = here.sel(rule=rule, robots=robots)
-                done = (one.uncovered == 0).values
-                table.add_row(
-                    f"{robots}",
-                    rule,
-                    f"{done.sum()} of {done.size}",
-                    *statistics(one.steps.values[done]),
-                    f"{np.median(one.parts):,.0f}",
-                    f"{np.median(one.collisions):,.0f}",
-                )
+                row = row_of(robots, str(rule), one.steps.values, (one.uncovered == 0).values)
+                row["parts"] = float(np.median(one.parts))
+                rows.append(row | {"collisions": float(np.median(one.collisions))})
             steps = swept.sel(environment=name, robots=robots).values
-            table.add_row("", "sweep", f"{steps.size} of {steps.size}", *statistics(steps))
-        Console().print(table)
+            rows.append(row_of(robots, "sweep", steps, np.ones(steps.size, bool)))
+        show(f"{name} squares, {int(here.positions)} free: steps to cover all", rows, ",.0f")
 
-    print("Section 3.5.4 says, and here, by the medians of the rule `repeat`:")
+    print("Statements of section 3.5.4, and our medians by the rule `repeat`:")
     for name in found.environment.values:
         middle = found.steps.sel(rule="repeat", environment=name).median("run").values
         falls = "yes" if (np.diff(middle) < 0).all() else "no"
@@ -299,18 +280,14 @@ def report(found: "xr.Dataset") -> None:
         f"Their steps are {ratio.min():.0f} to {ratio.max():.0f} times those of a boustrophedon "
         "sweep by robots that know where they are."
     )
-    print("The numbers of the source are in pictures only, and so are its grids.")
+    print("The source shows its numbers and its grids as pictures only.")
 
 
-def draw(found: "xr.Dataset", path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+def draw(found: xr.Dataset, path: Path) -> None:
+    """Draw each grid with its sweep, and the steps of the teams as boxes."""
     series = {
         "bouncing, parts end at a repetition (Alg. 3.4)": ("repeat", "#9ecae1"),
-        "bouncing, parts of as many steps as positions": ("short", "#fdd0a2"),
+        "bouncing, parts have at most as many steps as positions": ("short", "#fdd0a2"),
         "boustrophedon sweep with map and position": (None, "#a1d99b"),
     }
     figure, panels = plt.subplots(
@@ -318,11 +295,10 @@ def draw(found: "xr.Dataset", path: Path) -> None:
     )
     for (plan, boxes), name in zip(panels, found.environment.values, strict=True):
         cells, here = grid(name), found.sel(environment=name)
-        plan.imshow(cells.free, origin="lower", cmap="gray", vmin=-0.4, vmax=1.05)
+        draw_room(plan, cells.free)
         row, column = np.divmod(cells.square[sweep(cells, Roads.of(cells))], cells.free.shape[1])
-        plan.plot(column, row, color="#31a354", linewidth=1)
-        plan.plot(column[:1], row[:1], "o", color="#31a354")
-        plan.set(xticks=[], yticks=[], title=f"{name} squares, {cells.positions} free")
+        plan.plot(column + 0.5, row + 0.5, "-o", color="#31a354", linewidth=1, markevery=[0])
+        plan.set_title(f"{name} squares, {cells.positions} free")
         handles = []
         for k, (rule, color) in enumerate(series.values()):
             if rule is None:
@@ -332,16 +308,8 @@ def draw(found: "xr.Dataset", path: Path) -> None:
                 steps = [
                     a[b == 0] for a, b in zip(one.steps.values, one.uncovered.values, strict=True)
                 ]
-            drawn = boxes.boxplot(
-                steps,
-                positions=np.arange(len(ROBOTS)) + 0.26 * (k - 1),
-                widths=0.22,
-                patch_artist=True,
-                boxprops={"facecolor": color},
-                medianprops={"color": "#d55e00", "linewidth": 2},
-                flierprops={"marker": ".", "markersize": 5},
-            )
-            handles.append(drawn["boxes"][0])
+            places = np.arange(len(ROBOTS)) + 0.26 * (k - 1)
+            handles.append(draw_boxes(boxes, steps, color, 0.22, positions=places)[0])
         boxes.set(
             xticks=range(len(ROBOTS)),
             xticklabels=ROBOTS,
@@ -355,12 +323,12 @@ def draw(found: "xr.Dataset", path: Path) -> None:
         f"Bouncing angle {BOUNCE_DEG}°, {DIRECTIONS} directions, "
         f"{found.sizes['run']} random starts of each team"
     )
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> None:
     parser = experiment_parser(__doc__, "runs/chapter_3/team_coverage", seed=0)
-    parser.add_argument("--runs", type=at_least(2), default=20, help="starts of each team")
+    parser.add_argument("--runs", type=at_least(2), default=20, help="random starts of each team")
     options = read_options(parser)
 
     configure_jax()

@@ -1,21 +1,20 @@
-"""Pictures of edge weights, for the experiments of chapter 4 to share."""
+"""Draw edge weights, for several experiments of chapter 4."""
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.collections import LineCollection
 
 from jaxcell.patrol import Graph
 
+from ..shared.figures import plt
 
-if TYPE_CHECKING:
-    import matplotlib.axes
 
 MARKED = "#d55e00"
 
 
 def draw_weights(
-    axes: "matplotlib.axes.Axes",
+    axes: plt.Axes,
     graph: Graph,
     weights: np.ndarray,
     marked: Collection[int] = (),
@@ -23,26 +22,22 @@ def draw_weights(
     widest: float = 8,
     diameter: float = 17,
 ) -> None:
-    """Draws a graph, each edge with a width and a depth of colour in proportion to its weight.
+    """Draw a graph with the width and the colour of each edge by its weight.
 
     **Arguments:**
 
-    - `axes`: where to draw.
     - `graph`: a graph whose vertices have positions.
     - `weights`: array `[edges]`.
-    - `marked`: vertices to be set off.
-    - `widest`: the width of the edge with the largest weight, in points.
-    - `diameter`: of the vertices, in points; numbers from 1 are written into those of 10 and more.
+    - `marked`: vertices to highlight.
+    - `widest`: width in points of the edge with the largest weight.
+    - `diameter`: diameter of the vertices in points; from 10 on they contain their numbers.
     """
-    import matplotlib as mpl
-    from matplotlib.collections import LineCollection
-
     share = weights / weights.max()
     order = np.argsort(share)
     lines = LineCollection(
         graph.xy[graph.edges[order]],
         linewidths=np.maximum(widest * share[order], 0.5),
-        colors=mpl.colormaps["Blues"](0.3 + 0.65 * share[order]),
+        colors=plt.get_cmap("Blues")(0.3 + 0.65 * share[order]),
         capstyle="round",
         clip_on=False,
         zorder=1,
@@ -53,16 +48,9 @@ def draw_weights(
     dots = axes.scatter(x, y, diameter**2, of_vertex, edgecolors="white", linewidths=0.8, zorder=2)
     dots.set_clip_on(False)
     if diameter >= 10:
+        look = {"color": "white", "fontsize": 0.55 * diameter, "zorder": 3}
         for v, at in enumerate(graph.xy):
-            axes.annotate(
-                f"{v + 1}",
-                at,
-                color="white",
-                fontsize=0.55 * diameter,
-                ha="center",
-                va="center_baseline",
-                zorder=3,
-            )
+            axes.annotate(f"{v + 1}", at, ha="center", va="center_baseline", **look)
     axes.set_aspect("equal")
     axes.margins(0.1)
     axes.axis("off")

@@ -2,19 +2,18 @@
 
     python -m experiments.chapter_4.marker
 
-The source has a cross that the robots find in their camera's frames, and does not say how well.
-Here frames of 640 by 480 are drawn: a room full of clutter with the marker somewhere in it, under
-conditions drawn at random except one, which is held at each of several values. The marker is
-found if its centre is located within a tenth of its size. False alarms are counted in frames of
-clutter alone, and in frames with sheets that show some other sign. All intervals are exact ones
-(Clopper and Pearson) of 95%.
+In the source, robots find a cross in the frames of their cameras; it has no rates of detection.
+Here frames of 640 by 480 pixels are drawn: a room full of clutter with the marker somewhere in it.
+All conditions are random except one, which is fixed at each of several values. The marker is found
+if the error of its centre is less than a tenth of its size. False alarms are counted in frames with
+clutter alone, and in frames with sheets that show another sign. All intervals are exact
+(Clopper and Pearson) intervals of 95%.
 
-Writes `marker.nc`, `detection.csv`, `false_alarms.csv` and `marker.png`. Exit status 1 if, under
-conditions that are all random, surely fewer than 97% of the markers are found, or if surely more
-than 0.5% of the frames of clutter alone give a false alarm.
+The script writes `marker.nc`, `detection.csv`, `false_alarms.csv` and `marker.png`. The exit status
+is 1 if the interval for random conditions is below 97% of markers found, or if the interval for
+clutter alone is above 0.5% false alarms.
 """
 
-import argparse
 import dataclasses
 import functools
 import math
@@ -23,27 +22,25 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
+import xarray as xr
 
 from jaxcell.robot.marker import find_cross
 
-from ..shared.report import Rows, emit, say
+from ..shared.figures import plt, save
+from ..shared.options import at_least, experiment_parser, read_options
+from ..shared.report import Rows, emit, interval, say, tracked
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 import marker_frames
 
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 ORDINARY = marker_frames.Conditions()
 LEAST_FOUND, MOST_ALARMS = 0.97, 0.005
-# Values of a condition; what it is called, and in which unit; one shown unit in those of the field.
+# Each condition: its name with its unit, this unit in the units of the field, and its values.
 FACTORS: dict[str, tuple[str, float, tuple[float, ...]]] = {
     "span": ("size (px)", 1, (16, 20, 24, 32, 64, 128, 192)),
     "noise": ("noise (grey levels)", 1, (0, 10, 20, 30, 40, 60)),
@@ -58,7 +55,7 @@ FACTORS: dict[str, tuple[str, float, tuple[float, ...]]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """Frames of one kind: with a marker, or with another sign, or with neither."""
+    """Conditions of frames with a marker, with another sign, or with neither."""
 
     factor: str
     value: float
@@ -82,28 +79,27 @@ def other_scenes() -> list[Scene]:
 
 
 def look(seed: int, job: tuple[int, Scene, int]) -> tuple[int, bool, bool, float, float, float]:
-    """The number of the scene, whether the marker was found, whether something else was, how far
-    off its centre is (pixels), the score, and the processor's seconds."""
+    """Draw a frame, and search for the marker in it.
+
+    Returns the number of the scene, `True` if the marker was found, `True` for a false alarm, the
+    error of the centre in pixels, the score, and the seconds of the processor.
+    """
     number, scene, frame = job
     rng = np.random.default_rng((seed, number, frame))
-    if not scene.marker:
+    if scene.marker:
+        seen = marker_frames.with_marker(rng, scene.conditions)
+        shown, place, near = seen.frame, seen.centre, 0.1 * np.ptp(seen.corners, axis=0).max()
+    else:
         shown = marker_frames.without_marker(rng, scene.conditions, sign=scene.sign)
         place, near = np.full(2, math.inf), 0.0
-    else:
-        seen = marker_frames.with_marker(rng, scene.conditions)
-        shown, place, near = (
-            seen.frame,
-            seen.centre,
-            0.1 * float(np.ptp(seen.corners, axis=0).max()),
-        )
     began = time.process_time()
-    told = find_cross(shown)
+    cross = find_cross(shown)
     seconds = time.process_time() - began
-    if told is None:
+    if cross is None:
         return number, False, False, math.nan, math.nan, seconds
-    off = math.dist(told.centre, place)
-    right = off < near
-    return number, right, not right, off if right else math.nan, told.score, seconds
+    off = math.dist(cross.centre, place)
+    right = bool(off < near)
+    return number, right, not right, off if right else math.nan, cross.score, seconds
 
 
 def one_thread() -> None:
@@ -113,47 +109,34 @@ def one_thread() -> None:
 
 
 def study(jobs: list[tuple[int, Scene, int]], seed: int, workers: int) -> Iterator[Any]:
-    """Does the jobs in processes of their own, with a progress bar on a terminal."""
-    console = Console(stderr=True)
-    with (
-        multiprocessing.get_context("spawn").Pool(workers, one_thread) as pool,
-        Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
-    ):
-        task = progress.add_task("frames", total=len(jobs))
-        for one in pool.imap_unordered(functools.partial(look, seed), jobs, chunksize=8):
-            yield one
-            progress.update(task, advance=1)
+    """Run the jobs in several processes, and yield their results in any order."""
+    with multiprocessing.get_context("spawn").Pool(workers, one_thread) as pool:
+        results = pool.imap_unordered(functools.partial(look, seed), jobs, chunksize=8)
+        yield from tracked(results, "frames", len(jobs))
 
 
-def interval(count: int, frames: int) -> tuple[float, float]:
-    from scipy.stats import binomtest
-
-    bounds = binomtest(count, frames).proportion_ci(method="exact")
-    return float(bounds.low), float(bounds.high)
-
-
-def summary(all_scenes: list[Scene], results: list[Any]) -> "xr.Dataset":
-    import xarray as xr
-
+def summary(all_scenes: list[Scene], results: list[Any]) -> xr.Dataset:
+    """Compute the rates of all scenes."""
     kept = []
     for number, scene in enumerate(all_scenes):
         mine = [one[1:] for one in results if one[0] == number]
         found, alarms, off, _, _ = (np.array(column) for column in zip(*mine, strict=True))
         count = int(found.sum() if scene.marker else alarms.sum())
+        low, high = interval(count, len(mine), "exact")
         kept.append(
             {
                 "frames": len(mine),
                 "found": int(found.sum()),
                 "alarms": int(alarms.sum()),
                 "rate": count / len(mine),
-                "low": interval(count, len(mine))[0],
-                "high": interval(count, len(mine))[1],
+                "low": low,
+                "high": high,
                 "off": float(np.nanmedian(off)) if found.any() else math.nan,
                 "off_95": float(np.nanquantile(off, 0.95)) if found.any() else math.nan,
             }
         )
     data = xr.Dataset({name: ("scene", [one[name] for one in kept]) for name in kept[0]})
-    data["rate"].attrs["long_name"] = "of frames with the marker found, or with a false alarm"
+    data["rate"].attrs["long_name"] = "share of frames with the marker found, or with a false alarm"
     for name in ("off", "off_95"):
         data[name].attrs["units"] = "pixel"
     return data.assign_coords(
@@ -164,7 +147,8 @@ def summary(all_scenes: list[Scene], results: list[Any]) -> "xr.Dataset":
     )
 
 
-def tell(data: "xr.Dataset", out: Path) -> bool:
+def report(data: xr.Dataset, out: Path) -> bool:
+    """Print the rates; returns `True` if they satisfy the limits."""
     detection: Rows = []
     alarms: Rows = []
     for k in range(data.sizes["scene"]):
@@ -185,41 +169,37 @@ def tell(data: "xr.Dataset", out: Path) -> bool:
                 {"sign": sign, "frames": row["frames"], "false alarms": row["alarms"]} | rates
             )
     emit("Frames in which the marker is found", detection, out / "detection.csv")
-    emit("Frames without it that give an alarm", alarms, out / "false_alarms.csv", ".4f")
+    emit("Frames without a marker that give an alarm", alarms, out / "false_alarms.csv", ".4f")
     clutter = alarms[0]
     signs = sum(row["false alarms"] for row in alarms[1:])
     frames = sum(row["frames"] for row in alarms[1:])
-    low, high = interval(signs, frames)
+    low, high = interval(signs, frames, "exact")
     ordinary = detection[0]
     say(
-        f"""Under conditions that are all random the marker is found in {ordinary["found"]} of
+        f"""If all conditions are random, the marker is found in {ordinary["found"]} of
         {ordinary["frames"]} frames ({ordinary["from"]:.1%} to {ordinary["to"]:.1%}). Clutter alone
         gives {clutter["false alarms"]} false alarms in {clutter["frames"]} frames
-        ({clutter["from"]:.2%} to {clutter["to"]:.2%}), and clutter with one to six sheets of
-        another sign {signs} in {frames} ({low:.2%} to {high:.2%}, over these signs in equal
-        parts)."""
+        ({clutter["from"]:.2%} to {clutter["to"]:.2%}). Clutter with one to six sheets of another
+        sign gives {signs} in {frames} frames ({low:.2%} to {high:.2%}), with equally many frames
+        per sign."""
     )
     return ordinary["to"] >= LEAST_FOUND and clutter["from"] <= MOST_ALARMS
 
 
-def draw(data: "xr.Dataset", path: Path, seed: int) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+def draw(data: xr.Dataset, path: Path, seed: int) -> None:
+    """Draw four frames, and the rate of detection by each condition."""
     figure, panels = plt.subplots(3, 4, figsize=(14, 9), layout="constrained")
     rng = np.random.default_rng(seed)
     for axes, hidden in zip(panels[0], (0.0, 0.0, 0.0, 0.1), strict=True):
         conditions = dataclasses.replace(ORDINARY, hidden=(hidden, hidden), span=(60.0, 200.0))
         seen = marker_frames.with_marker(rng, conditions)
         axes.imshow(seen.frame, cmap="gray")
-        told = find_cross(seen.frame)
-        if told is not None:
-            circle = plt.Circle(told.centre, told.arm, fill=False, color="tab:red", lw=1.5)
+        cross = find_cross(seen.frame)
+        if cross is not None:
+            circle = plt.Circle(cross.centre, cross.arm, fill=False, color="tab:red", lw=1.5)
             axes.add_patch(circle)
         axes.set_axis_off()
-        axes.set_title(f"found, {told.score:.2f}" if told else "not found", fontsize=10)
+        axes.set_title(f"found, {cross.score:.2f}" if cross else "not found", fontsize=10)
     for axes, (factor, (name, _, _)) in zip(panels[1:].flat, FACTORS.items(), strict=True):
         mine = data.isel(scene=data["factor"].values == factor)
         rate = mine["rate"].values
@@ -233,21 +213,16 @@ def draw(data: "xr.Dataset", path: Path, seed: int) -> None:
         axes.grid(alpha=0.3)
     for axes in panels[1:, 0]:
         axes.set_ylabel("found")
-    figure.suptitle(
-        "The marker in drawn frames: four of them, and how often it is found (95% intervals)"
-    )
-    figure.savefig(path, dpi=120)
+    figure.suptitle("Four drawn frames with the marker, and its rate of detection (95% intervals)")
+    save(figure, path, dpi=120)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--frames", type=int, default=100, help="for each scene")
-    parser.add_argument("--clutter", type=int, default=3000, help="frames of clutter alone")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/marker"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_4/marker", seed=0)
+    parser.add_argument("--frames", type=at_least(1), default=100, help="frames per condition")
+    parser.add_argument("--clutter", type=at_least(1), default=3000, help="frames of clutter alone")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="processes")
+    options = read_options(parser)
 
     shown = [*scenes(), *other_scenes()]
     frames = [options.frames] * len(shown)
@@ -258,21 +233,20 @@ def main() -> int:
         for number, (scene, count) in enumerate(zip(shown, frames, strict=True))
         for frame in range(count)
     ]
-    # By number, since they come back in any order.
+    # Results arrive in any order.
     results = sorted(study(jobs, options.seed, options.workers), key=lambda one: one[0])
     data = summary(shown, results)
     data.attrs.update(seed=options.seed, title=__doc__.splitlines()[0])
     data.to_netcdf(options.out / "marker.nc")
     draw(data, options.out / "marker.png", options.seed)
-    well = tell(data, options.out)
+    good = report(data, options.out)
     seconds = np.array([one[5] for one in results])
     say(
-        f"""find_cross took {1000 * np.median(seconds):.0f} ms of this machine's processor in the
-        median, and {1000 * np.quantile(seconds, 0.99):.0f} ms at the 99th percentile, on one
-        thread."""
+        f"""On one thread, find_cross took a median of {1000 * np.median(seconds):.0f} ms of the
+        processor, with a 99th percentile of {1000 * np.quantile(seconds, 0.99):.0f} ms."""
     )
     print(f"Data and figure in {options.out}")
-    return 0 if well else 1
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

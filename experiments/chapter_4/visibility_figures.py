@@ -1,11 +1,9 @@
-"""The figures of `visibility.py`: what is seen, who walks where, and what is caught."""
+"""Draw the figures of `visibility.py`: covers, policies, and probabilities of capture."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 from matplotlib.collections import PolyCollection
@@ -14,26 +12,21 @@ from jaxcell.patrol import Graph
 from jaxcell.patrol.map import Policy, Reassignment, Regions, Vulnerability
 from jaxcell.space import visibility_polygon
 
+from ..shared.figures import plt, save
 from .edge_weights import draw_weights
 from .visibility_site import REACH, Site
 
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-mpl.use("Agg")
 
 WALL, SIGHT, NEW, STOP = "0.35", "#cfe6f5", "#8cc5e8", "#0072b2"
 BASE, BASE_VIEW, CONTACT, BOUNDARY = "#00705a", "#c3efe6", "#d55e00", "#5cb85c"
 REGIONS = ("#fdf1d3", "#f6e0ec", "#e3e3f7")
 LEAST = "#d7191c"
-DPI = 150
 
 
-# The parts of a picture.
+# Parts of a figure.
 
 
-def draw_map(axes: "Axes", site: Site) -> None:
+def draw_map(axes: plt.Axes, site: Site) -> None:
     workspace = site.cells.workspace
     axes.add_collection(PolyCollection(workspace.obstacles, facecolors=WALL, zorder=1.5))
     ring = np.concatenate([workspace.boundary, workspace.boundary[:1]])
@@ -43,8 +36,8 @@ def draw_map(axes: "Axes", site: Site) -> None:
     axes.axis("off")
 
 
-def draw_cells(axes: "Axes", site: Site, where: np.ndarray, color: Any) -> PolyCollection:
-    """Fills cells; `color` is one colour, or an array `[cells]` of numbers for a colour map."""
+def draw_cells(axes: plt.Axes, site: Site, where: np.ndarray, color: Any) -> PolyCollection:
+    """Fill cells; `color` is a colour, or an array `[cells]` of numbers for a colour map."""
     corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) * site.cells.cell
     squares = PolyCollection(site.graph.xy[where][:, None] + corners, linewidths=0, zorder=0.5)
     if isinstance(color, np.ndarray):
@@ -57,28 +50,29 @@ def draw_cells(axes: "Axes", site: Site, where: np.ndarray, color: Any) -> PolyC
     return squares
 
 
-def draw_sight(axes: "Axes", site: Site, cell: int, color: str) -> None:
+def draw_sight(axes: plt.Axes, site: Site, cell: int, color: str) -> None:
+    """Fill the area that is visible from a cell."""
     polygon = visibility_polygon(site.cells.workspace, site.graph.xy[cell], REACH)
     for part in shapely.get_parts(polygon):
         axes.fill(*part.exterior.xy, color=color, lw=0, zorder=0.4)
 
 
-def mark(axes: "Axes", site: Site, cell: int, color: str, size: float = 5, **more: Any) -> None:
+def mark(axes: plt.Axes, site: Site, cell: int, color: str, size: float = 5, **more: Any) -> None:
     axes.plot(*site.graph.xy[cell], "o", color=color, ms=size, mec="white", mew=0.6, **more)
 
 
-def ring(axes: "Axes", site: Site, cell: int, color: str = LEAST, size: float = 12) -> None:
+def ring(axes: plt.Axes, site: Site, cell: int, color: str = LEAST, size: float = 12) -> None:
     axes.plot(*site.graph.xy[cell], "o", mfc="none", mec=color, mew=2, ms=size, zorder=3)
 
 
-def draw_base(axes: "Axes", site: Site) -> None:
+def draw_base(axes: plt.Axes, site: Site) -> None:
     if site.regions is not None:
-        # Below what robots see.
+        # The view of the base is drawn below the areas that robots see.
         draw_cells(axes, site, site.regions.view, BASE_VIEW).set_zorder(0.3)
         mark(axes, site, site.regions.base, BASE, 7)
 
 
-def draw_regions(axes: "Axes", site: Site, regions: Regions) -> None:
+def draw_regions(axes: plt.Axes, site: Site, regions: Regions) -> None:
     draw_cells(axes, site, regions.view, BASE_VIEW)
     for k in range(regions.count):
         draw_cells(axes, site, regions.region == k, REGIONS[k])
@@ -87,8 +81,8 @@ def draw_regions(axes: "Axes", site: Site, regions: Regions) -> None:
 # Covers.
 
 
-def covers(site: Site, told: Sequence[str], path: Path) -> None:
-    """Figures 4.7 and 4.8, or 4.10 to 4.12: what each cell of the covers adds to what is seen."""
+def covers(site: Site, titles: Sequence[str], path: Path) -> None:
+    """Draw the cells that each cell of the covers adds: Figures 4.7 and 4.8, or 4.10 to 4.12."""
     panels = [p.cover.size + (p.contact is not None) for p in site.policies]
     columns = 6
     lines = [-(-count // columns) for count in panels]
@@ -96,17 +90,16 @@ def covers(site: Site, told: Sequence[str], path: Path) -> None:
     size = (12, 0.9 + sum(0.35 + 2.05 * n * height / width for n in lines))
     figure = plt.figure(figsize=size, layout="constrained")
     parts = figure.subfigures(len(panels), 1, height_ratios=lines, squeeze=False)[:, 0]
-    for part, policy, line, title in zip(parts, site.policies, lines, told, strict=True):
+    for part, policy, line, title in zip(parts, site.policies, lines, titles, strict=True):
         part.suptitle(title, fontsize=11)
         every = iter(part.subplots(line, columns, squeeze=False).flat)
         _cover(every, site, policy)
         for axes in every:
             axes.axis("off")
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _cover(panels: Iterator["Axes"], site: Site, policy: Policy) -> None:
+def _cover(panels: Iterator[plt.Axes], site: Site, policy: Policy) -> None:
     own = np.isin(np.arange(site.graph.vertices), policy.cells)
     left = own.copy()
     for number, cell in enumerate(policy.cover):
@@ -133,18 +126,17 @@ def _cover(panels: Iterator["Axes"], site: Site, policy: Policy) -> None:
 
 
 def policies(site: Site, path: Path) -> None:
-    """Figure 4.9: width and colour of an edge by its weight."""
+    """Draw the weights of the edges: Figure 4.9."""
     figure, panels = plt.subplots(1, 2, figsize=(12, 6.6), layout="constrained")
     for i, (axes, policy) in enumerate(zip(panels, site.policies, strict=True)):
         _policy(axes, site, policy)
         axes.set_title(f"{'ab'[i]}) robot {i + 1}, weights up to {policy.weights.max():.3f}")
     figure.suptitle("Two distributed policies, and their covers (Figure 4.9)")
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
 def centralized(site: Site, lost: Reassignment, robot: int, path: Path) -> None:
-    """Figures 4.2 and 4.13, and what is done when a robot is lost."""
+    """Draw the policies and regions of Figures 4.2 and 4.13, and policies after a robot is lost."""
     figure, panels = plt.subplots(2, 3, figsize=(14, 9), layout="constrained")
     for k, policy in enumerate(site.policies):
         axes = panels[0, k]
@@ -173,11 +165,10 @@ def centralized(site: Site, lost: Reassignment, robot: int, path: Path) -> None:
         "Three centralized policies (Figure 4.13), and two when a robot is lost\n"
         "blue: cover, orange: contact cell, dark green: base station, pale green: its view"
     )
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _policy(axes: "Axes", site: Site, policy: Policy) -> None:
+def _policy(axes: plt.Axes, site: Site, policy: Policy) -> None:
     if site.regions is not None:
         mark(axes, site, site.regions.base, BASE, 9, zorder=4)
     walked = policy.weights > 0
@@ -194,7 +185,7 @@ def _policy(axes: "Axes", site: Site, policy: Policy) -> None:
 
 
 def targets(sites: Sequence[Site], found: Sequence[Vulnerability], path: Path) -> None:
-    """Figures 4.14 and 4.16: from where a target is seen, and where a robot first sees it."""
+    """Draw the cells that see a target, and the first of them on a way: Figures 4.14 and 4.16."""
     figure, panels = plt.subplots(2, 2, figsize=(9.5, 9.2), layout="constrained")
     for line, site, one in zip(panels, sites, found, strict=True):
         for axes in line:
@@ -211,12 +202,11 @@ def targets(sites: Sequence[Site], found: Sequence[Vulnerability], path: Path) -
             f"{one.view.sum()} cells, of which {one.boundary.sum()} in the boundary ({figures}(b))",
             fontsize=10,
         )
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
 def arrivals(sites: Sequence[Site], found: Sequence[Sequence[Vulnerability]], path: Path) -> None:
-    """Figures 4.15 and 4.17: the simulated times, the fit and the exact law; and what they miss."""
+    """Draw simulated arrivals, the fit, the exact law, and the errors: Figures 4.15 and 4.17."""
     figure, panels = plt.subplots(
         2, len(sites), figsize=(12, 7.6), layout="constrained", height_ratios=[1.5, 1]
     )
@@ -225,11 +215,10 @@ def arrivals(sites: Sequence[Site], found: Sequence[Sequence[Vulnerability]], pa
         number = "4.15" if site.regions is None else "4.17"
         column[0].set_title(f"{site.name}, typical cell (Figure {number})")
         _error(column[1], of_site)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _histogram(axes: "Axes", one: Vulnerability) -> None:
+def _histogram(axes: plt.Axes, one: Vulnerability) -> None:
     times = np.asarray(one.arrivals.time)
     last = int(np.quantile(times, 0.98))
     width = max(1, round(last / 50))
@@ -246,7 +235,7 @@ def _histogram(axes: "Axes", one: Vulnerability) -> None:
     axes.legend(frameon=False)
 
 
-def _error(axes: "Axes", of_site: Sequence[Vulnerability]) -> None:
+def _error(axes: plt.Axes, of_site: Sequence[Vulnerability]) -> None:
     axes.axhline(0, color="black", lw=1)
     for one, name, style in zip(of_site, ("typical", "weakest"), ("-", ":"), strict=True):
         exact = np.cumsum(one.law)
@@ -265,14 +254,14 @@ def _error(axes: "Axes", of_site: Sequence[Vulnerability]) -> None:
 def maps(
     sites: Sequence[Site],
     caught: Sequence[np.ndarray],
-    told: Sequence[str],
+    titles: Sequence[str],
     attack: int,
     path: Path,
 ) -> None:
-    """Vulnerability maps; a ring around the weakest cell."""
+    """Draw the probability of capture at each cell, with a ring around the weakest cell."""
     figure, panels = plt.subplots(1, len(sites), figsize=(15, 5.2), layout="constrained")
     every = np.concatenate([one[s.targets] for s, one in zip(sites, caught, strict=True)])
-    for axes, site, one, title in zip(panels, sites, caught, told, strict=True):
+    for axes, site, one, title in zip(panels, sites, caught, titles, strict=True):
         draw_base(axes, site)
         squares = draw_cells(axes, site, site.targets, one)
         squares.set(cmap="viridis", clim=(every.min(), every.max()))
@@ -283,8 +272,7 @@ def maps(
     figure.colorbar(
         squares, ax=panels, label=f"probability of capture in {attack} steps", shrink=0.85, pad=0.01
     )
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
 def sweeps(
@@ -294,19 +282,15 @@ def sweeps(
     attack: int,
     path: Path,
 ) -> None:
-    """Capture by the number of robots, by the share of the tour, and cell by cell."""
+    """Draw capture by the number of robots, by the share on the tour, and by cell."""
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.4), layout="constrained")
     for axes, rows, x in ((left, by_robots, "robots"), (middle, by_share, "share")):
         at = [row[x] for row in rows]
         for time, color in ((20, CONTACT), (50, STOP)):
-            axes.plot(
-                at, [row[f"mean, {time}"] for row in rows], "-o", ms=4, color=color,
-                label=f"mean of the cells, {time} steps",
-            )  # fmt: skip
-            axes.plot(
-                at, [row[f"least, {time}"] for row in rows], "--o", ms=4, mfc="white", color=color,
-                label=f"weakest cell, {time} steps",
-            )  # fmt: skip
+            style = {"color": color, "ms": 4}
+            mean, least = ([row[f"{of}, {time}"] for row in rows] for of in ("mean", "least"))
+            axes.plot(at, mean, "-o", label=f"mean of the cells, {time} steps", **style)
+            axes.plot(at, least, "--o", mfc="white", label=f"weakest cell, {time} steps", **style)
         axes.set(ylim=(0, None), ylabel="probability of capture")
     left.set_xticks([row["robots"] for row in by_robots])
     left.set(xlabel="robots", title="Distributed robots, share 0.8")
@@ -317,5 +301,4 @@ def sweeps(
     right.set(xlabel="cells, from the weakest", xlim=(1, None))
     right.set_title(f"Cell by cell, {attack} steps")
     right.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)

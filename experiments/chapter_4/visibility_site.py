@@ -1,4 +1,4 @@
-"""A map with its patrol, for the files of `visibility.py` to share."""
+"""Make the maps and the patrols of `visibility.py`."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -29,25 +29,26 @@ SHARE = 0.8
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Site:
-    """A map, and the robots that patrol it."""
+    """A map with the policies of its robots."""
 
     name: str
     cells: CellSpace
     graph: Graph
     visible: np.ndarray
     regions: Regions | None
-    "The region of each robot, or `None` without a base station."
+    "The regions of the robots, or `None` without a base station."
     policies: tuple[Policy, ...]
 
     @classmethod
     def distributed(cls, name: str, robots: int) -> "Site":
+        """Make a map with independent robots."""
         cells, graph, visible = _load(name)
-        return cls(
-            name, cells, graph, visible, None, distributed_policies(graph, visible, robots, SHARE)
-        )
+        policies = distributed_policies(graph, visible, robots, SHARE)
+        return cls(name, cells, graph, visible, None, policies)
 
     @classmethod
     def centralized(cls, name: str, robots: int) -> "Site":
+        """Make a map with a base station, and one robot per region."""
         cells, graph, visible = _load(name)
         # The base station sees as far as a robot.
         base = base_station(graph, visible)
@@ -57,27 +58,28 @@ class Site:
 
     @property
     def targets(self) -> np.ndarray:
-        """The cells that an adversary may choose: those that a base station does not watch."""
+        """Mask of the cells that an adversary may attack: the base station does not see them."""
         if self.regions is None:
             return np.ones(self.graph.vertices, bool)
         return ~self.regions.view
 
     def caught(self, times: Sequence[int], policies: Sequence[Policy] | None = None) -> np.ndarray:
-        """The probability of capture, one row a time, 1 where the base station watches."""
+        """Compute the probability of capture `[times, cells]`; 1 at cells that the base sees."""
         by = self.policies if policies is None else policies
-        # The source tests whether the target sees the cells of robots, which begin anywhere.
+        # The source tests the visibility of robots from the target. Robots start anywhere.
         attack = Attack(times, "uniform")
         probability = capture_probabilities(self.graph, self.visible.T, by, attack)
         probability[:, ~self.targets] = 1
         return probability
 
     def typical(self, caught: np.ndarray) -> int:
-        """The target with the median probability."""
+        """Find the target with the median of the probabilities `[cells]`."""
         targets = np.flatnonzero(self.targets)
         order = targets[np.argsort(caught[targets], kind="stable")]
         return int(order[order.size // 2])
 
     def at(self, cell: int) -> str:
+        """Write the centre of a cell as text."""
         x, y = self.graph.xy[cell]
         return f"({x:g}, {y:g})"
 
@@ -88,7 +90,7 @@ def _load(name: str) -> tuple[CellSpace, Graph, np.ndarray]:
 
 
 def among(graph: Graph, cells: np.ndarray) -> tuple[Graph, np.ndarray]:
-    """The graph of some cells, and the number in it of each."""
+    """Make the graph of some cells, and return their numbers in it; -1 for other cells."""
     number = np.full(graph.vertices, -1)
     number[cells] = np.arange(cells.size)
     ends = number[graph.edges]
@@ -96,14 +98,15 @@ def among(graph: Graph, cells: np.ndarray) -> tuple[Graph, np.ndarray]:
 
 
 def stops(policy: Policy) -> np.ndarray:
-    """The cells that a policy has an emphasis on."""
+    """List the cells on which a policy has an emphasis."""
     return policy.cover if policy.contact is None else np.union1d(policy.cover, policy.contact)
 
 
 def in_all_regions(site: Site) -> tuple[Policy, ...]:
-    """Another reading of the source: each robot walks in all regions, with an emphasis on its own.
+    """Make policies that walk in all regions, each with an emphasis on its own region.
 
-    Table 4.5 has as many vertices for each centralized policy as there are in all regions.
+    This is another interpretation of the source, because Table 4.5 has as many vertices for each
+    centralized policy as there are in all regions.
     """
     cells = np.flatnonzero(site.regions.region >= 0).astype(np.int32)
     part, number = among(site.graph, cells)
@@ -120,16 +123,15 @@ def in_all_regions(site: Site) -> tuple[Policy, ...]:
 
 
 def with_weights(site: Site, weights: np.ndarray) -> tuple[Policy, ...]:
-    """The robots of a site, all with other weights."""
+    """Make policies with the same weights for all robots of a site."""
     chain = random_walk(site.graph, weights)
     return tuple(dataclasses.replace(p, weights=weights, chain=chain) for p in site.policies)
 
 
 def policy_sets(site: Site) -> dict[str, tuple[Policy, ...]]:
-    """List the strategies of the two robots (section 4.4.2) on this graph.
+    """Make the strategies of section 4.4.2 on this graph, by name.
 
-    Of the 188 walks toward a vertex, the walks toward the fewest vertices that see everything are
-    taken.
+    The walks toward a vertex are limited to the vertices of a minimum cover.
     """
     robots = len(site.policies)
     sets = {"MAECT": with_weights(site, minimum_commute(site.graph).weights)}

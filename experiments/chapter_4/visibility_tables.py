@@ -1,4 +1,4 @@
-"""The tables of `visibility.py`, as rows, with the numbers of the source beside them."""
+"""Make the rows of the tables of `visibility.py`, beside the numbers of the source."""
 
 import statistics
 import time
@@ -8,16 +8,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxcell.optimize import (
-    Commitment,
-    greedy_cover,
-    minimum_commute,
-    minimum_cover,
-    stackelberg,
-)
+from jaxcell.optimize import Commitment, greedy_cover, minimum_commute, minimum_cover, stackelberg
 from jaxcell.patrol import Attack, distributed_policies, vulnerability
 from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
 
+from ..shared.report import Rows
 from .visibility_site import SHARE, Site, among, stops
 
 
@@ -25,7 +20,7 @@ REPEATS = 10
 ATTACKS = (20, 30, 40, 50, 100, 500)
 SHORT, LONG = 20, 50
 BY_TIME = [f"t = {t}" for t in ATTACKS]
-# Tables 4.4 to 4.7: mean and standard deviation in ms and in s, and probabilities.
+# Means and standard deviations of Tables 4.4 (ms) and 4.5 (s), and probabilities of 4.6 and 4.7.
 TABLE_4_4 = {
     "depot": ((2.7928, 0.0634), (2.8072, 0.0452)),
     "harbour": ((2.7715, 0.0845), (2.9198, 0.0674), (2.8001, 0.0855)),
@@ -39,14 +34,11 @@ TABLES_4_6 = {
     "harbour": ("Table 4.7", (0.1902747, 0.2696536, 0.3383983, 0.3988624, 0.6166325, 0.9656368)),
 }
 
-Rows = list[dict[str, Any]]
-
-
 # Tables 4.4 and 4.5.
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, float]:
-    """The mean and the standard deviation of the seconds, of some runs after a first one."""
+    """Compute the mean and the standard deviation of the seconds of a call, after a first call."""
     program()
     seconds = []
     for _ in range(REPEATS):
@@ -57,6 +49,7 @@ def timed(program: Callable[[], Any]) -> tuple[float, float]:
 
 
 def cover_rows(site: Site) -> Rows:
+    """Describe the cover of each robot."""
     rows = []
     for robot, policy in enumerate(site.policies):
         sets = site.visible[np.ix_(policy.cells, policy.cells)]
@@ -83,6 +76,7 @@ def cover_rows(site: Site) -> Rows:
 
 
 def policy_rows(site: Site) -> Rows:
+    """Describe the walk of each robot."""
     rows = []
     for robot, policy in enumerate(site.policies):
         part, number = among(site.graph, policy.cells)
@@ -111,7 +105,7 @@ def policy_rows(site: Site) -> Rows:
 
 
 def reassignments(site: Site) -> tuple[Rows, list[Reassignment]]:
-    """Tabulate the capture with all robots, with a lost robot, and with its work shared out."""
+    """Compare capture by all robots, without each robot, and after its work is reassigned."""
 
     def row(state: str, policies: Sequence[Policy], silence: int | None = None) -> dict[str, Any]:
         sizes = " + ".join(str(policy.cells.size) for policy in policies)
@@ -124,13 +118,13 @@ def reassignments(site: Site) -> tuple[Rows, list[Reassignment]]:
         left = [policy for robot, policy in enumerate(site.policies) if robot != lost]
         new = reassign(site.graph, site.visible, site.regions, site.policies, lost, share=SHARE)
         rows.append(row(f"without robot {lost + 1}", left))
-        rows.append(row("  shared out", new.policies, new.silence_limit))
+        rows.append(row("  reassigned", new.policies, new.silence_limit))
         made.append(new)
     return rows, made
 
 
 def least_and_mean(caught: np.ndarray) -> dict[str, float]:
-    """Of two rows of probabilities, for a short and a long attack."""
+    """Compute the least and the mean probability over cells, for `caught[short or long, cells]`."""
     return {
         f"{name}, {attack}": float(number)
         for attack, row in zip((SHORT, LONG), caught, strict=True)
@@ -142,24 +136,19 @@ def least_and_mean(caught: np.ndarray) -> dict[str, float]:
 
 
 def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulnerability]:
-    """The typical cell, with the median probability for a long attack, and the weakest."""
+    """Evaluate the typical cell, with the median probability for a long attack, and the weakest."""
     weakest = int(np.argmin(caught[ATTACKS.index(SHORT)]))
     typical = site.typical(caught[ATTACKS.index(LONG)])
+    patrol = site.graph, site.visible.T, site.policies
+    attack, key = Attack(ATTACKS, "uniform"), jax.random.key(seed)
     return [
-        vulnerability(
-            jax.random.fold_in(jax.random.key(seed), number),
-            site.graph,
-            site.visible.T,
-            site.policies,
-            target,
-            Attack(ATTACKS, "uniform"),
-            runs=runs,
-        )
+        vulnerability(jax.random.fold_in(key, number), *patrol, target, attack, runs=runs)
         for number, target in enumerate((typical, weakest))
     ]
 
 
 def capture_rows(site: Site, found: Sequence[Vulnerability]) -> Rows:
+    """Compare the exact, simulated and fitted probabilities at both cells with the source."""
     rows = []
     for name, one in zip(("typical", "weakest"), found, strict=True):
         of = f"{site.name}, {name} {site.at(one.target)}"
@@ -174,7 +163,7 @@ def capture_rows(site: Site, found: Sequence[Vulnerability]) -> Rows:
 
 
 def range_rows(caught: np.ndarray, of: str) -> Rows:
-    """Over cells, given `caught[times, cells]`."""
+    """Describe the range over cells of the probabilities `caught[times, cells]`."""
     return [
         by_time(of, "weakest", caught.min(axis=1)),
         by_time(of, "median", np.median(caught, axis=1)),
@@ -186,23 +175,24 @@ def by_time(of: str, by: str, numbers: Sequence[float] | np.ndarray) -> dict[str
     return {"of": of, "by": by, **{t: float(p) for t, p in zip(BY_TIME, numbers, strict=True)}}
 
 
-# The adversary, and what is best against it.
+# Mixtures against an adversary.
 
 
 def play(caught: dict[str, np.ndarray]) -> list[Commitment]:
-    """The mixtures of policies whose weakest cell is strongest, for a short and a long attack.
+    """Compute the mixtures of policies with the strongest weakest cell, for both attacks.
 
-    The adversary knows the mixture but not what was drawn from it, and it gains what is not caught.
+    The adversary knows the mixture but not the policy in use, and gains the probability of escape.
     """
     return [stackelberg(leader, 1 - leader) for leader in np.stack(list(caught.values()), axis=1)]
 
 
 def mixture_of(caught: dict[str, np.ndarray], one: Commitment) -> np.ndarray:
+    """Compute the probabilities of capture by a mixture, `[attacks, cells]`."""
     return np.tensordot(np.asarray(one.weights), np.stack(list(caught.values())), axes=1)
 
 
 def game_rows(site: Site, caught: dict[str, np.ndarray], mixtures: Sequence[Commitment]) -> Rows:
-    """The policies alone, and the mixtures of them for the short and the long attack."""
+    """Describe the single policies, and their mixtures for the short and the long attack."""
     of_attack = dict(zip((SHORT, LONG), mixtures, strict=True))
     rows = []
     for place, (name, both) in enumerate(caught.items()):
@@ -214,6 +204,7 @@ def game_rows(site: Site, caught: dict[str, np.ndarray], mixtures: Sequence[Comm
 
 
 def alone(site: Site, both: np.ndarray) -> dict[str, Any]:
+    """Describe the probabilities `[short or long, cells]` of a policy, and the weakest cells."""
     attacked = {
         f"attacked, {attack}": site.at(int(np.argmin(caught)))
         for attack, caught in zip((SHORT, LONG), both, strict=True)
@@ -221,10 +212,11 @@ def alone(site: Site, both: np.ndarray) -> dict[str, Any]:
     return {**least_and_mean(both), **attacked}
 
 
-# Sweeps.
+# Other numbers of robots and emphases.
 
 
 def by_robots(site: Site, most: int) -> Rows:
+    """Compute the capture by up to `most` robots."""
     policies = distributed_policies(site.graph, site.visible, most, SHARE)
     return [
         {"robots": m, **least_and_mean(site.caught((SHORT, LONG), policies[:m]))}
@@ -233,6 +225,7 @@ def by_robots(site: Site, most: int) -> Rows:
 
 
 def by_share(site: Site) -> Rows:
+    """Compute the commute time and the capture by the least share of the weight on the tour."""
     rows = []
     for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99):
         policies = distributed_policies(site.graph, site.visible, len(site.policies), share)

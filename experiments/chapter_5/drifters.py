@@ -1,58 +1,39 @@
-"""Section 5.5.1 of Alam 2018: where drifters end up, where to drop them, and how they get away.
+"""Section 5.5.1 of Alam 2018: long-term behaviour of drifters, their deployment, and voyages.
 
     python -m experiments.chapter_5.drifters [FILE.nc] [--out DIR]
 
-Without a file it takes the synthetic currents of `data/ocean/gyres.nc`, which have the size of the
-source's: 21 x 29 cells of 1 km, three layers and 24 hours. The source's own currents, of the
-Southern California Bight in July 2011, are not public. Where a number of the source stands beside
-one of ours, it is *of another sea*: it shows what is usual, and cannot agree.
+The default file `data/ocean/gyres.nc` has synthetic currents of the size of the source's: 21 x 29
+cells of 1 km, three layers and 24 hours. The currents of the source, of the Southern California
+Bight in July 2011, are not public. Numbers of the source beside ours are *for another sea*: they
+show what is usual, and cannot agree.
 
-Of several hours the first is that of all results of one moment. Steps take as long as the mean
-current of the layer needs to cross a cell.
+Results for a single moment are for the first of `--hours`. A step is the time in which the mean
+current of the layer crosses a cell.
 
-Writes a CSV file for every table, and figures: `flow.png` (5.6), `behaviour.png` (5.7),
+The script writes a CSV file for every table, and figures: `flow.png` (5.6), `behaviour.png` (5.7),
 `absorption.png` (5.8), `views.png` (5.9), `layers_*h.png` (5.10 to 5.15), `voyage.png` and
-`voyage_stack.png` (5.16), `coverage.png`, `sensitivity.png`, `replay.png` and `ridges.png`. Exit
-status 1 if some cell is not reached from the deployment cells, if two ways to the fewest drifters
-disagree, or if a simulated probability is five standard errors from the predicted one.
+`voyage_stack.png` (5.16), `coverage.png`, `sensitivity.png`, `replay.png` and `ridges.png`. The
+exit status is 1 if a cell is not reached from the deployment cells, if two methods disagree on the
+fewest drifters, or if a simulated probability differs from the prediction by five standard errors.
 """
 
 import argparse
-import dataclasses
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.progress import Progress
 
 from jaxcell.base.runtime import configure_jax
-from jaxcell.drift import (
-    CoverageCurve,
-    VisibleDeployment,
-    visible_deployment,
-)
+from jaxcell.drift import visible_deployment
 
-from ..shared.report import emit, say
+from ..shared.options import experiment_parser, read_options
+from ..shared.report import Rows, emit, say
 from . import drifters_check_figures, drifters_figures, drifters_layers
-from .drifters_checks import (
-    DRIFTERS,
-    SAILING,
-    Check,
-    Ridges,
-    Rows,
-    Voyages,
-    replays,
-    ridge_rows,
-    voyage_rows,
-    voyages,
-)
+from .drifters_checks import DRIFTERS, SAILING, replays, ridge_rows, voyage_rows, voyages
 from .drifters_sea import GYRES, Layer, Ocean, goal_of
 from .drifters_tables import (
     SOURCE,
     SOURCE_VIEWS,
-    Moment,
     behaviour_row,
     deployment_rows,
     group_rows,
@@ -67,121 +48,10 @@ REACH = 6
 EDGES = ("uniform", "exit")
 ERRORS = 5
 MOST_GROUPS = 12
-WIDTH = 120
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Results:
-    """The results."""
-
-    ocean: Ocean
-    surface: Layer
-    views: VisibleDeployment
-    sight: float
-    "Range of the cameras, in metres."
-    view: dict[str, Any]
-    deployment: Rows
-    curves: dict[str, CoverageCurve]
-    moments: list[Moment]
-    layers: Rows
-    reached: Rows
-    by_step: Rows
-    by_rho: Rows
-    replays: Rows
-    checks: list[Check]
-    borders: Rows
-    ridges: list[Ridges]
-    voyages: dict[str, Voyages]
-    "By what happens at the edge."
-    voyage: Rows
-    failures: list[str]
-    "Of voyages that were not found."
-    seconds: dict[str, float]
-
-
-def asked(options: argparse.Namespace) -> tuple[Ocean, Layer, int]:
-    """The currents, the surface at the first moment, and the cell of the goal.
-
-    **Raises:** `ValueError` and `OSError` for a file, a place or a number that cannot be used.
-    """
-    ocean = Ocean.of(options)
-    surface = ocean.layer(ocean.records[0])
-    return ocean, surface, goal_of(ocean) if options.goal is None else ocean.cell(*options.goal)
-
-
-def study(ocean: Ocean, surface: Layer, goal: int, seed: int) -> Results:
-    console = Console(stderr=True)
-    seconds: dict[str, float] = {}
-    began = time.perf_counter()
-    part = "views"
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("views", total=7)
-
-        def next_part(name: str) -> None:
-            nonlocal began, part
-            now = time.perf_counter()
-            seconds[part] = now - began
-            began, part = now, name
-            progress.update(task, advance=1, description=name)
-
-        record = ocean.records[0]
-        sight = REACH * 1000 * surface.cells_km()
-        views = visible_deployment(surface.water, sight, surface.behaviour.groups)
-        view = view_row(surface, views, sight)
-        next_part("deployment")
-        deployment, curves = deployment_rows(ocean, record)
-        next_part("layers")
-        moments, layers, reach = [], [], []
-        for one in ocean.records:
-            found, behaviour, reached = moment(ocean, one)
-            moments.append(found)
-            layers += behaviour
-            reach += reached
-        next_part("sensitivity")
-        by_step, by_rho = step_rows(ocean, record), rho_rows(ocean, record)
-        next_part("replay")
-        replay_rows, checks = replays(ocean, record, seed)
-        next_part("ridges")
-        borders, ridges = ridge_rows(ocean, record)
-        next_part("voyage")
-        sailed, voyage, failures = {}, [], []
-        for edge in EDGES:
-            try:
-                sailed[edge] = voyages(ocean, record, goal, edge)
-            except RuntimeError as stalled:
-                failures.append(f"edge '{edge}': {stalled}")
-            else:
-                voyage += voyage_rows(edge, sailed[edge], ocean.starts, seed)
-        next_part("")
-    return Results(
-        ocean=ocean,
-        surface=surface,
-        views=views,
-        sight=sight,
-        view=view,
-        deployment=deployment,
-        curves=curves,
-        moments=moments,
-        layers=layers,
-        reached=reach,
-        by_step=by_step,
-        by_rho=by_rho,
-        replays=replay_rows,
-        checks=checks,
-        borders=borders,
-        ridges=ridges,
-        voyages=sailed,
-        voyage=voyage,
-        failures=failures,
-        seconds=seconds,
-    )
-
-
-# Tables and figures.
-
-
-def report_surface(results: Results, out: Path) -> None:
-    ocean, surface = results.ocean, results.surface
+def surface_layer(ocean: Ocean, surface: Layer, out: Path) -> None:
+    """Report the long-term behaviour of the surface, and cameras that see it."""
     currents, water = ocean.currents, surface.water
     say(
         f"""{currents.attrs["source"]}: {water.number.shape[0]} x {water.number.shape[1]} cells of
@@ -190,17 +60,14 @@ def report_surface(results: Results, out: Path) -> None:
         {currents.attrs["north_from"]}. {currents.attrs["notes"]}"""
     )
     hour = ocean.hour(ocean.records[0])
-    of_surface = [
-        behaviour_row(f"surface, {hour:g} h", surface),
-        SOURCE,
-    ]
-    emit("Long-term behaviour (Figure 5.7)", of_surface, out / "behaviour.csv", ".3g")
+    rows = [behaviour_row(f"surface, {hour:g} h", surface), SOURCE]
+    emit("Long-term behaviour (Figure 5.7)", rows, out / "behaviour.csv", ".3g")
     say(
-        """Single, multiple: the transient groups with one and with several domiciles. Held: the
-        transient cells from which it takes more than a year to a persistent group. Where times are
-        missing, they are beyond numbers of 64 bits: an eddy leaks so little that it is not
-        persistent, and so much that no drifter will see it. Locked: the groups of one cell that
-        water flows out of, which the grid made. Self: the cells whose images they are."""
+        """Single, multiple: the transient groups with one domicile and with several. Held: the
+        transient cells with more than a year until a persistent group. Missing times exceed 64-bit
+        numbers: an eddy loses so little water that no drifter will leave it, but it is not
+        persistent. Locked: the groups of one cell that water flows out of, an effect of the grid.
+        Self: the cells that are their own images."""
     )
     if surface.diagnosis.warning:
         say(f"Warning: {surface.diagnosis.warning}.")
@@ -208,100 +75,110 @@ def report_surface(results: Results, out: Path) -> None:
     emit("Groups (Figures 5.7(b), 5.8)", groups[:MOST_GROUPS], out / "groups.csv", ".3g")
     if len(groups) > MOST_GROUPS:
         say(f"These are the largest {MOST_GROUPS} of {len(groups)} groups.")
-    emit("Cameras (Figure 5.9)", [results.view, SOURCE_VIEWS], out / "views.csv")
+    sight = REACH * 1000 * surface.cells_km()
+    views = visible_deployment(water, sight, surface.behaviour.groups)
+    rows = [view_row(surface, views, sight), SOURCE_VIEWS]
+    emit("Cameras (Figure 5.9)", rows, out / "views.csv")
     say(
-        f"""Cameras see {REACH} cells far. Greedy: cells from which all is seen; kept: those of them
-        where drifters are dropped. Fewest: by a mixed-integer program."""
+        f"""Cameras see {REACH} cells far. Greedy: cells that together see all cells; kept: those of
+        them at which drifters are deployed. Fewest: by a mixed-integer program."""
     )
-
-
-def report_deployment(results: Results, out: Path) -> bool:
-    """Says whether the deployments reach all cells, and are as small as they can be."""
-    emit("Drifters from which all cells may be visited", results.deployment, out / "deployment.csv")
-    say(
-        """Alg. 5.2 has a drifter in every persistent and for every transient group. Fewest: what
-        may be reached at all, whatever the group, by components of the map and by a mixed-integer
-        program. Greedy: one after the other, each where it adds most."""
-    )
-    every = results.deployment
-    return all(row["all"] for row in every) and all(
-        row["MILP"] in (None, row["fewest"]) for row in every
-    )
-
-
-def report_layers(results: Results, out: Path) -> None:
-    emit("Layers (Figures 5.10, 5.12, 5.14)", results.layers, out / "layers.csv", ".3g")
-    emit("Cells reached (Figures 5.11, 5.13, 5.15)", results.reached, out / "reached.csv")
-    say(
-        """In layers: by drifters that are dropped at the start and stay in the layer to which they
-        go down at once. Free: by a drifter that goes up and down whenever it likes."""
-    )
-    emit("Sensitivity to the step", results.by_step, out / "steps.csv", ".3g")
-    emit("Sensitivity to rho", results.by_rho, out / "rho.csv", ".3g")
-
-
-def report_checks(results: Results, out: Path) -> None:
-    emit("The map beside simulated drifters", results.replays, out / "replay.csv", ".2f")
-    times = ", ".join(f"{hour:.3g}" for hour in results.checks[0].found.hours)
-    say(
-        f"""After whole steps, {times} h. Wrong: the share of {DRIFTERS:,} drifters that the map has
-        in another cell; noise: that between two halves of the drifters; cells: how far they are
-        apart on the mean. Where drifters gather in a point, a map still spreads them over the cells
-        around it."""
-    )
-    if results.borders:
-        emit("Ridges at the borders of groups", results.borders, out / "ridges.csv", ".3g")
-        say(
-            """Borders near: the share of the cells at a border between the domains of attraction
-            that have a ridge of the finite-time Lyapunov exponent in the cell or beside it; all
-            near: that of all cells, what borders would have that knew nothing of ridges."""
-        )
-    else:
-        say("Drifters of all cells end in the same group, so that there is no border for ridges.")
-
-
-def report_voyage(results: Results, out: Path) -> bool:
-    """Says whether the simulated drifters do as predicted."""
-    for failure in results.failures:
-        say(f"There is no voyage with {failure}.")
-    if not results.voyage:
-        return True
-    goal = next(iter(results.voyages.values())).goal
-    specs = {"errors": ".1f", "after, h": ".3g", "median, h": ".3g"}
-    title = f"Voyage to {results.ocean.place(goal)} (Figure 5.16)"
-    emit(title, results.voyage, out / "voyage.csv", ".3f", **specs)
-    starts = "; ".join(results.ocean.place(start) for start in results.ocean.starts)
-    say(
-        f"""Edge uniform: as in the source, nothing leaves the grid; exit: drifters may. Least,
-        mean: the probability of arriving at all, over all cells; median: of the hours that it takes
-        if they do. Then for the starts, {starts}: the probability, the hours if it arrives, and the
-        probability of arriving within {SAILING} steps, beside the share of {DRIFTERS:,} simulated
-        drifters, with its distance in standard errors."""
-    )
-    return all((row["errors"] or 0) < ERRORS for row in results.voyage)
-
-
-def draw(results: Results, out: Path) -> None:
-    ocean, surface = results.ocean, results.surface
     drifters_figures.flow(surface, out / "flow.png")
     drifters_figures.behaviour(surface, out / "behaviour.png")
     drifters_figures.absorption(surface, out / "absorption.png")
-    drifters_figures.views(surface, results.views, results.sight, out / "views.png")
-    drifters_check_figures.coverage(results.curves, surface.water.cells, out / "coverage.png")
-    drifters_check_figures.sensitivity(results.by_step, results.by_rho, out / "sensitivity.png")
-    drifters_check_figures.replays(surface.water, results.checks, out / "replay.png")
-    drifters_check_figures.ridges(results.ridges, out / "ridges.png")
-    for one in results.moments:
-        name = f"layers_{ocean.hour(one.record):g}h.png"
-        drifters_layers.moment(ocean, one, out / name)
-    if results.voyages:
-        found = next(iter(results.voyages.values()))
-        drifters_layers.voyage(ocean, ocean.records[0], found, out / "voyage.png")
-        drifters_layers.stack(ocean, ocean.records[0], found, 0, out / "voyage_stack.png")
+    drifters_figures.views(surface, views, sight, out / "views.png")
 
 
-def numbers(count: int, names: str) -> Any:
-    """Make a reader of a number of values with commas between them."""
+def deployment(ocean: Ocean, out: Path) -> bool:
+    """Report deployments; returns `True` if they reach all cells, and methods agree."""
+    rows, curves = deployment_rows(ocean, ocean.records[0])
+    emit("Drifters from which all cells may be visited", rows, out / "deployment.csv")
+    say(
+        """Alg. 5.2 has a drifter in every persistent group and for every transient group. Fewest:
+        the fewest drifters that may reach all cells, by components of the map and by a
+        mixed-integer program. Greedy: one drifter after another, each where it adds most cells."""
+    )
+    drifters_check_figures.coverage(curves, ocean.waters[0].cells, out / "coverage.png")
+    return all(row["all"] and row["MILP"] in (None, row["fewest"]) for row in rows)
+
+
+def layers(ocean: Ocean, out: Path) -> None:
+    """Report all layers at all moments, and the sensitivity to two parameters."""
+    rows: Rows = []
+    reached: Rows = []
+    for record in ocean.records:
+        one, behaviour, reach = moment(ocean, record)
+        rows += behaviour
+        reached += reach
+        drifters_layers.moment(ocean, one, out / f"layers_{ocean.hour(record):g}h.png")
+    emit("Layers (Figures 5.10, 5.12, 5.14)", rows, out / "layers.csv", ".3g")
+    emit("Cells reached (Figures 5.11, 5.13, 5.15)", reached, out / "reached.csv")
+    say(
+        """In layers: by drifters that are deployed at the start, sink to their layer at once, and
+        stay in it. Free: by a drifter that goes up and down at any time."""
+    )
+    steps, rhos = step_rows(ocean, ocean.records[0]), rho_rows(ocean, ocean.records[0])
+    emit("Sensitivity to the step", steps, out / "steps.csv", ".3g")
+    emit("Sensitivity to rho", rhos, out / "rho.csv", ".3g")
+    drifters_check_figures.sensitivity(steps, rhos, out / "sensitivity.png")
+
+
+def checks(ocean: Ocean, surface: Layer, seed: int, out: Path) -> None:
+    """Compare maps with simulated drifters, and borders of groups with ridges."""
+    rows, compared = replays(ocean, ocean.records[0], seed)
+    emit("Maps and simulated drifters", rows, out / "replay.csv", ".2f")
+    times = ", ".join(f"{hour:.3g}" for hour in compared[0].found.hours)
+    say(
+        f"""After whole steps, {times} h. Wrong: the total variation between the map and
+        {DRIFTERS:,} drifters; noise: between two halves of the drifters; cells: the mean distance
+        between the two. Where drifters gather in a point, a map spreads them over the cells around
+        it."""
+    )
+    borders, ridges = ridge_rows(ocean, ocean.records[0])
+    if borders:
+        emit("Ridges at the borders of groups", borders, out / "ridges.csv", ".3g")
+        say(
+            """Borders near: the share of the cells at a border between domains of attraction that
+            have a ridge of the finite-time Lyapunov exponent in the cell or beside it. All near:
+            the same share of all cells, as expected of borders that are independent of ridges."""
+        )
+    else:
+        say("Drifters of all cells end in the same group, so there are no borders.")
+    drifters_check_figures.replays(surface.water, compared, out / "replay.png")
+    drifters_check_figures.ridges(ridges, out / "ridges.png")
+
+
+def voyage(ocean: Ocean, goal: int, seed: int, out: Path) -> bool:
+    """Report voyages to a goal; returns `True` if simulated drifters agree with predictions."""
+    record, found, rows = ocean.records[0], {}, []
+    for edge in EDGES:
+        try:
+            found[edge] = voyages(ocean, record, goal, edge)
+        except RuntimeError as error:
+            say(f"There is no voyage with edge '{edge}': {error}.")
+        else:
+            rows += voyage_rows(edge, found[edge], ocean.starts, seed)
+    if not rows:
+        return True
+    specs = {"errors": ".1f", "after, h": ".3g", "median, h": ".3g"}
+    title = f"Voyage to {ocean.place(goal)} (Figure 5.16)"
+    emit(title, rows, out / "voyage.csv", ".3f", **specs)
+    starts = "; ".join(ocean.place(start) for start in ocean.starts)
+    say(
+        f"""Edge uniform: as in the source, no drifter leaves the grid; exit: drifters may leave it.
+        Least, mean: the probability of ever arriving, over all cells; median: of the expected hours
+        of arriving drifters. Then, for the starts {starts}: the probability, the expected hours of
+        arriving drifters, the probability of arriving within {SAILING} steps, the share of
+        {DRIFTERS:,} simulated drifters, and the difference of both in standard errors."""
+    )
+    one = next(iter(found.values()))
+    drifters_layers.voyage(ocean, record, one, out / "voyage.png")
+    drifters_layers.stack(ocean, record, one, 0, out / "voyage_stack.png")
+    return all((row["errors"] or 0) < ERRORS for row in rows)
+
+
+def numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
+    """Make a reader of `count` numbers with commas between them."""
 
     def read(text: str) -> tuple[float, ...]:
         try:
@@ -317,9 +194,8 @@ def numbers(count: int, names: str) -> Any:
 
 def arguments() -> argparse.Namespace:
     place = numbers(2, "LON,LAT")
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = experiment_parser(__doc__, "runs/chapter_5/drifters", seed=0)
     parser.add_argument("file", type=Path, nargs="?", default=GYRES, help="NetCDF with currents")
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_5/drifters"))
     parser.add_argument("--hours", type=float, nargs="+", default=[1.0, 12.0, 24.0])
     parser.add_argument("--depths", type=float, nargs="+", help="metres; up to three by default")
     parser.add_argument("--step", type=float, help="hours; by default the time to cross a cell")
@@ -327,34 +203,27 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--spread", default="turned", choices=("turned", "all", "sampled"))
     parser.add_argument("--start", type=place, action="append", metavar="LON,LAT")
     parser.add_argument("--goal", type=numbers(3, "LON,LAT,DEPTH"), metavar="LON,LAT,DEPTH")
-    parser.add_argument("--seed", type=int, default=0)
-    return parser.parse_args()
+    return read_options(parser)
 
 
 def main() -> int:
     options = arguments()
-    options.out.mkdir(parents=True, exist_ok=True)
     configure_jax()
     began = time.perf_counter()
     try:
-        ocean, surface, goal = asked(options)
-    except (ValueError, OSError) as wrong:
-        print(wrong, file=sys.stderr)
+        ocean = Ocean.of(options)
+        goal = goal_of(ocean) if options.goal is None else ocean.cell(*options.goal)
+        surface = ocean.layer(ocean.records[0])
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
         return 2
-    results = study(ocean, surface, goal, options.seed)
-    found = time.perf_counter() - began
-    draw(results, options.out)
-    report_surface(results, options.out)
-    covers = report_deployment(results, options.out)
-    report_layers(results, options.out)
-    report_checks(results, options.out)
-    arrives = report_voyage(results, options.out)
-    every = ", ".join(f"{name} {t:.0f}" for name, t in results.seconds.items())
-    print(
-        f"Data and figures in {options.out}; {time.perf_counter() - began:.0f} s, of which "
-        f"{found:.0f} for the numbers ({every})."
-    )
-    return 0 if covers and arrives else 1
+    surface_layer(ocean, surface, options.out)
+    complete = deployment(ocean, options.out)
+    layers(ocean, options.out)
+    checks(ocean, surface, options.seed, options.out)
+    arrives = voyage(ocean, goal, options.seed, options.out)
+    print(f"Data and figures in {options.out}; {time.perf_counter() - began:.0f} s.")
+    return 0 if complete and arrives else 1
 
 
 if __name__ == "__main__":

@@ -1,27 +1,25 @@
-"""The figures of `drifters.py` that are not in the source: coverage, sensitivity and checks."""
+"""Draw the figures of `drifters.py` that are not in the source: coverage, sensitivity, checks."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
-from jaxcell.drift import (
-    CoverageCurve,
-    Water,
-)
+from jaxcell.drift import CoverageCurve, Water
 
+from ..shared.figures import plt, save
 from .drifters_checks import DRIFTERS, Check, Ridges
-from .drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, save, xy
+from .drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, xy
 
 
 def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:
+    """Draw the share of visited cells by the number of drifters, for each kind of map."""
     figure, axes = plt.subplots(figsize=(7, 4.4), layout="constrained")
     styles = ("o-", "s-", "^-", "D--", "v--", "x:")
     for place, ((name, curve), style) in enumerate(zip(curves.items(), styles, strict=True)):
         number = np.arange(1, curve.cells.size + 1)
-        # The first curves are wider and larger, so that they are seen below the others.
+        # The first curves have larger marks, so that they remain visible below the others.
         axes.plot(
             number, 100 * curve.covered / cells, style, lw=1.5, ms=12 - 1.5 * place, label=name
         )
@@ -34,6 +32,7 @@ def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:
 
 
 def sensitivity(by_step: Sequence[dict], by_rho: Sequence[dict], path: Path) -> None:
+    """Draw groups, drift and absorption times by the step and by rho."""
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
     factor = [row["step"] for row in by_step]
     for name, label, style in (
@@ -66,7 +65,7 @@ def sensitivity(by_step: Sequence[dict], by_rho: Sequence[dict], path: Path) -> 
 
 
 def replays(water: Water, checks: Sequence[Check], path: Path) -> None:
-    """The chain, step by step, beside simulated drifters."""
+    """Draw the distributions of two maps, and of simulated drifters below them."""
     shown = (checks[0], checks[2])
     width, across = 3.6, len(checks[0].found.hours)
     height = 2 * len(shown) * height_for(water, width, 4.5) + 1.2
@@ -85,14 +84,13 @@ def replays(water: Water, checks: Sequence[Check], path: Path) -> None:
             both = pushed[step], share[step]
             most = np.quantile(np.concatenate(both), 0.995)
             scale = {"cmap": "magma_r", "vmin": 0, "vmax": most}
-            for axes, what, name in zip(rows[:, place], both, ("map", "drifters"), strict=True):
-                draw_map(axes, water, np.where(what > 0.5 / DRIFTERS, what, np.nan), **scale)
-                axes.set_xticks([])
-                axes.set_yticks([])
+            for axes, one, name in zip(rows[:, place], both, ("map", "drifters"), strict=True):
+                draw_map(axes, water, np.where(one > 0.5 / DRIFTERS, one, np.nan), **scale)
+                axes.set(xticks=[], yticks=[])
                 axes.set_title(f"{name}, {check.found.hours[place]:.3g} h", fontsize=9, pad=2)
             rows[1, place].set_xlabel(
                 f"{100 * check.found.total_variation[place]:.0f} % in a wrong cell, "
-                f"{check.found.transport[place]:.2f} cells apart",
+                f"distance {check.found.transport[place]:.2f} cells",
                 fontsize=8,
             )
         rows[0, 0].set_ylabel(check.name.split(",")[0], fontsize=10)
@@ -101,7 +99,7 @@ def replays(water: Water, checks: Sequence[Check], path: Path) -> None:
 
 
 def ridges(found: Sequence[Ridges], path: Path) -> None:
-    """The exponent, and its ridges over the groups."""
+    """Draw the Lyapunov exponent, and its ridges on the groups."""
     width = 6.2
     height = sum(0.85 * height_for(one.water, width) for one in found) + 1.0
     figure, panels = plt.subplots(
@@ -121,6 +119,6 @@ def ridges(found: Sequence[Ridges], path: Path) -> None:
         draw_map(right, one.water, colors)
         right.plot(*xy(one.water, one.ridge), "s", color="black", ms=3)
         right.set_title(
-            f"{one.name}: where drifters end (white: in several), and ridges", fontsize=10
+            f"{one.name}: final groups of drifters (white: several), and ridges", fontsize=10
         )
     save(figure, path)

@@ -1,4 +1,4 @@
-"""Checks and voyages for `drifters.py`: simulated drifters, ridges, and ways to a goal."""
+"""Compute the checks and voyages of `drifters.py`: simulated drifters, ridges, and policies."""
 
 import dataclasses
 import math
@@ -28,28 +28,27 @@ from jaxcell.drift import (
 from jaxcell.mapping import Chain
 from jaxcell.markov import arrival_probabilities, conditional_hitting_times, first_passage
 
+from ..shared.report import Rows
 from .drifters_sea import Layer, Ocean, double_gyre
 
 
 HOURS = (1, 12, 24)
-# Steps of a voyage, and the discounts that are tried; the source does not give its own.
+# The number of steps of a voyage, and its discounts, which the source does not have.
 SAILING = 72
 DISCOUNTS = (0.9, 0.99)
 DRIFTERS = 20_000
 # The largest distance of border cells from a ridge, in cells.
 NEAR = 1
-# Steps of the map over which the flow is followed for its ridges, and those of Runge-Kutta in each.
+# The steps of the map for the exponent, and the Runge-Kutta steps in each.
 STRETCH, FINE = 20, 10
 
-Rows = list[dict[str, Any]]
 
-
-# Replay.
+# Comparison with simulated drifters.
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Check:
-    """A map beside the simulated drifters that it is compared with."""
+    """A map, simulated drifters, and their comparison."""
 
     name: str
     chain: Chain
@@ -58,6 +57,7 @@ class Check:
 
 
 def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
+    """Compare four maps of the surface with simulated drifters."""
     surface = ocean.layer(record)
     water, still, step = surface.water, surface.flow, surface.duration
     steps = int(np.ceil((HOURS[-1] + 1) * 3600 / step))
@@ -89,14 +89,16 @@ def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
         checks.append(Check(name, chain, drifted, compare(water, chain, drifted, HOURS)))
     rows = []
     for check in checks:
-        row = {"map": check.name}
-        found = check.found
+        row, found = {"map": check.name}, check.found
+        columns = {
+            "wrong": found.total_variation,
+            "noise": found.sampling,
+            "cells": found.transport,
+        }
         for at, hour in enumerate(HOURS):
-            # After no step there is nothing to compare.
-            some = found.hours[at] > 0
-            row[f"wrong, {hour} h"] = float(found.total_variation[at]) if some else None
-            row[f"noise, {hour} h"] = float(found.sampling[at]) if some else None
-            row[f"cells, {hour} h"] = float(found.transport[at]) if some else None
+            for name, values in columns.items():
+                # There is nothing to compare before the first step.
+                row[f"{name}, {hour} h"] = float(values[at]) if found.hours[at] > 0 else None
         rows.append(row)
     return rows, checks
 
@@ -106,24 +108,23 @@ def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ridges:
-    """The exponent of a flow, its ridges, and the groups."""
+    """The Lyapunov exponent of a flow per hour, its ridges, and the groups, by cell."""
 
     name: str
     water: Water
     exponent: np.ndarray
-    "Per hour."
     ridge: np.ndarray
     label: np.ndarray
-    "The persistent group to which each cell leads, and no other; -1 if there are several."
+    "The only persistent group to which each cell leads; -1 if there are several."
 
 
 def ridge_rows(ocean: Ocean, record: int) -> tuple[Rows, list[Ridges]]:
+    """Compare the borders between groups with ridges, for this sea and for a double gyre."""
     points = ocean.layer(record, spread="sampled", edge="exit")
     water, flow = double_gyre()
     gyre = Layer.of(water, flow, None, spread="sampled", edge="exit", method="rk4", substeps=4)
     found, rows = [], []
     for name, layer in (("this sea", points), ("double gyre", gyre)):
-        # The stretching of water on its way to the groups.
         exponent = ftle(layer.water, layer.flow, STRETCH * layer.duration, steps=STRETCH * FINE)
         ridge = ridges(layer.water, exponent)
         label = np.asarray(layer.behaviour.basin)
@@ -166,7 +167,10 @@ class Voyages:
 
 
 def voyages(ocean: Ocean, record: int, goal: int, edge: str) -> Voyages:
-    """**Raises:** `RuntimeError` if a solve stalls."""
+    """Compute the policies to a goal.
+
+    **Raises:** `RuntimeError` if a solver does not converge.
+    """
     sea, duration = ocean.sea(record, edge=edge)
     found = {
         f"discount {discount}": discounted_voyage(sea, goal, discount) for discount in DISCOUNTS
@@ -175,50 +179,34 @@ def voyages(ocean: Ocean, record: int, goal: int, edge: str) -> Voyages:
 
 
 def voyage_rows(of: str, found: Voyages, starts: tuple[int, ...], seed: int) -> Rows:
-    """Compare the probabilities of policies with simulated drifters."""
-    rows = []
-    hours = found.duration / 3600
-    drift = found.sea.drift
-    promised = (
-        arrival_probabilities(drift, found.goal, throw=False).value,
-        conditional_hitting_times(drift, found.goal, throw=False).value,
-    )
-    for number, start in enumerate(starts):
-        rows.append(
-            {
-                "edge": of,
-                "policy": "only drifts",
-                "start": number + 1,
-                **_promised(*promised, start, hours),
-                f"{SAILING}, steps": float(first_passage(drift, start, found.goal, SAILING).sum()),
-                "seen": None,
-                "errors": None,
-            }
-        )
+    """Compare the arrival probabilities of drifting and of policies with simulated drifters."""
+    hours, drift, key = found.duration / 3600, found.sea.drift, jax.random.key(seed)
+
+    def row(name: str, number: int, chain: Chain, probability: Any, time: Any) -> dict[str, Any]:
+        start = starts[number]
+        predicted = _predicted(np.asarray(probability), np.asarray(time), start, hours)
+        within = float(first_passage(chain, start, found.goal, SAILING).sum())
+        known = {"edge": of, "policy": name, "start": number + 1, **predicted}
+        return known | {f"{SAILING}, steps": within, "seen": None, "errors": None}
+
+    probability = arrival_probabilities(drift, found.goal, throw=False).value
+    time = conditional_hitting_times(drift, found.goal, throw=False).value
+    rows = [row("only drifts", k, drift, probability, time) for k in range(len(starts))]
     for place, (name, voyage) in enumerate(found.policies.items()):
         for number, start in enumerate(starts):
-            key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), place), number)
-            tracks = simulate_voyages(key, voyage, start, DRIFTERS, SAILING)
-            told = float(first_passage(voyage.chain, start, found.goal, SAILING).sum())
-            seen = float(np.asarray(tracks.arrived).mean())
-            # One drifter more or less is no error.
-            error = np.sqrt(max(told * (1 - told), 0) / DRIFTERS + 1 / DRIFTERS**2)
-            rows.append(
-                {
-                    "edge": of,
-                    "policy": name,
-                    "start": number + 1,
-                    **_promised(voyage.probability, voyage.conditional_time, start, hours),
-                    f"{SAILING}, steps": told,
-                    "seen": seen,
-                    "errors": abs(seen - told) / error,
-                }
-            )
+            one = row(name, number, voyage.chain, voyage.probability, voyage.conditional_time)
+            draw = jax.random.fold_in(jax.random.fold_in(key, place), number)
+            tracks = simulate_voyages(draw, voyage, start, DRIFTERS, SAILING)
+            within, seen = one[f"{SAILING}, steps"], float(np.asarray(tracks.arrived).mean())
+            # The second term allows for one drifter.
+            error = np.sqrt(max(within * (1 - within), 0) / DRIFTERS + 1 / DRIFTERS**2)
+            rows.append(one | {"seen": seen, "errors": abs(seen - within) / error})
     return rows
 
 
-def _promised(probability: Any, time: Any, start: int, hours: float) -> dict[str, Any]:
-    probability, time = np.asarray(probability), np.asarray(time)
+def _predicted(
+    probability: np.ndarray, time: np.ndarray, start: int, hours: float
+) -> dict[str, Any]:
     arriving = np.isfinite(time)
     return {
         "least": float(probability.min()),

@@ -1,10 +1,8 @@
-"""The figures of `drifters.py` of one layer: where water goes, where drifters are dropped."""
+"""Draw the figures of `drifters.py` for one layer: currents, behaviour, and deployment."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.patches import Patch
@@ -21,53 +19,50 @@ from jaxcell.drift import (
 )
 from jaxcell.markov import absorption_probabilities
 
+from ..shared.figures import plt, save
 from .drifters_sea import Layer
 
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-mpl.use("Agg")
-
 LAND, ARROW, DROPPED = "0.62", "#1f3d5c", "black"
-# Of persistent groups; those of transient groups with one domicile are paler.
+# Colours of persistent groups; transient groups with one domicile have a paler colour.
 GROUPS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 OTHER, GONE, SEVERAL = "#60524a", "#ffffff", ("#cdbfe3", "#b39ddb", "#9575cd", "#7e57c2")
 PALE = 0.66
 SEEN, CAMERA = "#cfe6f5", "#0072b2"
-DPI = 150
 MOST_ARROWS = 40
+# The largest residual of probabilities that are good enough for a figure.
 FAIR = 1e-3
 
 
-# The parts of a picture.
+# Parts of a figure.
 
 
 def side(water: Water) -> tuple[float, float]:
-    """The mean sides of a cell in km."""
+    """Compute the mean sides of a cell in km."""
     return float(np.nanmean(water.dx) / 1000), float(np.nanmean(water.dy) / 1000)
 
 
 def size_of(water: Water) -> tuple[float, float]:
-    """Width and height of the map in km."""
+    """Compute the width and the height of the map in km."""
     dx, dy = side(water)
     rows, columns = water.number.shape
     return columns * dx, rows * dy
 
 
 def height_for(water: Water, width: float, most: float = 12.0) -> float:
+    """Compute the height of a panel with a map, at most `most`."""
     across, up = size_of(water)
     return min(width * up / across, most)
 
 
 def xy(water: Water, cells: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The middles of cells in km."""
+    """Compute the centres of cells in km."""
     dx, dy = side(water)
     return (water.column[cells] + 0.5) * dx, (water.row[cells] + 0.5) * dy
 
 
-def draw_map(axes: "Axes", water: Water, colors: np.ndarray | None = None, **more: Any) -> Any:
-    """Land, and cells in colours `[cells, 3]` or by numbers `[cells]`."""
+def draw_map(axes: plt.Axes, water: Water, colors: np.ndarray | None = None, **more: Any) -> Any:
+    """Draw land, and cells in colours `[cells, 3]` or by numbers `[cells]`; return the image."""
     across, up = size_of(water)
     within = {"origin": "lower", "extent": (0, across, 0, up), "interpolation": "nearest"}
     land = np.broadcast_to(to_rgb(LAND), (*water.number.shape, 3)).copy()
@@ -82,8 +77,8 @@ def draw_map(axes: "Axes", water: Water, colors: np.ndarray | None = None, **mor
     return image
 
 
-def draw_arrows(axes: "Axes", water: Water, flow: Flow, **more: Any) -> None:
-    """The current, one arrow for so many cells that there are not too many."""
+def draw_arrows(axes: plt.Axes, water: Water, flow: Flow, **more: Any) -> None:
+    """Draw the current, with at most `MOST_ARROWS` arrows along a side."""
     every = -(-max(water.number.shape) // MOST_ARROWS)
     some = (water.row % every == every // 2) & (water.column % every == every // 2)
     rate = np.asarray(flow.rate[0])
@@ -96,7 +91,7 @@ def draw_arrows(axes: "Axes", water: Water, flow: Flow, **more: Any) -> None:
 
 
 def group_colors(layer: Layer) -> np.ndarray:
-    """One for each persistent group: the first ones if they are few, else the largest."""
+    """Choose a colour for each persistent group; if there are many, the largest have their own."""
     count = layer.behaviour.groups.count
     colors = np.broadcast_to(to_rgb(OTHER), (count, 3)).copy()
     order = np.arange(count)
@@ -112,7 +107,7 @@ def paler(color: Any, share: float = PALE) -> np.ndarray:
 
 
 def part_colors(layer: Layer) -> np.ndarray:
-    """One for each transient group."""
+    """Choose a colour for each transient group."""
     groups = group_colors(layer)
     several = 0
     colors = np.ones((layer.behaviour.transient.count, 3))
@@ -126,7 +121,7 @@ def part_colors(layer: Layer) -> np.ndarray:
 
 
 def behaviour_colors(layer: Layer) -> np.ndarray:
-    """Of every cell, by its persistent or transient group."""
+    """Choose the colour of each cell by its persistent or transient group."""
     group, part = layer.group, layer.transient
     nothing = np.ones((1, 3))
     return np.where(
@@ -137,6 +132,7 @@ def behaviour_colors(layer: Layer) -> np.ndarray:
 
 
 def legend_of(layer: Layer, most: int = 10) -> list[Patch]:
+    """Make the entries of a legend; if there are many, the largest groups."""
     sizes = np.asarray(layer.behaviour.groups.size)
     colors = group_colors(layer)
     named = (colors != to_rgb(OTHER)).any(axis=1)
@@ -157,16 +153,11 @@ def legend_of(layer: Layer, most: int = 10) -> list[Patch]:
     ]
 
 
-def save(figure: Any, path: Path) -> None:
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
-
-
 # Figures 5.6 to 5.9.
 
 
 def flow(layer: Layer, path: Path) -> None:
-    """The current, the flow lines of a step, and those of a day."""
+    """Draw the current, and the flow lines of a step and of a day."""
     water = layer.water
     width = 5.2
     figure, (left, middle, right) = plt.subplots(
@@ -202,7 +193,7 @@ def _lines(layer: Layer, seconds: float, pieces: int = 96) -> tuple[np.ndarray, 
 
 
 def behaviour(layer: Layer, path: Path) -> None:
-    """Figure 5.7: groups, and where drifters are dropped."""
+    """Draw the groups and the deployment cells: Figure 5.7."""
     water = layer.water
     width = 5.6
     figure, panels = plt.subplots(
@@ -221,7 +212,7 @@ def behaviour(layer: Layer, path: Path) -> None:
 
 
 def absorption(layer: Layer, path: Path) -> None:
-    """Figure 5.8: how long it takes, where and by group, and where drifters end."""
+    """Draw absorption times by cell and by group, and final groups: Figure 5.8."""
     water = layer.water
     width = 5.0
     figure, (left, middle, right) = plt.subplots(
@@ -243,15 +234,14 @@ def absorption(layer: Layer, path: Path) -> None:
     ends = absorption_probabilities(layer.chain, layer.behaviour.groups, throw=False)
     every = np.concatenate([np.asarray(ends.value), np.asarray(ends.leaving)[None]])
     blend = np.concatenate([group_colors(layer), [to_rgb(GONE)]])
-    # For a picture they need not be as good as for a number.
-    told = ends.certificate.residual < FAIR
-    draw_map(right, water, np.clip(every.T @ blend, 0, 1) if told else None)
-    what = "mixed by probability" if told else "beyond 64-bit numbers"
-    right.set_title(f"c) where drifters end, {what}", fontsize=11)
+    fair = ends.certificate.residual < FAIR
+    draw_map(right, water, np.clip(every.T @ blend, 0, 1) if fair else None)
+    how = "mixed by probability" if fair else "beyond 64-bit numbers"
+    right.set_title(f"c) final groups of drifters, {how}", fontsize=11)
     save(figure, path)
 
 
-def _by_group(axes: "Axes", layer: Layer, most: int = 10) -> None:
+def _by_group(axes: plt.Axes, layer: Layer, most: int = 10) -> None:
     transient = layer.behaviour.transient
     parts = np.sort(np.argsort(-np.asarray(transient.size), kind="stable")[:most])
     if not parts.size or np.isnan(layer.hours).any():
@@ -260,9 +250,9 @@ def _by_group(axes: "Axes", layer: Layer, most: int = 10) -> None:
         axes.axis("off")
         return
     hours = [layer.hours[layer.transient == part] for part in parts]
-    told = [layer.homes(part) for part in parts]
+    labels = [layer.homes(part) for part in parts]
     drawn = axes.boxplot(
-        hours, tick_labels=told, whis=(0, 100), patch_artist=True, showmeans=True, widths=0.6,
+        hours, tick_labels=labels, whis=(0, 100), patch_artist=True, showmeans=True, widths=0.6,
         medianprops={"color": "black"},
         meanprops={"marker": "D", "mfc": "black", "mec": "white", "ms": 6},
     )  # fmt: skip
@@ -277,7 +267,7 @@ def _by_group(axes: "Axes", layer: Layer, most: int = 10) -> None:
 
 
 def views(layer: Layer, found: VisibleDeployment, reach: float, path: Path) -> None:
-    """Figure 5.9: cameras that see all, and the drifters that are enough in the long run."""
+    """Draw cells from which cameras see all cells, and their deployment: Figure 5.9."""
     water = layer.water
     width = 5.6
     figure, panels = plt.subplots(
@@ -294,6 +284,6 @@ def views(layer: Layer, found: VisibleDeployment, reach: float, path: Path) -> N
             )
         axes.plot(*xy(water, cells), "o", color=CAMERA, mec="white", mew=0.8, ms=8)
         axes.set_xlabel("km", fontsize=8)
-    panels[0].set_title(f"a) {found.cover.size} cells from which all is seen (Figure 5.9(a))")
-    panels[1].set_title(f"b) {found.cells.size} of them to drop drifters in (Figure 5.9(b))")
+    panels[0].set_title(f"a) {found.cover.size} cells that see all cells (Figure 5.9(a))")
+    panels[1].set_title(f"b) {found.cells.size} of them for deployment (Figure 5.9(b))")
     save(figure, path)

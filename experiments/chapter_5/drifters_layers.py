@@ -1,22 +1,19 @@
-"""The figures of `drifters.py` of several layers: Figures 5.10 to 5.16."""
+"""Draw the figures of `drifters.py` for several layers: Figures 5.10 to 5.16."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import PowerNorm, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from jaxcell.drift import (
-    Voyage,
-    Water,
-    simulate_voyages,
-)
+from jaxcell.drift import Voyage, Water, simulate_voyages
 
+from ..shared.figures import plt, save
 from .drifters_checks import SAILING, Voyages
 from .drifters_figures import (
     GROUPS,
@@ -26,7 +23,6 @@ from .drifters_figures import (
     draw_map,
     height_for,
     legend_of,
-    save,
     side,
     size_of,
     xy,
@@ -35,16 +31,13 @@ from .drifters_sea import Layer, Ocean
 from .drifters_tables import Moment
 
 
-if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d import Axes3D
-
 START, REACHED, BOTH, GOAL = "#1b9e3f", "#9fd3f0", "#5fb0dc", "#e31a1c"
 UP, DOWN, DRIFT = "#1f4fd8", "#7aa6ff", "#d62728"
 ACTIONS = ((-1, "up", "#1f4fd8"), (0, "drift", "#f4c7b8"), (1, "down", "#8fb8ff"))
 
 
 def _panels(kinds: int, layers: int, width: float, height: float) -> tuple[Any, np.ndarray]:
-    """A row for each kind of picture, a column for each layer; if there is one, side by side."""
+    """Make panels `[kinds, layers]`; a single layer has its panels side by side."""
     if layers == 1:
         size = (kinds * width, height + 0.8)
         figure, panels = plt.subplots(1, kinds, figsize=size, layout="constrained", squeeze=False)
@@ -54,7 +47,7 @@ def _panels(kinds: int, layers: int, width: float, height: float) -> tuple[Any, 
 
 
 def moment(ocean: Ocean, one: Moment, path: Path) -> None:
-    """A figure for each hour: Figures 5.10 and 5.11, 5.12 and 5.13, 5.14 and 5.15."""
+    """Draw currents, behaviour and reached cells of all layers at a time: Figures 5.10 to 5.15."""
     count = len(one.layers)
     water = one.layers[0].water
     width = 4.6
@@ -75,7 +68,7 @@ def moment(ocean: Ocean, one: Moment, path: Path) -> None:
         colors = np.stack([to_rgb(c) for c in ("white", REACHED, BOTH)])[np.minimum(often, 2)]
         draw_map(column[2], water, colors)
         for start in ocean.starts:
-            # The same square in each layer that has it.
+            # The start is marked in each layer that has its square.
             at = one.layers[0].water.row[start], one.layers[0].water.column[start]
             if water.number[at] >= 0:
                 column[2].plot(
@@ -86,7 +79,7 @@ def moment(ocean: Ocean, one: Moment, path: Path) -> None:
     hour = ocean.hour(one.record)
     figure.suptitle(
         f"After {hour:g} h (kinds of Figures 5.10 to 5.15); "
-        "below, what drifters from the green cells reach in each layer, darker if both do"
+        "below, cells that drifters from the green cells reach, darker if both do"
     )
     save(figure, path)
 
@@ -95,7 +88,7 @@ def moment(ocean: Ocean, one: Moment, path: Path) -> None:
 
 
 def voyage(ocean: Ocean, record: int, found: Voyages, path: Path) -> None:
-    """Values, policies and times, layer by layer."""
+    """Draw values, policies and times of each layer."""
     waters = ocean.waters
     first = ocean.first
     width = 4.6
@@ -107,26 +100,15 @@ def voyage(ocean: Ocean, record: int, found: Voyages, path: Path) -> None:
     value = np.asarray(found.discounted.value)
     for k, (column, water) in enumerate(zip(panels.T, waters, strict=True)):
         inside = slice(first[k], first[k + 1])
-        images = [
-            draw_map(
-                column[0], water, value[inside], cmap="viridis", vmin=value.min(), vmax=value.max()
-            )
-        ]
+        scale = {"cmap": "viridis", "vmin": value.min(), "vmax": value.max()}
+        images = [draw_map(column[0], water, value[inside], **scale)]
         column[0].set_title(f"{water.depth:g} m", fontsize=11)
         for axes, policy in ((column[1], found.discounted), (column[2], found.surest)):
-            draw_map(axes, water, _action_colors(np.asarray(policy.action)[inside]))
-            layer = ocean.layer(record, k)
-            drifts = np.asarray(policy.action)[inside] == 0
-            _drifts(axes, layer, drifts)
-        images.append(
-            draw_map(
-                column[3],
-                water,
-                reasonable[1][inside],
-                cmap="magma_r",
-                norm=PowerNorm(0.5, 0, latest),
-            )
-        )
+            action = np.asarray(policy.action)[inside]
+            draw_map(axes, water, _action_colors(action))
+            _drifts(axes, ocean.layer(record, k), action == 0)
+        scale = {"cmap": "magma_r", "norm": PowerNorm(0.5, 0, latest)}
+        images.append(draw_map(column[3], water, reasonable[1][inside], **scale))
         for axes in column:
             if first[k] <= found.goal < first[k + 1]:
                 axes.plot(
@@ -136,8 +118,8 @@ def voyage(ocean: Ocean, record: int, found: Voyages, path: Path) -> None:
     figure.colorbar(
         images[1], ax=panels[3], label="hours, if it arrives", shrink=0.9, pad=0.01, extend="max"
     )
-    told = ("value (5.16(b))", "discounted policy (5.16(c))", "surest policy", "its time")
-    for axes, name in zip(panels[:, 0], told, strict=True):
+    names = ("value (5.16(b))", "discounted policy (5.16(c))", "surest policy", "its time")
+    for axes, name in zip(panels[:, 0], names, strict=True):
         axes.set_ylabel(name, fontsize=11)
     handles = [Patch(color=color, label=name) for _, name, color in ACTIONS]
     handles.append(Line2D([], [], marker="*", color=GOAL, ms=12, ls="", label="goal"))
@@ -150,7 +132,7 @@ def _action_colors(action: np.ndarray) -> np.ndarray:
 
 
 def _drifts(axes: plt.Axes, layer: Layer, where: np.ndarray) -> None:
-    """Arrows of the current where the drifter goes with it."""
+    """Draw arrows of the current in cells where the drifter drifts."""
     water = layer.water
     u, v = (along[where] for along in directions(layer))
     dx = side(water)[0]
@@ -161,7 +143,7 @@ def _drifts(axes: plt.Axes, layer: Layer, where: np.ndarray) -> None:
 
 
 def directions(layer: Layer) -> np.ndarray:
-    """Of the current in each cell, along the axes of the grid, with length 1."""
+    """Compute the unit vectors `[2, cells]` of the current, along the axes of the grid."""
     water = layer.water
     speed = np.asarray(layer.flow.rate[0]) * np.stack([water.dx, water.dy])
     speed = speed[:, water.row, water.column]
@@ -169,19 +151,19 @@ def directions(layer: Layer) -> np.ndarray:
 
 
 def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> None:
-    """The layers above each other: goal, value, policy, and simulated drifters."""
+    """Draw the layers above each other, with goal, value, policy, and simulated drifters."""
     figure = plt.figure(figsize=(15, 12.5), layout="constrained")
     panels = [figure.add_subplot(2, 2, n + 1, projection="3d") for n in range(4)]
     value = np.asarray(found.discounted.value)
     shade = plt.get_cmap("viridis")((value - value.min()) / max(np.ptp(value), 1e-12))[:, :3]
     plain = np.broadcast_to(to_rgb("#dcecf7"), (len(value), 3))
-    told = (
+    titles = (
         "a) the layers and the goal (Figure 5.16(a))",
         "b) value (Figure 5.16(b))",
         "c) policy: up and down blue, drift red (Figure 5.16(c))",
-        f"d) simulated drifters from the green cells; grey: not there in {SAILING} steps",
+        f"d) simulated drifters from the green cells; grey: no arrival in {SAILING} steps",
     )
-    for axes, title, colors in zip(panels, told, (plain, shade, plain, plain), strict=True):
+    for axes, title, colors in zip(panels, titles, (plain, shade, plain, plain), strict=True):
         _layers(axes, ocean, colors, 0.5 if colors is plain else 0.85)
         axes.set_title(title)
         axes.plot(*_place(ocean, found.goal), "*", color=GOAL, ms=16, mec="white", zorder=9)
@@ -193,13 +175,13 @@ def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> N
 
 
 def _place(ocean: Ocean, cell: int) -> tuple[list, list, list]:
-    """Locate a cell of all layers for matplotlib."""
+    """Compute the coordinates in a figure of a cell, numbered over all layers."""
     layer = int(np.searchsorted(ocean.first, cell, side="right")) - 1
     x, y = xy(ocean.waters[layer], int(cell - ocean.first[layer]))
     return [x], [y], [-layer]
 
 
-def _layers(axes: "Axes3D", ocean: Ocean, colors: np.ndarray, alpha: float) -> None:
+def _layers(axes: Axes3D, ocean: Ocean, colors: np.ndarray, alpha: float) -> None:
     across, up = size_of(ocean.waters[0])
     for k, water in enumerate(ocean.waters):
         dry = water.number < 0
@@ -227,7 +209,7 @@ def _squares(water: Water, row, column, layer, color, alpha) -> Poly3DCollection
     return squares
 
 
-def _policy(axes: "Axes3D", ocean: Ocean, record: int, policy: Voyage) -> None:
+def _policy(axes: Axes3D, ocean: Ocean, record: int, policy: Voyage) -> None:
     action = np.asarray(policy.action)
     for k, water in enumerate(ocean.waters):
         inside = action[ocean.first[k] : ocean.first[k + 1]]
@@ -245,8 +227,8 @@ def _policy(axes: "Axes3D", ocean: Ocean, record: int, policy: Voyage) -> None:
         axes.scatter(*(here + upright)[inside != 0].T, color=UP, s=4, depthshade=False)
 
 
-def _tracks(axes: "Axes3D", ocean: Ocean, found: Voyages, seed: int, drifters: int = 12) -> None:
-    """The ways of some drifters, a little apart where they are in one cell."""
+def _tracks(axes: Axes3D, ocean: Ocean, found: Voyages, seed: int, drifters: int = 12) -> None:
+    """Draw the paths of some drifters, shifted so that paths in one cell remain visible."""
     random = np.random.default_rng(seed)
     waters, first = ocean.waters, ocean.first
     dx, dy = side(waters[0])

@@ -1,4 +1,4 @@
-"""A sea with its long-term behaviour, for the files of `drifters.py` to share."""
+"""Read currents, and compute the long-term behaviour of their layers, for `drifters.py`."""
 
 import argparse
 import dataclasses
@@ -36,28 +36,29 @@ YEAR = 24 * 365.25
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer:
-    """One layer of the sea at one moment, whose flow is taken as steady, as in the source."""
+    """One layer of the sea at one moment, with a steady flow as in the source."""
 
     water: Water
     flow: Flow
     duration: float
-    "Seconds that a step takes."
+    "Seconds of a step."
     behaviour: LongTermBehaviour
     diagnosis: Diagnosis
 
     @classmethod
     def of(cls, water: Water, flow: Flow, duration: float | None, **options) -> "Layer":
+        """Compute the behaviour of a layer.
+
+        **Arguments:**
+
+        - `duration`: seconds of a step; `None` for the time to cross a cell.
+        - `options`: further parameters of `DriftStep`.
+        """
         length = crossing_time(water, flow) if duration is None else duration
-        behaviour = long_term_behaviour(
-            drift_map(water, flow, DriftStep(length, **options)), length
-        )
-        return cls(
-            water,
-            flow,
-            length,
-            behaviour,
-            diagnose(water, flow, behaviour.groups, DriftStep(length)),
-        )
+        chain = drift_map(water, flow, DriftStep(length, **options))
+        behaviour = long_term_behaviour(chain, length)
+        diagnosis = diagnose(water, flow, behaviour.groups, DriftStep(length))
+        return cls(water, flow, length, behaviour, diagnosis)
 
     @property
     def chain(self) -> Chain:
@@ -75,17 +76,17 @@ class Layer:
 
     @property
     def hours(self) -> np.ndarray:
-        """Until a drifter is in a persistent group; NaN where no number of 64 bits tells."""
+        """Hours until a drifter from each cell is in a persistent group; NaN beyond 64 bits."""
         settled = self.behaviour.absorption.certificate.outcome is Outcome.CONVERGED
         return np.where(settled, np.asarray(self.behaviour.hours), np.nan)
 
     @property
     def held(self) -> int | None:
-        """Count the transient cells that lead to a group after years: eddies that leak."""
+        """Number of transient cells with more than a year until a group, or `None` if unknown."""
         return None if np.isnan(self.hours).any() else int((self.hours > YEAR).sum())
 
     def homes(self, part: int) -> str:
-        """The persistent groups that a transient group leads to, from 1; or off the grid."""
+        """Name the persistent groups to which a transient group leads, with numbers from 1."""
         homes = self.behaviour.transient.domiciles[part]
         if len(homes) > 3:
             return f"any of {len(homes)}"
@@ -97,21 +98,24 @@ class Layer:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ocean:
-    """A file of currents, and what is asked of it."""
+    """Currents with the options of the experiment."""
 
     currents: xr.Dataset
     records: tuple[int, ...]
-    "The moments that are looked at; the first is that of all that is of one moment."
+    "Numbers of the records in time; results for a single moment are for the first."
     starts: tuple[int, ...]
-    "The cells of the surface where drifters are dropped."
+    "Cells of the surface where drifters are deployed."
     step: float | None
-    "Seconds of a step, if they are given."
+    "Seconds of a step; `None` for the time to cross a cell."
     rho: float
     spread: str
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> "Ocean":
-        """**Raises:** `ValueError` for a file, a place or a time that cannot be used."""
+        """Read the file of the options.
+
+        **Raises:** `ValueError` for an unsuitable file or place.
+        """
         currents = open_currents(options.file, depths=options.depths)
         if options.depths is None:
             currents = currents.isel(layer=_some(currents["depth"].values))
@@ -132,21 +136,21 @@ class Ocean:
 
     @property
     def first(self) -> np.ndarray:
-        """The number among all cells of the first cell of each layer, and that of all cells."""
+        """The number of the first cell of each layer among all cells, and the number of cells."""
         return np.cumsum([0, *(water.cells for water in self.waters)])
 
     def hour(self, record: int) -> float:
-        """Since the first record."""
+        """Compute the hours of a record since the first one."""
         times = self.currents["time"].values
         return float((times[record] - times[0]) / np.timedelta64(1, "h"))
 
     def layer(self, record: int, layer: int = 0, **options) -> Layer:
-        """One layer, with the options of `drift_map` where they differ; steps of its own."""
+        """Compute the behaviour of one layer; `options` replace those of the experiment."""
         water, flow = Water.of(self.currents, layer), Flow.of(self.currents, layer, record)
         return Layer.of(water, flow, self.step, **(self.mapping | options))
 
     def sea(self, record: int, **options) -> tuple[Sea, float]:
-        """All layers, with steps of one duration, the mean of their own."""
+        """Join all layers, and return the seconds of a step: the mean over the layers."""
         waters = self.waters
         flows = [Flow.of(self.currents, k, record) for k in range(len(waters))]
         own = [crossing_time(water, flow) for water, flow in zip(waters, flows, strict=True)]
@@ -162,11 +166,12 @@ class Ocean:
         return {"rho": self.rho, "spread": self.spread}
 
     def cell(self, lon: float, lat: float, depth: float) -> int:
-        """The number among all cells of a place, in the layer nearest to a depth."""
+        """Find the number of a place among all cells, in the layer nearest to a depth."""
         layer = int(np.argmin(np.abs(self.currents["depth"].values - depth)))
         return int(self.first[layer]) + self.waters[layer].cell(lon, lat)
 
     def place(self, cell: int) -> str:
+        """Write the longitude, latitude and depth of a cell as text."""
         layer = int(np.searchsorted(self.first, cell, side="right")) - 1
         water, at = self.waters[layer], cell - self.first[layer]
         row, column = water.row[at], water.column[at]
@@ -174,20 +179,20 @@ class Ocean:
 
 
 def _some(depths: np.ndarray) -> np.ndarray:
-    """Up to three layers, from the first to the last that is not too deep."""
+    """Choose up to three layers, from the first to the last that is at most `DEEPEST`."""
     usable = max(1, int((depths <= DEEPEST).sum()))
     return np.unique(np.linspace(0, usable - 1, min(usable, LAYERS)).round().astype(int))
 
 
 def _records(currents: xr.Dataset, hours: Sequence[float]) -> tuple[int, ...]:
-    """The records nearest to some hours after the first, each once."""
+    """Find the records nearest to some hours after the first record, without repetitions."""
     since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "h")
     nearest = [int(np.abs(since - hour).argmin()) for hour in hours]
     return tuple(dict.fromkeys(nearest))
 
 
 def _places(water: Water) -> list[tuple[float, float]]:
-    """The middles of the water in the western and in the eastern half of the map."""
+    """Choose a place in the middle of the western half of the water, and of the eastern half."""
     lon, lat = water.lon[water.row, water.column], water.lat[water.row, water.column]
     found = []
     for share in (0.25, 0.75):
@@ -199,9 +204,9 @@ def _places(water: Water) -> list[tuple[float, float]]:
 
 
 def goal_of(ocean: Ocean) -> int:
-    """A goal, if none is given: where drifters that stay in the deepest layer are most often.
+    """Choose the default goal: the cell of the deepest layer with most drifters in the long run.
 
-    In the synthetic sea it is in the western basin, so that drifters from the other come too.
+    In the synthetic sea it is a cell of the western basin, which drifters reach from both basins.
     """
     if ocean.currents.attrs["source"] == GYRES.name:
         return ocean.cell(*GOAL)
@@ -211,10 +216,11 @@ def goal_of(ocean: Ocean) -> int:
 
 
 def double_gyre(rows: int = 20) -> tuple[Water, Flow]:
-    """Two gyres of opposite sense between coasts, whose water goes slowly to their middles.
+    """Make two gyres of opposite sense between coasts.
 
-    The textbook flow (Shadden, Lekien and Marsden 2005) without its oscillation, in which no water
-    crosses the line between the gyres. Turning inward, each gyre gathers what is in it.
+    This is the flow of Shadden, Lekien and Marsden (2005) without its oscillation, so no water
+    crosses the line between the gyres. In addition, the water slowly moves to the centre of its
+    gyre, so that each gyre collects its drifters.
     """
     columns, inward = 2 * rows, 0.3
     x = (np.arange(columns) + 0.5)[None] * 2 / columns
@@ -227,6 +233,6 @@ def double_gyre(rows: int = 20) -> tuple[Water, Flow]:
     number = np.pad(cells, 1, constant_values=-1)
     nothing, side_m = np.zeros(number.shape), np.full(number.shape, 1000.0)
     water = Water(number, side_m, side_m, nothing, nothing, nothing, 0.0)
-    # The fastest water goes a metre per second.
+    # The fastest water moves at one metre per second.
     rate = np.pad(np.stack([along_x, along_y]), ((0, 0), (1, 1), (1, 1)))[None] / 1000
     return water, Flow(jnp.asarray(rate), jnp.zeros(1))

@@ -1,4 +1,4 @@
-"""The tables of `drifters.py`, as rows, with the numbers of the source beside them."""
+"""Make the rows of the tables of `drifters.py`, beside the numbers of the source."""
 
 import dataclasses
 from typing import Any
@@ -19,28 +19,16 @@ from jaxcell.drift import (
 from jaxcell.mapping import Chain
 from jaxcell.optimize import minimum_cover
 
+from ..shared.report import Rows
 from .drifters_sea import Layer, Ocean
 
 
-# Section 5.5.1: of another sea, whose data are not public.
-SOURCE = {
-    "of": "Alam 2018",
-    "persistent": 2,
-    "single": 2,
-    "multiple": 1,
-    "drifters": 27,
-}
-SOURCE_VIEWS = {
-    "of": "Alam 2018",
-    "greedy": 16,
-    "in groups": 9,
-    "kept": 8,
-}
+# Section 5.5.1, for another sea, whose data are not public.
+SOURCE = {"of": "Alam 2018", "persistent": 2, "single": 2, "multiple": 1, "drifters": 27}
+SOURCE_VIEWS = {"of": "Alam 2018", "greedy": 16, "in groups": 9, "kept": 8}
 MILP_SECONDS = 20.0
-# The largest table of which cell leads to which, in bytes.
+# The largest matrix of pairs of cells, in bytes.
 _LARGEST_TABLE = 10_000**2
-
-Rows = list[dict[str, Any]]
 
 
 def longest(values: np.ndarray) -> float:
@@ -51,6 +39,7 @@ def longest(values: np.ndarray) -> float:
 
 
 def behaviour_row(of: str, layer: Layer) -> dict[str, Any]:
+    """Describe the groups of a layer, and the effects of the grid on them."""
     transient = layer.behaviour.transient
     single = int(transient.single.sum())
     return {
@@ -69,40 +58,28 @@ def behaviour_row(of: str, layer: Layer) -> dict[str, Any]:
 
 
 def group_rows(layer: Layer) -> Rows:
-    """Every group, the largest first: the deployment cells of Alg. 5.2, and the fewest of all."""
+    """Describe each group, the largest first, with the drifters of Alg. 5.2 and the fewest."""
     chosen = deployment_cells(layer.behaviour)
     matrix = layer.chain.to_scipy()
     transient, groups = layer.behaviour.transient, layer.behaviour.groups
-    rows = []
+    names = ("group", "cells", "Alg. 5.2", "fewest", "mean, h", "longest, h")
+    rows: list[tuple] = []
     for group in range(groups.count):
-        rows.append(
-            {
-                "group": f"persistent {group + 1}",
-                "cells": int(groups.size[group]),
-                "Alg. 5.2": int((chosen.group == group).sum()),
-                "fewest": 1,
-                "mean, h": 0.0,
-                "longest, h": 0.0,
-            }
-        )
+        count = int((chosen.group == group).sum())
+        rows.append((f"persistent {group + 1}", int(groups.size[group]), count, 1, 0.0, 0.0))
     for part in range(transient.count):
         cells = np.flatnonzero(layer.transient == part)
         inside = Chain.from_scipy(matrix[cells][:, cells])
-        rows.append(
-            {
-                "group": f"transient, to {layer.homes(part)}",
-                "cells": cells.size,
-                "Alg. 5.2": int((chosen.transient_group == part).sum()),
-                "fewest": minimum_deployment(inside).size,
-                "mean, h": float(layer.hours[cells].mean()),
-                "longest, h": float(layer.hours[cells].max()),
-            }
-        )
-    return sorted(rows, key=lambda row: -row["cells"])
+        count, fewest = int((chosen.transient_group == part).sum()), minimum_deployment(inside).size
+        hours = layer.hours[cells]
+        times = float(hours.mean()), float(hours.max())
+        rows.append((f"transient, to {layer.homes(part)}", cells.size, count, fewest, *times))
+    rows.sort(key=lambda row: -row[1])
+    return [dict(zip(names, row, strict=True)) for row in rows]
 
 
 def view_row(layer: Layer, views: VisibleDeployment, reach: float) -> dict[str, Any]:
-    """Figure 5.9, and the fewest cells from which all is seen."""
+    """Describe the cameras of Figure 5.9, and compute the fewest cells that see all cells."""
     water = layer.water
     fewest = bound = None
     if water.cells**2 <= _LARGEST_TABLE:
@@ -123,7 +100,7 @@ def view_row(layer: Layer, views: VisibleDeployment, reach: float) -> dict[str, 
 
 
 def deployment_rows(ocean: Ocean, record: int) -> tuple[Rows, dict[str, CoverageCurve]]:
-    """Count the drifters that reach all cells, by the kind of map."""
+    """Count the drifters that reach all cells for each kind of map, and compute coverage curves."""
     rows, curves = [], {}
     for name, options in (
         ("as in the source", {}),
@@ -155,25 +132,20 @@ def deployment_rows(ocean: Ocean, record: int) -> tuple[Rows, dict[str, Coverage
     return rows, curves
 
 
-def closure(chain: Chain) -> np.ndarray | None:
-    """Which cells each cell leads to, itself included, unless that is too much."""
+def fewest_by_program(chain: Chain) -> int | None:
+    """Compute the fewest cells that lead to all cells, by a mixed-integer program.
+
+    The result is `None` if there are too many cells, or the program takes too long.
+    """
     if chain.cells**2 > _LARGEST_TABLE:
         return None
-    away = csgraph.shortest_path(chain.to_scipy(), unweighted=True)
-    return np.isfinite(away)
-
-
-def fewest_by_program(chain: Chain) -> int | None:
-    """The fewest cells from which all are reached, by a mixed-integer program."""
-    leads = closure(chain)
-    if leads is None:
-        return None
+    leads = np.isfinite(csgraph.shortest_path(chain.to_scipy(), unweighted=True))
     found = minimum_cover(leads, time_limit=MILP_SECONDS, throw=False)
     return found.chosen.size if found.bound == found.chosen.size else None
 
 
 def reaches_all(chain: Chain, cells: np.ndarray) -> bool:
-    """Test whether all cells may be visited from starts, by a computation of its own."""
+    """Test whether all cells may be visited from `cells`, independently of the library."""
     matrix = chain.to_scipy().T.tocsr()
     reached = np.zeros(chain.cells, bool)
     reached[cells] = True
@@ -188,12 +160,14 @@ def reaches_all(chain: Chain, cells: np.ndarray) -> bool:
 
 
 def step_rows(ocean: Ocean, record: int) -> Rows:
+    """Compute the groups for steps that are a multiple of the time to cross a cell."""
     own = ocean.layer(record).duration
     rows = []
     for factor in (0.5, 0.75, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0, 3.0):
-        layer = _with_step(ocean, factor * own).layer(record)
-        sharp = _with_step(ocean, factor * own).layer(record, rho=1.0)
-        points = _with_step(ocean, factor * own).layer(record, spread="sampled")
+        stepped = dataclasses.replace(ocean, step=factor * own)
+        layer = stepped.layer(record)
+        sharp = stepped.layer(record, rho=1.0)
+        points = stepped.layer(record, spread="sampled")
         rows.append(
             {
                 "step": factor,
@@ -215,10 +189,6 @@ def rho_rows(ocean: Ocean, record: int) -> Rows:
     ]
 
 
-def _with_step(ocean: Ocean, step: float) -> Ocean:
-    return dataclasses.replace(ocean, step=step)
-
-
 def _sensitive(layer: Layer) -> dict[str, Any]:
     moving = layer.hours[layer.transient >= 0]
     return {
@@ -235,17 +205,17 @@ def _sensitive(layer: Layer) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
-    """All layers at one time, and what may be reached from the starts."""
+    """All layers at one time, and the cells that drifters reach from the starts."""
 
     record: int
     layers: list[Layer]
-    "Each with its own step, as the layers are independent in Algs. 5.1 and 5.4."
+    "Layers with steps of their own, because they are independent in Algs. 5.1 and 5.4."
     reached: list[np.ndarray]
-    "By start: the cells of all layers that drifters reach that stay in their layers."
+    "For each start, a mask of the cells of all layers that drifters reach within their layers."
 
 
 def moment(ocean: Ocean, record: int) -> tuple[Moment, Rows, Rows]:
-    """One time, the behaviour of its layers, and what is reached in them."""
+    """Compute all layers at one time, with rows for their behaviour and for their reached cells."""
     layers = [ocean.layer(record, k) for k in range(len(ocean.waters))]
     sea = Sea.of(ocean.waters, [layer.chain for layer in layers])
     reached = [reachable_by_layer(sea, start) for start in ocean.starts]

@@ -17,7 +17,7 @@ def experiment_parser(doc: str, out: str, seed: int | None = None) -> argparse.A
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
     if seed is not None:
-        parser.add_argument("--seed", type=at_least(0), default=seed)
+        parser.add_argument("--seed", type=at_least(0), default=seed, help="of random numbers")
     return parser
 
 

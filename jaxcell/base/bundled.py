@@ -44,7 +44,7 @@ def bundled(name: str) -> Path:
 
 @functools.cache
 def bundled_names() -> Mapping[str, Path]:
-    """Find all files of the bundled data, by name."""
+    """Return the path of each file of the bundled data, by its name without suffix."""
     return MappingProxyType(
         {
             path.stem: path
@@ -55,9 +55,9 @@ def bundled_names() -> Mapping[str, Path]:
     )
 
 
-def found(name: str) -> str:
-    """Return the path of a bundled file for a name with `@`; return other texts unchanged."""
-    return str(bundled(name)) if name.startswith("@") else name
+def with_path(word: str) -> str:
+    """Replace a name with `@` by the path of the bundled file; return other words unchanged."""
+    return str(bundled(word)) if word.startswith("@") else word
 
 
 def _folder() -> Path:

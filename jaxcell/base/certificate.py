@@ -1,4 +1,4 @@
-"""Certificates: checks of solutions by solvers."""
+"""Certificates, which contain the error of the solution that a solver returns."""
 
 import dataclasses
 import enum
@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 
 class Outcome(enum.Enum):
-    """The outcome of a solve; the value describes the outcome in words."""
+    """The outcome of a solver. The value of a member is its description in words."""
 
     CONVERGED = "the residual is within the tolerance"
     STALLED = "the residual stayed above the tolerance; the value is the best that was found"
@@ -15,12 +15,12 @@ class Outcome(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """A check of a solution, which does not depend on the method of the solver."""
+    """The error of a solution, computed from the solution itself and not by its solver."""
 
     iterations: int
-    "Number of matrix products, or of changes of the active set."
+    "Number of iterations of the solver: matrix products, or changes of the active set."
     residual: float
-    "Error of the solution; the docstring of each solver defines this error."
+    "Error of the solution, as the docstring of the solver defines it."
     tolerance: float
     "The largest residual that counts as converged."
 
@@ -45,5 +45,5 @@ class Solution:
     value: Float[Array, "*cells"]
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
-    """The change of each value if the chain is made from half of its samples, `inf` if one of the
-    two values is infinite; `None` for a chain that is not made from samples."""
+    """For a chain that is estimated from samples, the change of each value if only half of the
+    samples are used, or `inf` if one of the two values is infinite. `None` for other chains."""

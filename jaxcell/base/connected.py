@@ -30,12 +30,12 @@ def check_connected(
     edges: Int[np.ndarray, "edges 2"],
     expected: str = "graph: expected all vertices connected, but",
 ) -> None:
-    """Raise `ValueError` for a graph that is not connected.
+    """Raise `ValueError` if a graph is not connected.
 
     **Arguments:**
 
     - `vertices`, `edges`: the number of vertices, and the pairs of vertices with an edge.
-    - `expected`: the beginning of the error.
+    - `expected`: the beginning of the error message.
     """
     parts = vertices_apart(vertices, edges)
     if parts is None:

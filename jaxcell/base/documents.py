@@ -58,7 +58,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def refused(field: str, expected: str, value: Any) -> ValueError:
-    """Make the error of a field with a wrong value."""
+    """Make the error for a field with a wrong value."""
     return ValueError(f"{field}: expected {expected}, got {reprlib.repr(value)}")
 
 
@@ -122,12 +122,12 @@ class Fields:
         return self.values[name]
 
     def number(self, name: str, least: float = -math.inf) -> float:
-        """Get a finite number of at least `least`."""
+        """Get a finite number that is at least `least`."""
         expected = "a finite number" + (f" from {least:g}" if least > -math.inf else "")
         return checked_number(self.where + name, self.get(name), expected, least=least)
 
     def whole(self, name: str, least: int, most: int) -> int:
-        """Get a whole number."""
+        """Get a whole number from `least` to `most`."""
         value = self.get(name)
         if type(value) is not int or not least <= value <= most:
             raise refused(self.where + name, f"a whole number from {least} to {most}", value)
@@ -164,5 +164,5 @@ class Fields:
         return parts
 
     def refused(self, name: str, expected: str) -> ValueError:
-        """Make the error of a field whose value is too long to show."""
+        """Make the error for a field with a wrong value that is too long to show."""
         return ValueError(f"{self.where}{name}: expected {expected}")

@@ -4,10 +4,10 @@ from typing import Literal, TypeAlias
 
 
 MAX_VERTICES = 2_000
-"Largest number of vertices of a graph for the optimisation and the measures of walks."
+"Largest number of vertices of a graph for which walks are optimised and measured."
 
 MAX_CELLS = 5_000
-"Largest number of cells of a map for patrols; above `MAX_VERTICES` by first-order methods."
+"Largest number of cells of a patrolled map. Above `MAX_VERTICES`, first-order methods are used."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

@@ -9,13 +9,13 @@ from pathlib import Path
 
 
 PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
-"""Folders in which Linux reports memory, and limits of control groups."""
+"""Folders in which Linux reports the free memory, and the limits of control groups."""
 # Limits above this mean no limit: control groups of version 1 then have a number near 2^63.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
 """Bytes that Python, JAX and other loaded libraries need."""
 NEGLIGIBLE = 20_000_000
-"""Requests up to this number of bytes are never refused, so that they need no measurement."""
+"""Requests of at most this number of bytes are accepted without measuring the free memory."""
 LIMIT = "JAXCELL_MEMORY"
 """Environment variable with the memory limit of a process, such as `8G`."""
 
@@ -23,9 +23,9 @@ LIMIT = "JAXCELL_MEMORY"
 def free() -> int | None:
     """Measure the bytes that this process may still use; return `None` if they are unknown.
 
-    This is the least of four numbers: the available memory of the machine, and the unused parts of
-    the limits of control groups (of containers and batch systems), of addresses (`ulimit -v`), and
-    of `JAXCELL_MEMORY`.
+    This is the least of four numbers: the available memory of the machine, and the memory that is
+    left under three limits: of control groups (containers and batch jobs), of addresses
+    (`ulimit -v`), and `JAXCELL_MEMORY`.
     """
     known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
@@ -48,7 +48,7 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
 
     - `needed`: estimated bytes.
     - `doing`: the computation, for the error.
-    - `instead`: advice to use less memory, or a function from the free bytes to this advice.
+    - `instead`: advice to use less memory, or a function that makes it from the free bytes.
     """
     if needed <= NEGLIGIBLE:
         return
@@ -67,7 +67,7 @@ def gigabytes(count: float | int) -> str:
 
 
 def read_size(text: str, name: str) -> int:
-    """Read a size in bytes, such as `8G`, `500M` or `2.5 GB`, by powers of 1000."""
+    """Convert a size such as `8G`, `500M` or `2.5 GB` to bytes; `K` is 1000 bytes."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
     count = int(float(match[1]) * 1000 ** " KMGT".index(match[2].upper() or " ")) if match else 0
     if not count:
@@ -76,12 +76,12 @@ def read_size(text: str, name: str) -> int:
 
 
 def _known() -> list[tuple[int, str]]:
-    """Measure the free bytes under each limit; return them with the limit in words."""
+    """Measure the bytes that are left under each limit; return them with the limit in words."""
     return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
 
 
 def _wished() -> Iterator[tuple[int, str]]:
-    """Yield the unused bytes of the user's limit, after all libraries are loaded."""
+    """Yield the bytes that are left under the limit of the user, once all libraries are loaded."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
@@ -103,7 +103,7 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 
 def _control_groups() -> Iterator[tuple[int, str]]:
-    """Yield the unused bytes of the control groups of this process, and of their parents."""
+    """Yield the bytes that are left in each control group of this process, and in its parents."""
     for folder, most, used, cache in _limits(PROC, GROUPS):
         stat = _lines(folder / "memory.stat")
         # The system can free cached pages of files.
@@ -117,7 +117,11 @@ def _control_groups() -> Iterator[tuple[int, str]]:
 # Cached, because reading the folders takes longer than mapping the cells of a small map.
 @functools.cache
 def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
-    """List control groups with limits: folder, limit, file of used bytes, field of cached bytes."""
+    """List the control groups that limit memory.
+
+    Each has its folder, its limit, the name of its file with the used bytes, and the name of the
+    field with the cached bytes.
+    """
     groups_with_limit = []
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = line.split(":", 2)

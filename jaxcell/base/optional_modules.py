@@ -14,7 +14,7 @@ _NEEDS = {
     "pysat": "proving a least filter needs python-sat; install it with: "
     "pip install 'jaxcell[smallest]'",
     "pyarrow": "Parquet needs PyArrow; install it with: pip install 'jaxcell[parquet]'",
-    "rclpy": "ROS 2 is not here; where it is: source /opt/ros/$ROS_DISTRO/setup.bash",
+    "rclpy": "ROS 2 is not set up; first run: source /opt/ros/$ROS_DISTRO/setup.bash",
     "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",
     "scipy": "beliefs need SciPy; install it with: pip install scipy",
     "shapefile": "shapefiles need pyshp; install it with: pip install 'jaxcell[land]'",
@@ -30,7 +30,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error for a missing module: the feature that needs it, and how to install it."""
+    """Make the error for a missing module, which says what needs it and how to install it."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 

@@ -13,7 +13,7 @@ from .bundled import bundled_names
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
-"""The beginning of the address of an OPeNDAP server; `Path` keeps only one of two slashes."""
+"""The beginning of the address of an OPeNDAP server, from which `Path` may remove a slash."""
 _WILD = re.compile(r"[*?\[]")
 
 
@@ -29,16 +29,15 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
         raise FileNotFoundError(f"{name}: there is no such file")
     matching = sorted(glob.glob(name, recursive=True))
     if not matching:
-        raise FileNotFoundError(f"{name}: no file has a name of this pattern")
+        raise FileNotFoundError(f"{name}: no file matches this pattern")
     return matching
 
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield the name of a temporary file, which replaces `path` when the block ends.
+    """Yield the name of a temporary file or folder, which replaces `path` when the block ends.
 
-    If the block raises an error, the temporary file is removed. So `path` is never incomplete. The
-    temporary file may also be a folder.
+    If the block raises an error, the temporary file is removed. So `path` is never incomplete.
     """
     path = Path(path)
     if not path.parent.is_dir():

@@ -1,4 +1,4 @@
-"""Check for 64-bit numbers, which probabilities and solvers need. JAX uses 32 bits by default."""
+"""Require 64-bit numbers for probabilities and solvers, because JAX uses 32 bits by default."""
 
 import jax
 import numpy as np

@@ -20,7 +20,7 @@ def has_display() -> bool:
 
 @contextlib.contextmanager
 def no_output() -> Iterator[None]:
-    """Discard standard output in the block, also from compiled code."""
+    """Discard standard output in the block, including that of compiled code."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)

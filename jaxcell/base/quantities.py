@@ -61,8 +61,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    """If true, the summary includes the array: of one dimension under its own name, of two
-    dimensions in the table of the first dimension, without the padding -1 of an index."""
+    """If true, the summary includes the array. An array of one dimension is an entry. An array of
+    two dimensions is a column of the table of its first dimension, without the padding -1."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 
@@ -87,17 +87,16 @@ def quantity(
 
     - `dims`: the names of the dimensions, separated by spaces.
     - `meaning`: a noun phrase.
-    - `units`: units as in the CF conventions, such as `m`, `s`, `rad`; `None` without units.
+    - `units`: units as in the CF conventions, such as `m`, `s`, `rad`, or `None`.
     - `kind`: a [`Kind`][].
-    - `listed`: if true, the summary includes the array. An array of one dimension has its own
-        name, and arrays of more dimensions are rows of a table.
+    - `listed`: if true, the summary includes the array; see [`Quantity`][].
     - further keywords: attributes of the variable in datasets.
     """
     return Quantity(tuple(dims.split()), meaning, units, kind, listed, attributes)
 
 
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
-    """Describe a quantity that a method computes from the fields, at the first use.
+    """Describe a quantity that a method computes from the fields, once, when it is first used.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """
@@ -132,11 +131,11 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 class Result:
     """The base class of results of studies: dataclasses with described quantities.
 
-    A field may be a result too. The summary has it under the name of the field. In datasets, the
-    names of its variables begin with the name of the field, except labels of dimensions. A field
-    may also be a tuple of results, such as `layers`. It becomes a list in the summary, and
-    variables `layer_...` along a dimension `layer` in datasets. A field `cells` defines the
-    coordinates of datasets.
+    A field may itself be a result, which is called a part. The summary has the part as an object,
+    and the names of the variables of the part in datasets begin with the name of the field, except
+    labels of dimensions. A tuple of results, such as the field `layers`, becomes a list in the
+    summary, and variables `layer_...` along a dimension `layer` in datasets. A field `cells` with a
+    cell space gives datasets their coordinates.
     """
 
     title: ClassVar[str] = ""
@@ -208,12 +207,12 @@ class Result:
         return {}
 
     def checks(self) -> "Checks":
-        """Return checks of relations between quantities; checks of single kinds are automatic."""
+        """Return checks of relations between quantities. Kinds of quantities are always checked."""
         return {}
 
 
 def _figures(module: str) -> ModuleType:
-    """Import a module of `jaxcell.record.figures` at its first use, to avoid a circular import."""
+    """Import a module of `jaxcell.record.figures`, which itself imports this module."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
@@ -221,7 +220,7 @@ def _figures(module: str) -> ModuleType:
 PROBABILITY = 1e-8
 
 Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""Value and limit of each check, by name; with the limit `inf` a value is only reported."""
+"""Value and limit of each check, by name. A value with the limit `inf` is only reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
@@ -300,7 +299,7 @@ def unsigned(value: Any) -> Any:
 
 
 def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities in a summary: single numbers, listed arrays, and table columns."""
+    """Compute the quantities in a summary: single numbers, listed arrays, and columns of tables."""
     return values(
         result,
         lambda one: (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 @functools.cache
 def git_revision() -> str | None:
-    """Find the Git commit of this checkout, with `-dirty` if files were changed; `None` if none."""
+    """Return the Git commit of this checkout, with `-dirty` if files were changed, or `None`."""
 
     def git(*arguments: str) -> str:
         command = ["git", "--no-optional-locks", *arguments]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from ..base.bundled import found
+from ..base.bundled import with_path
 from ..base.memory import LIMIT, read_size
 from ..study import STUDIES
 from .completion import OPTION as COMPLETION, print_completion
@@ -135,7 +135,7 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
             else:
                 unknown(words, COMMANDS)
         kind, rest = COMMANDS[name], words[len(name.split()) :]
-    return name, parsed(kind, name, [found(word) for word in rest])
+    return name, parsed(kind, name, [with_path(word) for word in rest])
 
 
 def _name(words: Sequence[str]) -> str:
@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _of_options(message: str, command: Any) -> str:
-    """Replace parameters by options in a message: the first word, and names in backquotes."""
+    """Replace parameters by options in a message: the first word, and words in backquotes."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _of_options(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions for which all angles are multiples of the step."""
+    """Find the least number of directions with which all angles of a command agree."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

@@ -36,7 +36,7 @@ def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoRe
 
 
 def _tree(commands: Mapping[str, type]) -> Any:
-    """Build a type with all commands as a choice; second words are a choice within a group."""
+    """Build a union type of all commands, with a nested union for the commands of each group."""
     top = {name: displayed(kind) for name, kind in commands.items() if " " not in name}
     for group in dict.fromkeys(name.split()[0] for name in commands if " " in name):
         within = _choice(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..base.bundled import found
+from ..base.bundled import with_path
 from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
 from .help import parsed
 from .output import write_text
@@ -61,7 +61,7 @@ class Stop:
 
     @property
     def words(self) -> list[str]:
-        return [found(word) for word in self.options.split()]
+        return [with_path(word) for word in self.options.split()]
 
     @property
     def line(self) -> str:
@@ -110,7 +110,7 @@ def _navigated(result: Any) -> list[str]:
 def _covered(result: Any) -> list[str]:
     import numpy as np
 
-    shares = ", ".join(f"{one:.0%}" for one in np.asarray(result.alpha).tolist())
+    shares = ", ".join(f"{share:.0%}" for share in np.asarray(result.alpha).tolist())
     apart = np.asarray(result.coverage) - np.asarray(result.target)
     alone = np.abs(apart).sum(axis=1).min() / 2
     return [

@@ -32,7 +32,7 @@ def _address() -> str:
     if BUILT.exists():
         return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []
-    urls = dict(one.split(", ", 1) for one in named)
+    urls = dict(url.split(", ", 1) for url in named)
     if "Documentation" not in urls:
-        raise FileNotFoundError("no documentation is built; in a checkout `make docs` does")
+        raise FileNotFoundError("there is no documentation; in a checkout `make docs` builds it")
     return urls["Documentation"]

@@ -11,7 +11,7 @@ _ASCII = str.maketrans({"°": " deg", "▀": "'", "▄": ".", "█": "#"})
 
 
 def allow_any_encoding() -> None:
-    """Replace characters that standard output or standard error cannot encode."""
+    """Let standard output and standard error replace the characters that they cannot encode."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors != _HANDLER:
             stream.reconfigure(errors=_HANDLER)
@@ -31,8 +31,8 @@ def _in_ascii(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(_ASCII)
-    letters = (one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
-    return "".join(one if one.isascii() else "?" for one in letters), error.end
+    letters = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    return "".join(c if c.isascii() else "?" for c in letters), error.end
 
 
 codecs.register_error(_HANDLER, _in_ascii)

@@ -22,10 +22,10 @@ class Export:
     file: tyro.conf.Positional[Path]
     """File to write; the suffix determines the format."""
     minimal: bool = False
-    """Merge states with the same colours after all sequences of observations."""
+    """Merge states that have the same colours after every sequence of observations."""
     smallest: Annotated[bool, Only(minimal=False)] = False
     """Write the smallest machine with the same outputs for all observations that can occur, as
-    .dot, .json or .h. A header reads runs between bumps if this makes the tables smaller."""
+    .dot, .json or .h. In C, its inputs are runs between bumps if this makes the tables smaller."""
     output: Annotated[
         Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
     ] = None

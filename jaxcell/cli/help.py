@@ -81,7 +81,9 @@ def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
     wanted = " ".join(words[:2]) if words[0] in groups else words[0]
     similar = difflib.get_close_matches(wanted, [*commands, *groups], 1, 0.5)
     if wanted in groups:
-        advice = f"expected one of {', '.join(one for one in commands if one.startswith(wanted))}"
+        advice = (
+            f"expected one of {', '.join(name for name in commands if name.startswith(wanted))}"
+        )
     else:
         advice = f"did you mean {similar[0]}?" if similar else "jaxcell --help lists them"
     print(f"jaxcell: there is no command {wanted}; {advice}", file=sys.stderr)
@@ -146,7 +148,7 @@ def _documentation(kind: type) -> dict[str, str]:
 
 def _when(kind: type, alternatives: Sequence[Only]) -> str:
     """Write the conditions of an option as a sentence."""
-    begin = "Needed" if any(isinstance(one, Needed) for one in alternatives) else "Only"
+    begin = "Needed" if any(isinstance(each, Needed) for each in alternatives) else "Only"
     listed = as_options(kind, ", or ".join(map(str, alternatives)))
     return f"{begin} {listed}." if listed else ""
 

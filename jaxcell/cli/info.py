@@ -80,7 +80,7 @@ def _directory(path: Path) -> dict[str, Any]:
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
     if not files:
-        raise ValueError(f"{path}: it has no file that jaxcell reads")
+        raise ValueError(f"{path}: the folder has no file that jaxcell reads")
     return {"what": "a folder", "files": files}
 
 
@@ -237,7 +237,7 @@ def _robot_task(path: Path) -> dict[str, Any]:
     task = load_task(path)
     return {
         "what": "a task of robots; to run it: jaxcell robot run",
-        "kind": task.header["kind"],
+        "kind": task.kind,
         "robots": getattr(task, "robots", 1),
         "cell_m": task.cell,
         "directions": task.directions,
@@ -277,7 +277,7 @@ def _export(path: Path) -> dict[str, Any]:
     what, known, numbers = _EXPORTS[path.suffix.lower()]
     text = _text(path)
     if not re.search(known, text):
-        raise ValueError(f"{path}: expected {what}, as `jaxcell` writes it, and whole")
+        raise ValueError(f"{path}: expected {what}, complete and as `jaxcell` writes it")
     found = {name: re.findall(pattern, text, re.MULTILINE) for name, pattern in numbers.items()}
     counts = {name: int(m[0]) if m[0].isdigit() else len(m) for name, m in found.items() if m}
     title = {"title": text[3:].partition("\n")[0]} if path.suffix.lower() == ".ino" else {}

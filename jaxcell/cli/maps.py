@@ -35,25 +35,27 @@ class Maps(Printing):
             say(json.dumps(described))
             return 0
         table("Maps", ("name", "what it is", "picture"), map(_map, described.pop("maps").items()))
-        rest = [(name, _line(one)) for kind in described.values() for name, one in kind.items()]
+        rest = [
+            (name, _line(fields)) for kind in described.values() for name, fields in kind.items()
+        ]
         table("Graphs, currents and sweeps", ("name", "what it is"), rest)
         return 0
 
 
 def _map(item: tuple[str, dict[str, Any]]) -> tuple[str, str, str]:
-    name, one = item
-    said = (
-        f"{one['name']}\n{one['width_m']:g} x {one['height_m']:g} m\n"
-        f"{one['positions']:,} positions of {one['cell_m']:g} m"
+    name, fields = item
+    text = (
+        f"{fields['name']}\n{fields['width_m']:g} x {fields['height_m']:g} m\n"
+        f"{fields['positions']:,} positions of {fields['cell_m']:g} m"
     )
-    if one["directions"]:
-        said += f"\n{one['directions']} directions"
-    return name, said, picture(bundled_names()[name[1:]]) + "\n"
+    if fields["directions"]:
+        text += f"\n{fields['directions']} directions"
+    return name, text, picture(bundled_names()[name[1:]]) + "\n"
 
 
-def _line(one: dict[str, Any]) -> str:
-    shown = (f"{value} {name}" for name, value in one.items() if isinstance(value, int))
-    return ", ".join([one["what"], *shown])
+def _line(fields: dict[str, Any]) -> str:
+    shown = (f"{value} {name}" for name, value in fields.items() if isinstance(value, int))
+    return ", ".join([fields["what"], *shown])
 
 
 def picture(path: Path) -> str:

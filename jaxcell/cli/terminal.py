@@ -149,7 +149,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     A table that is too wide is transposed if it has fewer rows than columns.
     """
     console = Console()
-    title, *columns = (encodable(one, console.encoding) for one in (title, *columns))
+    title, *columns = (encodable(text, console.encoding) for text in (title, *columns))
     body = [
         [
             f"{cell:,}" if isinstance(cell, int) else encodable(str(cell), console.encoding)

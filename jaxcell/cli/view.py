@@ -58,9 +58,9 @@ class View:
 
 @contextlib.contextmanager
 def shown_live(viewer: str) -> Iterator[str]:
-    """Open a viewer for a recording that is being made.
+    """Open a viewer for a recording that is being made, and yield its address.
 
-    Without a display, `here` is a web page, which is served until Ctrl-C.
+    `viewer` is an address or `here`: a window or, without a display, a page served until Ctrl-C.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")
@@ -112,19 +112,19 @@ def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes
 
 def _free_port(wanted: int) -> int:
     for port in (wanted, 0):
-        with socket.socket() as one:
-            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                one.bind((_HERE, port))
+                probe.bind((_HERE, port))
             except OSError:
                 continue
-            return int(one.getsockname()[1])
+            return int(probe.getsockname()[1])
     raise OSError(f"view: there is no free port on {_HERE}")
 
 
 def _answers(port: int) -> bool:
-    with socket.socket() as one:
-        return one.connect_ex((_HERE, port)) == 0
+    with socket.socket() as probe:
+        return probe.connect_ex((_HERE, port)) == 0
 
 
 def recordings_in(results: Path) -> list[Path]:

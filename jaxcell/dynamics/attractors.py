@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..mapping import PeriodicGroups
-from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import params_of, slices, stacked, with_last
+from .batches import padded, params_of, slices, stacked
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
@@ -46,7 +45,7 @@ class Attractors:
     """Attractors of a map, and the attractor of each periodic group."""
 
     of_group: Int[np.ndarray, "groups"]
-    "The attractor of most orbits from each group; -1 for none or NaN, -2 if they leave the box."
+    "The attractor of most orbits from each group; -1 if they reach none, -2 if they leave the box."
     several: Bool[np.ndarray, "groups"]
     "`True` if orbits from the group end on several attractors, as near a saddle."
     count: int
@@ -55,9 +54,9 @@ class Attractors:
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
     starts: Float[np.ndarray, "scattered axes"]
-    "Random points of the box, at which sampled orbits start."
+    "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "scattered"]
-    "The attractors on which orbits from `starts` end, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, -1 for none."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -77,13 +76,14 @@ def attractors(
     """Find the attractors that the periodic groups of cell maps represent.
 
     A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes a group that
-    attracts nothing. So the map itself, instead of the map of the cells, is followed from a few
-    points of each group until the orbits have settled. Orbits that approach each other within half
-    a cell are on one attractor. (In the second stage of Hsu 1987 a generalized map near the groups
-    takes the place of orbits, but small steps would spread its cells over the whole neighbourhood.)
+    attracts nothing. So orbits of the map itself, not of the map of cells, start in a few cells of
+    each group and are followed until they have settled. Orbits that approach each other within half
+    a cell are on one attractor. (The second stage of Hsu 1987 is a generalized map of cells near
+    the groups. With small steps, it would spread over the whole neighbourhood of an attractor.)
     Orbits from random points find attractors that are too small for the cells, and estimate the
-    share of starts that lead to each. Beyond 8,192 groups, only the groups with the largest basins
-    are followed in this way, and the other ones until they visit cells of a known attractor.
+    share of starts that lead to each attractor. If there are more than 8,192 groups, only groups
+    with the largest basins are treated in this way. From each other group, one orbit is followed
+    until it visits cells of a known attractor.
 
     `members` are the parameters of several maps, whose orbits are computed in one batch. The
     `groups` of each member end with the two sinks. `scattered` orbits start at random points.
@@ -127,9 +127,9 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 def _starts(
     box: Box, groups: PeriodicGroups, scattered: int, seed: int
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
-    """Draw starts in a few cells of each group, then in the whole box.
+    """Draw the starts of orbits, first in a few cells of each group, then in the whole box.
 
-    Returns all starts, and the groups of the former.
+    Returns all starts, and the group of each start in a group.
     """
     rng = np.random.default_rng(seed)
     live = int(groups.count) - 2
@@ -177,7 +177,7 @@ def _of_orbits(
     starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
-    """Make the attractors on which orbits end; the orbits that start in groups come first."""
+    """Collect the attractors on which orbits `end`; the first orbits start in groups, `begun`."""
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.
     of_group = np.full(int(groups.count), NONE, np.int32)
@@ -267,10 +267,8 @@ def _transient(
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
-    """Follow orbits from points. Returns the points of the last mappings of each."""
-    rows, size = len(start), bucket(len(start))
-    filled = (with_last(values, size) for values in (member, start))
-    return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
+    """Map points `settle` times. Returns the orbits of the mappings that follow."""
+    return padded(lambda *rows: _orbits_of(map, box, params, *rows, settle), (member, start))
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

@@ -42,13 +42,13 @@ class Basins(OnBox):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "Groups are in the order of their smallest cells; the groups of the sinks come last."
+    "Groups are numbered in the order of their smallest cells; the groups of the sinks come last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
     ]
     group_period: Int[np.ndarray, "groups"]
-    "Number of cells of each group, except for the sinks."
+    "Number of cells of each group, without the groups of the sinks."
     several: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("cell", "whether its group leads to several attractors, as a saddle", kind="flag"),
@@ -61,11 +61,11 @@ class Basins(OnBox):
         Float[np.ndarray, "attractors"],
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
-    "A check of `fraction` that does not depend on cells."
+    "The share of orbits from `starts` that end on each attractor, a check of `fraction`."
     starts: Float[np.ndarray, "starts axes"]
-    "Random starts."
+    "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "starts"]
-    "The attractors of the random starts by their orbits, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, -1 for none."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -75,22 +75,22 @@ class Basins(OnBox):
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
     torn: tuple[int, ...] = ()
-    "Periodic axes at whose two ends the map differs."
+    "The periodic axes along which the map has different values at the two ends."
     duration: float | None = None
     "The duration of a mapping, or `None` if it differs between cells."
     time: Annotated[
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Times, if durations differ between cells; time outside the box is not counted."
+    "Without time outside the box; `None` if the mappings of all cells have the same duration."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
-    "The test of remedies on a sample of points, if cells and orbits disagree."
+    "Remedies, tried on a sample of points if cells and orbits disagree, or `None`."
     edges: "EdgeStates | None" = None
-    "The edge states on boundaries of basins, if they were sought."
+    "The edge states on boundaries of basins, or `None` if they were not computed."
 
     edge_first = from_part("edges.first", "edge", "attractor on one side", kind="index")
     edge_second = from_part("edges.second", "edge", "attractor on the other side", kind="index")
@@ -202,16 +202,15 @@ def basins(
     - `map`, `box`, `params`, `follow`: as in [`jaxcell.dynamics.images`][].
     - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled type.
     - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
-        costs one image of each; or `"orbits"`, the orbit of each centre, which costs many images
-        and is right where cells are too coarse, as beside a weak or chaotic attractor.
+        takes one image per cell; or `"orbits"`, the orbit of each centre, which takes many images
+        per cell, and is right where cells are too coarse, such as near a chaotic attractor.
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
     **Returns:** [`Basins`][], the attractor of each cell.
 
-    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
-    the map differs at the two ends of a periodic axis.
+    Warns, before cells are mapped, if the map differs at the two ends of a periodic axis.
 
     A particle in a double well, from the left and the right:
 
@@ -274,14 +273,14 @@ def basins_of_each(
 
 
 def with_trial(map: Map, basins: Basins) -> Basins:
-    """Try remedies on a sample of points if cells and orbits disagree."""
+    """Add a trial of remedies to basins if cells and orbits disagree."""
     if basins.disagreement <= DOUBTFUL:
         return basins
     return dataclasses.replace(basins, trial=tried(map, basins))
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Sum the durations of mappings until each cell is on its group, the nearest cells first."""
+    """Sum the durations `lasts` of the mappings from each cell to its group."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))

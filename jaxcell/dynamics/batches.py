@@ -30,8 +30,15 @@ def slices(size: int) -> Iterator[slice]:
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:
-    """Repeat the last row until there are `size` rows."""
+    """Pad an array to `size` rows with copies of its last row."""
     return np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
+
+
+def padded(compute: Callable[..., Any], rows: Sequence[np.ndarray], size: int | None = None) -> Any:
+    """Apply a compiled function to arrays, padded to few lengths; return arrays without padding."""
+    count = len(rows[0])
+    filled = (with_last(array, size or bucket(count)) for array in rows)
+    return jax.tree.map(lambda array: np.asarray(array)[:count], compute(*filled))
 
 
 def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
@@ -74,6 +81,6 @@ def _coarse(rows: int) -> int:
 
 
 def in_threads(compute: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
-    """Compute parts on two threads, because XLA leaves cores idle between them."""
+    """Compute parts on two threads, because XLA leaves cores idle between two parts."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(compute, parts)

@@ -28,26 +28,26 @@ def chain(
     """Make the generalized map of a box: images of points inside each cell, with additive noise.
 
     Each cell is mapped from `samples` of its points (Hsu 1981, Ulam's method), and normal noise is
-    added to each image. Points are an additive recurrence, which is evenly spread, from a random
-    start in each cell: the error decreases as about the power -0.6 of their number, instead of the
-    power -0.5 of random points. Images outside the box go to the sink of the chain.
+    added to each image. The points of a cell are an additive recurrence from a random start, which
+    spreads them evenly: the error decreases with about the power -0.6 of their number, instead of
+    the power -0.5 of random points. Images outside the box go to the sink of the chain.
 
     Few samples or nodes make large errors in rare events. So `chain.half` is a second chain with
     half as many samples and one more node. [`jaxcell.markov.hitting_times`][] and
-    [`jaxcell.markov.arrival_probabilities`][] report the differences between both chains, as
-    `moved`, which were 1 to 4 times the error in tests against closed forms. If the differences are
+    [`jaxcell.markov.arrival_probabilities`][] report the differences between the results of both
+    chains as `moved`. In tests against closed forms they were 1 to 4 times the error. If they are
     too large, take more samples, more nodes, or shorter mappings: the noise of a mapping must be
     small compared with the regions of interest.
 
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights. By default 16 images of each
-        cell are shared between points and nodes, with at least 4 points.
-    - `noise`: standard deviation of the noise, along all axes or along each.
-    - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise; each
+    - `samples`: number of points of each cell, with equal weights. By default as many as give 16
+        images per cell, one per point and node, and at least 4.
+    - `noise`: standard deviation of the noise, one number for all axes or one per axis.
+    - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise. Each
         node is added to each image, with its weight. With `n` nodes, polynomials up to degree
-        `2 n - 1` have exact means. With 0, each image has one random noise.
+        `2 n - 1` have exact means. With 0, one random number per axis is added to each image.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
 
     **Returns:** a chain over the cells of the box.
@@ -99,7 +99,7 @@ def _nodes(
 ) -> tuple[Float[np.ndarray, "nodes axes"] | None, Float[np.ndarray, "nodes"]]:
     """Return the quadrature nodes that are added to an image, and their weights.
 
-    Without quadrature, each image has one random noise.
+    Without quadrature, the nodes are `None` and the only weight is 1.
     """
     if not quadrature:
         return None, np.ones(1)

@@ -31,11 +31,11 @@ class Continuation(Result):
     tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
 
     params: Mapping[str, Float[np.ndarray, "members"]]
-    "The parameters that vary; other parameters are single numbers."
+    "The values of each parameter that varies."
     members: list[Basins]
-    "The basins of each member; in a list, because a tuple would add tables to the summary."
+    "The basins for each set of parameters; a list, because a tuple adds tables to the summary."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "The names of the attractors of each member: equal numbers are one attractor."
+    "The name of each attractor in each member, a number that stays the same along the list."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
@@ -98,13 +98,13 @@ def continuation(
 ) -> Continuation:
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
-    An attractor continues a previous attractor if it lies in its basin; among several, or if there
-    is none, the nearest is taken, by the distance between the cells of both. A vanished attractor
-    keeps its name, and gets it again if it reappears in its old place; until then it counts as
-    merged with the attractor in whose basin it lies.
+    An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
+    Hausdorff distance of both orbits is small. The matching with the least distances is taken. A
+    vanished attractor keeps its name, and gets it again if it reappears in its old place; until
+    then it counts as merged with the attractor in whose basin it lies.
 
-    **Arguments:** as for [`jaxcell.dynamics.basins`][], with its errors; but `params` has numbers,
-    and arrays of one length for the parameters that vary. **Returns:** the basins of all members,
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that `params` has numbers, and
+    arrays of one length for the parameters that vary. **Returns:** the basins of all members,
     and the names of their attractors.
 
     A second attractor appears, and takes half of the box:
@@ -157,7 +157,7 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Name the attractors of a list of basins, so that equal names are one attractor."""
+    """Number the attractors of a list of basins, so that an attractor has one number in all."""
     labels: list[np.ndarray] = []
     # For each name, the last orbit of the attractor, its basins, and its number in them.
     known: dict[int, tuple[np.ndarray, Basins, int]] = {}
@@ -179,7 +179,7 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """Compute the cost of matching two attractors: below 1 they may be the same one."""
+    """Compute the cost of matching two attractors, which are different if the cost exceeds 1."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]

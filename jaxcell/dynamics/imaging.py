@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.quantities import Result
-from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, in_stages, in_threads, params_of, stacked, with_last
+from .batches import CHUNK, in_stages, in_threads, padded, params_of, stacked
 from .maps import Flow, Map
 
 
@@ -35,8 +34,6 @@ def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np
         because a transient or an attractor may pass outside.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
-
-    **Raises:** `ValueError` if the map does not return a finite point of the box's dimension.
 
     The doubling map on eight cells:
 
@@ -63,7 +60,8 @@ def images_of_each(
 ) -> Int[np.ndarray, "members cells"]:
     """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    `time` is an array for the durations of the mappings, and `within` the range of cells to map.
+    `out` and `time` are arrays for the images and for the durations of the mappings, and `within`
+    is the range of cells to map.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -86,10 +84,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Trace a map at the middle of a box.
-
-    **Raises:** `ValueError` with the reason, if tracing fails, or if the image is no point.
-    """
+    """Raise `ValueError` if the map fails, or if its image is not a point of the same space."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)
@@ -107,10 +102,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Evaluate the map, or its field, at 64 points of a box.
-
-    **Raises:** `ValueError` if the values are finite at none of the points.
-    """
+    """Raise `ValueError` if the map, or its field, is finite at none of 64 points of a box."""
     begin = getattr(map, "velocity", map)
     begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
@@ -126,17 +118,17 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """Warn of periodic axes at whose two ends a map differs, judged by 64 points.
+    """Warn of periodic axes along which a map has different values at the two ends.
 
-    Returns these axes for each member.
+    Returns these axes for each member, judged by 64 points.
     """
-    points = _anywhere(box)
+    points, params = _anywhere(box), stacked(members)
+    each = [params_of(params, k) for k in range(len(members))]
     torn: list[tuple[int, ...]] = [()] * len(members)
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
         ends = np.stack([points, points])
         ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
-        params, each = stacked(members), np.arange(len(members))
-        image = np.asarray(_mapped_by_each(map, params, each, ends))
+        image = np.stack([mapped_points(map, own, ends) for own in each])
         apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
         # The median ignores points from which orbits separate by rounding.
         differs = np.median(apart, axis=1) > 1e-3
@@ -147,7 +139,7 @@ def torn_axes(
 
 
 def remark_of_torn(name: str) -> str:
-    """Return the warning for an axis at whose two ends a map differs."""
+    """Return the warning for a periodic axis along which a map differs at the two ends."""
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
@@ -182,11 +174,6 @@ class OnBox(Result):
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
     """Map points, an array `[points, corners, axes]`."""
     return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
-
-
-@functools.partial(jax.jit, static_argnames="map")
-def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
-    return jax.vmap(lambda member: mapped_points(map, params_of(params, member), points))(members)
 
 
 def changed_by_half_step(
@@ -227,11 +214,10 @@ def _crossing(
     index, points, taken = in_stages(begun, stage)
     lost = index == box.outside
     if follow and lost.any():
-        rows = members[lost], points[lost]
-        size = bucket(len(rows[0]))
-        filled = (with_last(row, size) for row in rows)
-        ahead = _followed(map, box, params, *filled, follow * map.steps)
-        index[lost] = np.asarray(ahead)[: len(rows[0])]
+        steps = follow * map.steps
+        index[lost] = padded(
+            lambda *rows: _followed(map, box, params, *rows, steps), (members[lost], points[lost])
+        )
     shape = len(each), len(cells)
     return index.reshape(shape), taken.reshape(shape) * map.dt
 
@@ -240,7 +226,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take up to `steps` steps from points, until each is far enough from its first cell."""
+    """Take up to `steps` steps from each point, until it is far enough from its first cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)

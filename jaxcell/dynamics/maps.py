@@ -21,8 +21,8 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 class Map(Protocol):
     """A map of a space to itself: the next point, `map(x, params)`.
 
-    Any hashable function of JAX is a map, such as a function of a module. For stiff fields, use a
-    solve of diffrax with adaptive steps:
+    Any hashable function that JAX can trace is a map, such as a function of a module. For stiff
+    fields, use a solver of diffrax with adaptive steps:
 
         def stiff(x, params):
             term = diffrax.ODETerm(lambda t, y, p: field(y, p))
@@ -46,8 +46,8 @@ class Flow:
     steps: int
     "Number of steps per mapping; with `crossing`, the largest number."
     crossing: int = 0
-    """Distance in cells that ends the mapping of a cell; 0 for the same number of steps from all
-    cells."""
+    """Distance in cells at which the mapping of a cell ends; with 0, all cells take the same number
+    of steps."""
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)
@@ -169,9 +169,9 @@ def flow(
     - `field`: the velocity at a point, an array `[axes]`.
     - `dt`: duration of a step.
     - `steps`: number of steps per mapping. With `"crossing"` the number differs between cells: the
-        image of a cell is its first point that is `crossed` cells away (after Hsu's criterion), so
-        that slow cells are not their own images, and the error of half a cell is small compared
-        with the distance.
+        orbit of a cell is followed until it is `crossed` cells away (after Hsu's criterion). So
+        slow cells are not their own images, and the error of half a cell is small compared with
+        the distance.
     - `max_steps`: with `"crossing"`, the largest number of steps. A cell that has not crossed by
         then most likely holds an equilibrium.
 

@@ -17,12 +17,12 @@ _MIN_APART = 8
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Number the attractor of each orbit, in order of first orbits; -1 for orbits that leave."""
+    """Number the attractors of orbits in the order of their first orbits; -1 if an orbit leaves."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
     label = _linked(box, place, 2)
-    # Attractors within that distance separate at half of it, if there are enough orbits to decide.
+    # Attractors within half a cell separate at a quarter of it, if enough orbits can decide this.
     # Orbits on one large attractor are still linked.
     for k in np.flatnonzero(np.bincount(label) >= 2 * _MIN_APART):
         own = np.flatnonzero(label == k)
@@ -41,7 +41,7 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Give orbits one label if they visit a common part of a cell; parts overlap by half."""
+    """Give one label to all orbits that visit a common part of a cell; parts overlap by half."""
     orbits = len(place)
     bits = orbits.bit_length()
     orbit, halves = _visited(box, place, parts)
@@ -69,7 +69,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Return the half-parts of cells that each orbit visits, in order, without repeats in a row."""
+    """Find the halves of parts that orbits visit. Returns the orbit and place of each visit."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

@@ -1,4 +1,4 @@
-"""The attractor of each cell by the orbit of its centre, instead of by the images of cells."""
+"""The attractor of each cell, found from the orbit of its centre instead of the images of cells."""
 
 import functools
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ VISITS = 16
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""Marks, in place of an attractor, of orbits that reach none and of orbits that leave the box."""
+"""Numbers in place of an attractor, for orbits that reach none and orbits that leave the box."""
 
 
 def orbit_basins(
@@ -51,7 +51,7 @@ def orbit_basins(
 def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
-    """Return the attractor that holds each cell, -1 for none, then the marks of the two sinks."""
+    """Return the attractor that contains each cell, -1 for none, and -2 for the outside sink."""
     owner = np.full(box.size + 2, NONE, np.int32)
     owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):
@@ -72,7 +72,8 @@ def orbit_ends(
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
     """Follow points for `most` mappings, or until `visits` visits to the cells of one attractor.
 
-    Returns the attractor of each point, or a mark, and the number of mappings to its first visit.
+    Returns the attractor of each point, `NONE` or `OUTSIDE`, and the number of mappings until the
+    first visit.
     """
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
@@ -93,7 +94,7 @@ def orbit_ends(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, follow: Any) -> Any:
-    """Map points by a stage, and update their last attractors and the counts of visits."""
+    """Map points `_STAGE` times, and update the last attractor of each and its count of visits."""
 
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]

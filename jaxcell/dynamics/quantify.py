@@ -1,4 +1,4 @@
-"""Measures of basins: stability, least fatal shocks, entropy and uncertainty exponents."""
+"""Measures of basins: stability, distances to the boundary, entropy, uncertainty exponents."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -19,9 +19,9 @@ def basin_stability(
 ) -> Float[np.ndarray, "attractors"]:
     """Compute the share of starts that lead to each attractor, for a density of starts.
 
-    **Arguments:** basins; the density at points `[cells, axes]`, perhaps not normalised, by default
-    uniform; and the time within which starts reach their attractor, in mappings if the map has no
-    time.
+    **Arguments:** basins; a function that computes the density at points `[cells, axes]`, which
+    need not be normalised, by default uniform; and the time within which starts must reach their
+    attractor, in mappings if the map has no time.
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 
@@ -42,9 +42,9 @@ def basin_stability(
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0: a time,
-    in mappings if the map has no time, per length in the units of the box. For mean times see
-    `basins.mean_time`.
+    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if the map
+    has no time) per length in the units of the box. Cells of the attractor count as 0. For mean
+    times see `basins.mean_time`.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -177,8 +177,6 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     **Arguments:** basins, and the distance in cells within which boundaries count as the same.
     **Returns:** the largest share of cells of one boundary that are farther from another boundary.
 
-    **Raises:** `ValueError` for fewer than three basins.
-
     Three stripes; only the middle one has a boundary with both others:
 
         >>> import jax.numpy as jnp
@@ -198,7 +196,7 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
 
 
 def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
-    """Return a mask of the cells with another label within a radius, along any axis."""
+    """Return a mask of the cells that have another label within `radius` cells along the axes."""
     modes = ["wrap" if kind == "periodic" else "nearest" for kind in box.axes]
     high = ndimage.maximum_filter(labels, 2 * radius + 1, mode=modes)
     return high != ndimage.minimum_filter(labels, 2 * radius + 1, mode=modes)
@@ -210,10 +208,10 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
     **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
     attractors.
 
-    >>> from jaxcell import dynamics, examples
-    >>> basins = examples.basins()
-    >>> dynamics.overlap(basins, basins).tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
+        >>> from jaxcell import dynamics, examples
+        >>> basins = examples.basins()
+        >>> dynamics.overlap(basins, basins).tolist()
+        [[1.0, 0.0], [0.0, 1.0]]
     """
     if one.box != other.box:
         raise ValueError("overlap: expected basins in the same box")

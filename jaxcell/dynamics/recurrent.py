@@ -1,19 +1,31 @@
 """Reachable cells, by images of several points of each cell."""
 
 import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..space.box import Box
-from .batches import with_last
+from .batches import padded
 from .imaging import check_begin, check_map, mapped_points
 from .maps import Map
 
 
 # Number of cells whose points are mapped at once; smaller fronts are padded to it.
 _PART = 1 << 8
+
+
+def grid_images(
+    map: Map, params: Any, centres: np.ndarray, width: np.ndarray, samples: int, part: int
+) -> Iterator[Float[np.ndarray, "part points axes"]]:
+    """Map a grid of points of cells, from face to face. Yields images of `part` cells at a time."""
+    place = np.linspace(-0.5, 0.5, samples)
+    offsets = np.array(list(itertools.product(place, repeat=width.size))) * width
+    for k in range(0, len(centres), part):
+        points = centres[k : k + part, None] + offsets
+        yield padded(lambda points: mapped_points(map, params, points), [points], part)
 
 
 def unstable_set(
@@ -26,7 +38,7 @@ def unstable_set(
 
     **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
     points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in
-    ascending order, with those of the start.
+    ascending order, including the cells of the starting points.
 
     A map that doubles its point:
 
@@ -37,18 +49,13 @@ def unstable_set(
     """
     check_map(map, box, params)
     check_begin(map, box, params)
-    place = np.linspace(-0.5, 0.5, samples)
-    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
     reached = np.zeros(box.size, bool)
     new = np.unique(box.index(np.asarray(start, float)))
     new = new[new < box.size]
     while new.size:
         reached[new] = True
-        images = []
-        for k in range(0, new.size, _PART):
-            points = box.centre(with_last(new[k : k + _PART], _PART))[:, None] + offsets
-            images.append(box.index(np.asarray(mapped_points(map, params, points))).ravel())
-        image = np.unique(np.concatenate(images))
+        images = grid_images(map, params, box.centre(new), box.width, samples, _PART)
+        image = np.unique(np.concatenate([box.index(points).ravel() for points in images]))
         image = image[image < box.size]
         new = image[~reached[image]]
     return np.flatnonzero(reached)

@@ -82,6 +82,6 @@ def _disagreement(basins: Any, trial: Trial) -> str:
     finer = " and ".join(f"{share:.0%}" for share in trial.wrong[1:])
     remark = f"{remark}; with cells of half and a quarter of the width, {finer} of {trial.points:,}"
     if trial.cells is None:
-        return f"{remark}: {orbits}; no number of cells would do."
+        return f"{remark}: {orbits}; finer cells would not."
     cells = " x ".join(map(str, trial.cells))
     return f"{remark}: {orbits}, or about {cells} cells, which would leave {AGREE:.0%}."

@@ -89,10 +89,7 @@ def _cosine(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def polynomial(x: Float[Array, "*shape"], first: float) -> Float[Array, "*shape"]:
-    """Compute the sine that rises through 0 at `first` half turns.
-
-    The error is at most two units in the last place of 1.
-    """
+    """Compute `sin(x + first * pi)`, with an error of at most two units in the last place of 1."""
     turns = jnp.round(x / math.pi - first)
     for part in _PI[x.dtype.name]:
         x = x - (turns + first) * part

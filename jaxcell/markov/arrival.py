@@ -12,7 +12,7 @@ from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain
-from .hitting import cell_mask, hitting_times
+from .hitting import cell_mask, common_cells, hitting_times
 from .passage import check_steps, start_distribution, survivals
 
 
@@ -44,11 +44,11 @@ class Race:
     chains: tuple[Chain, ...]
     "The different chains."
     robot: tuple[int, ...]
-    "The place of the chain of each robot in `chains`."
+    "The index in `chains` of the chain of each robot."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start, or the cells from which distinct starts are drawn."
     there: Bool[np.ndarray, "cells"]
-    "The mask of the target."
+    "The target, as a mask over the cells."
 
     @classmethod
     def of(
@@ -57,16 +57,8 @@ class Race:
         starts: Sequence[npt.ArrayLike | int] | Distinct,
         target: npt.ArrayLike | int,
     ) -> "Race":
-        """Check the arguments of [`first_arrival`][], with its errors, and prepare them."""
-        if not chains:
-            raise ValueError("chains: expected one for each robot, got none")
-        cells = chains[0].cells
-        for robot, chain in enumerate(chains):
-            if chain.cells != cells:
-                raise ValueError(
-                    f"chains: that of robot {robot} has {chain.cells} cells, and that of robot 0 "
-                    f"has {cells}"
-                )
+        """Check and prepare the arguments of [`first_arrival`][]."""
+        cells = common_cells(chains, "robot")
         # Robots that move alike share their chain, for which survival is computed once.
         different = {id(chain): chain for chain in chains}
         number = {key: k for k, key in enumerate(different)}
@@ -84,7 +76,7 @@ class Race:
         else:
             if len(starts) != len(chains):
                 raise ValueError(
-                    f"starts: expected one for each of {len(chains)} robots, got {len(starts)}"
+                    f"starts: expected a start for each of {len(chains)} robots, got {len(starts)}"
                 )
             start = np.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
         return cls(tuple(different.values()), robot_chain, start, cell_mask(cells, target))
@@ -110,8 +102,8 @@ class Race:
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
         """Compute the probability that no robot has arrived, for the next chunks of steps.
 
-        `values` are, for each chain and start, the probabilities now that one robot has not
-        arrived. Returns the joint probability at each step, and `values` at the end.
+        `values` are, for each chain, the current probabilities that one robot has not arrived,
+        by its start. Returns the joint probability at each step, and `values` at the end.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -147,9 +139,6 @@ def first_arrival(
 
     **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
     after 0 steps if a robot begins in the target. The running sum is the probability of capture.
-
-    **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
-    for distinct starts, and as [`jaxcell.markov.first_passage`][].
 
     Two random walks on a line of three cells, from its middle to its right end:
 
@@ -188,8 +177,6 @@ def mean_first_arrival(
 
     **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
     certificate bounds the relative error, up to rounding.
-
-    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if `max_steps` are not enough.
 
     Two random walks on a line of three cells start in its middle. In every second step, the
     probability that one of them arrives at the right end is 3/4:
@@ -267,7 +254,7 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Find the possible cells of a robot before it arrives, and whether it can leave the space."""
+    """Find the cells that a robot may visit before it arrives, and whether it may leave."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges from cells outside the target.

@@ -27,8 +27,6 @@ def arrival_probabilities(
     probability of a cell from the mean over its images. If the chain was made of samples, `moved`
     estimates the error that they cause.
 
-    **Raises:** `ValueError` for a wrong target; `RuntimeError` if the residual is too large.
-
     A random walk between two ends, where it stays:
 
         >>> from jaxcell import examples, markov
@@ -41,7 +39,7 @@ def arrival_probabilities(
     value, certificate = probabilities(chain.to_scipy(), there)
     certificate.check("arrival_probabilities", throw)
     solution = Solution(jax.device_put(value), certificate)
-    return with_moved(solution, chain, lambda half: arrival_probabilities(half, there, throw=False))
+    return with_moved(solution, chain, arrival_probabilities, there)
 
 
 def conditional_hitting_times(
@@ -52,9 +50,9 @@ def conditional_hitting_times(
     It is the mean over the paths that arrive. If all paths arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
-    **Arguments:** as for [`arrival_probabilities`][], with its errors. **Returns:** the time for
-    each start, 0 in the target, and `inf` if the chain cannot arrive. The residual of the
-    certificate bounds the relative error of every finite time.
+    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** the time for each start, 0 in
+    the target, and `inf` if the chain cannot arrive. The residual of the certificate bounds the
+    relative error of every finite time.
 
     A random walk between two ends, where it stays:
 
@@ -68,17 +66,10 @@ def conditional_hitting_times(
     matrix = chain.to_scipy()
     arrives, certificate = probabilities(matrix, there)
     certificate.check("conditional_hitting_times", throw)
-    time = np.where(arrives > 0, 0.0, np.inf)
-    times = times_until_left(
-        conditioned(matrix, arrives),
-        (arrives > 0) & ~there,
-        time,
-        "conditional_hitting_times",
-        throw,
-    )
-    return with_moved(
-        times, chain, lambda half: conditional_hitting_times(half, there, throw=False)
-    )
+    time, inside = np.where(arrives > 0, 0.0, np.inf), (arrives > 0) & ~there
+    under = conditioned(matrix, arrives)
+    times = times_until_left(under, inside, time, "conditional_hitting_times", throw)
+    return with_moved(times, chain, conditional_hitting_times, there)
 
 
 def probabilities(

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
+from .hitting import common_cells
 
 
 # Number of sweeps with a fixed policy between two choices of a policy. The fastest number is 5 for
@@ -53,20 +54,9 @@ class DecisionModel:
 
         By default all actions are allowed everywhere. Rewards of actions that are not allowed are
         ignored.
-
-        **Raises:** `ValueError` for chains of different spaces, arrays of another shape, a reward
-        that is not finite, or a cell without an allowed action.
         """
         require_x64("DecisionModel")
-        if not chains:
-            raise ValueError("chains: expected one for each action, got none")
-        shape = (len(chains), chains[0].cells)
-        for action, chain in enumerate(chains):
-            if chain.cells != shape[1]:
-                raise ValueError(
-                    f"chains: that of action {action} has {chain.cells} cells, and that of action "
-                    f"0 has {shape[1]}"
-                )
+        shape = (len(chains), common_cells(chains, "action"))
         may = np.ones(shape, bool) if allowed is None else np.asarray(allowed)
         gain = np.asarray(reward, np.float64)
         for name, array, dtype in (("allowed", may, bool), ("reward", gain, np.float64)):
@@ -115,8 +105,8 @@ class Optimum:
 
     @property
     def gap(self) -> float:
-        """A bound of the error of every value, up to rounding. The policy is worth at most twice
-        this bound less than the best policy."""
+        """A bound of the error of every value, up to rounding. The value of the policy is less than
+        the largest possible value by at most twice this bound."""
         return self.certificate.residual
 
 
@@ -144,9 +134,6 @@ def value_iteration(
     may be infinite; see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
     reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
 
-    **Raises:** `RuntimeError` if rounding or `max_sweeps` ends the iteration before the tolerance
-    is met.
-
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> from jaxcell import examples, markov
@@ -158,7 +145,7 @@ def value_iteration(
     if not 0 < discount < 1:
         raise ValueError(
             f"discount: expected more than 0 and less than 1, got {discount}; "
-            "stochastic_shortest_path asks for the quickest arrival without a discount"
+            "without a discount, use stochastic_shortest_path, for the quickest arrival"
         )
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
@@ -172,8 +159,6 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     """Return the chain of a policy: in each cell it moves by the action of the policy.
 
     **Arguments:** a model, and an action for each cell. **Returns:** the chain.
-
-    **Raises:** `ValueError` for an action that does not exist or is not allowed.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -220,7 +205,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Iterate. Returns the value, the policy, the bound of the error, and the number of sweeps."""
+    """Sweep repeatedly. Returns values, the policy, a bound of the error, and a count of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -231,9 +216,11 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """Sweep once with the best actions. Returns the values, the policy, the policy that takes
-        the first of equally good actions, the least and the largest change of all later sweeps
-        together, and whether this change is rounding."""
+        """Sweep once with the best actions.
+
+        Returns the values, the policy, the policy with the first of equally good actions, the least
+        and the largest sum of all later changes, and whether the changes are only rounding.
+        """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
             for chain, reward, may in zip(model.chains, model.reward, model.allowed, strict=True)
@@ -253,8 +240,8 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values. If the chain never leaves, bound the error after the
-        middle of the two changes is added."""
+        """Bound the error of the values or, if no action leaves, of the values plus the mean of
+        `low` and `high`."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

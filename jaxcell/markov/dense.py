@@ -7,6 +7,16 @@ matrix that keep the sums of its rows.
 All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
 even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a generalized
 inverse of `I - P` with `G 1 = 1`. The stationary distribution is `u' G` (Hunter 1982).
+
+A random walk on a line of three cells:
+
+    >>> from jaxcell import examples
+    >>> from jaxcell.markov import dense
+    >>> P = examples.walk().to_scipy().toarray()
+    >>> dense.stationary(P).round(6).tolist(), float(dense.kemeny(P).round(6))
+    ([0.25, 0.5, 0.25], 1.5)
+    >>> dense.hitting(P).round(6).tolist()
+    [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
 """
 
 import jax
@@ -16,33 +26,17 @@ from jaxtyping import Array, Float
 
 @jax.jit
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
-    """Compute the stationary distribution, `pi P = pi`.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> dense.stationary(P).round(6).tolist()
-        [0.25, 0.5, 0.25]
-    """
+    """Compute the stationary distribution, `pi P = pi`."""
     cells = P.shape[-1]
     return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
 
 
 @jax.jit
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
-    """Compute the expected number of steps from cell `i` until first at cell `j`; 0 if `i = j`.
+    """Compute the expected number of steps from each cell to the first visit of each other cell.
 
-    The chain must be irreducible. Times to transient cells are wrong; times from them are right.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> dense.hitting(P).round(6).tolist()
-        [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
+    The entry `i, j` is the time from `i` to `j`. Of a chain with transient cells, the times from
+    these cells are right, and the times to these cells are wrong.
     """
     inverse = jnp.linalg.inv(_shifted(P))
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
@@ -53,15 +47,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute Kemeny's constant: the expected number of steps to a random cell.
 
     The cell is drawn from the stationary distribution. If the chain starts there, the number of
-    steps is 0. It is the same for all starts.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> float(dense.kemeny(P).round(6))
-        1.5
+    steps is 0. The constant is the same for all starts.
     """
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 
@@ -70,15 +56,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    An entry 0 is no edge: its derivative is 0, although it is infinite in the limit.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples
-        >>> from jaxcell.markov import dense
-        >>> P = examples.walk().to_scipy().toarray()
-        >>> round(float(dense.entropy_rate(P)), 4)
-        0.3466
+    The derivative by an entry of `P` that is 0 counts as 0, although its limit is infinite.
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import jax
@@ -47,9 +47,6 @@ def absorption_probabilities(
     for each start. If there is only one end, its probability is 1 without a solve. The residual of
     the certificate is the largest difference of the probability of a cell from the mean over its
     images, or of the sum of its probabilities from 1.
-
-    **Raises:** `RuntimeError` if the residual is too large; `ValueError` if the groups are of
-    another chain.
 
     A random walk between two ends, where it stays:
 
@@ -105,8 +102,8 @@ def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
     """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
 
     It is the sum of `p (x' - x)` over the steps from a cell. So each row counts as if it summed to
-    exactly 1, although its rounding may be as large as a rare step out of the part. Small
-    differences between nearly equal cells keep all their digits.
+    exactly 1, although its rounding may be as large as a rare step out of the part. Differences
+    between cells with nearly equal values keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -119,9 +116,8 @@ def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
-    **Arguments:** as for [`absorption_probabilities`][], with its errors. **Returns:** the time for
-    each start, 0 in the groups. The residual of the certificate bounds the relative error of every
-    time.
+    **Arguments:** as for [`absorption_probabilities`][]. **Returns:** the time for each start, 0 in
+    the groups. The residual of the certificate bounds the relative error of every time.
 
     A random walk between two ends, where it stays:
 
@@ -145,8 +141,6 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     error of every finite time. If the chain was made of samples, `moved` estimates the error that
     they cause.
 
-    **Raises:** `RuntimeError` if the residual is too large; `ValueError` for a wrong target.
-
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
@@ -160,14 +154,16 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     _, may_fail = prospects(matrix, there)
     time = np.where(may_fail, np.inf, 0.0)
     times = times_until_left(matrix, ~may_fail & ~there, time, "hitting_times", throw)
-    return with_moved(times, chain, lambda half: hitting_times(half, there, throw=False))
+    return with_moved(times, chain, hitting_times, there)
 
 
-def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Solution]) -> Solution:
+def with_moved(
+    solution: Solution, chain: Chain, solve: Callable[..., Solution], there: Cells
+) -> Solution:
     """Add `moved` to a solution: the change of each value if half of the samples are used."""
     if chain.half is None:
         return solution
-    value, other = solution.value, solve(chain.half).value
+    value, other = solution.value, solve(chain.half, there, throw=False).value
     moved = jnp.where(value == other, 0.0, jnp.abs(value - other))
     return dataclasses.replace(solution, moved=moved)
 
@@ -181,7 +177,8 @@ def times_until_left(
 ) -> Solution:
     """Compute the expected number of steps from each cell `inside` until these cells are left.
 
-    It is written into `time`, which has the times of the other cells. `what` names it in errors.
+    The result is written into `time`, which has the times of the other cells. `what` is the name
+    of the calling function, for errors.
     """
     steps, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
@@ -191,7 +188,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and those from which it can fail to.
+    """Find the cells from which a chain can arrive in a set, and from which it can fail to arrive.
 
     Returns two masks. `there` is the mask of the set.
     """
@@ -208,7 +205,8 @@ def leaving_times(
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
-    It must be able to leave them from each cell. The residual bounds the relative errors.
+    The chain must be able to leave from each of these cells. The residual bounds the relative
+    errors.
     """
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
@@ -219,25 +217,32 @@ def leaving_times(
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """Return the persistent group of each cell, on the host.
-
-    **Raises:** `ValueError` if the groups are of another chain; `RuntimeError` if JAX is set to 32
-    bits.
-    """
+    """Return the persistent group of each cell, on the host."""
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
         raise ValueError(
-            f"groups: expected those of this chain of {chain.cells} cells, got those of one of "
-            f"{groups.group.shape[0]}"
+            f"groups: expected the groups of this chain of {chain.cells} cells, got the groups of "
+            f"a chain of {groups.group.shape[0]}"
         )
     return np.asarray(groups.group)
 
 
-def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Return the mask of a cell, a list of cells, or a mask; `name` names the argument in errors.
+def common_cells(chains: Sequence[Chain], owner: str) -> int:
+    """Return the number of cells of chains, one per `owner`; raise `ValueError` if they differ."""
+    if not chains:
+        raise ValueError(f"chains: expected a chain for each {owner}, got none")
+    cells = chains[0].cells
+    for number, chain in enumerate(chains):
+        if chain.cells != cells:
+            raise ValueError(
+                f"chains: the chain of {owner} {number} has {chain.cells} cells, and the chain of "
+                f"{owner} 0 has {cells}"
+            )
+    return cells
 
-    **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.
-    """
+
+def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
+    """Convert a cell, a list of cells, or a mask to a mask; `name` is the argument, for errors."""
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):

@@ -50,9 +50,6 @@ def limiting_distribution(
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
     1-norm of `value P - value` and the difference of the sum of `weights` and `leaving` from 1.
 
-    **Raises:** `RuntimeError` if the residual is too large; `ValueError` for wrong weights, or if
-    the groups are of another chain.
-
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, mapping, markov

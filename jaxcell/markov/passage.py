@@ -31,8 +31,6 @@ def first_passage(
     **Returns:** the probability that the chain is first there after `0, 1, ..., steps` steps. The
     rest, up to 1, is the probability that it has not arrived or has left the space.
 
-    **Raises:** `ValueError` for a wrong target, start or number of steps.
-
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
@@ -75,8 +73,8 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Compute the probabilities that a chain has not arrived at the target `there`, by start.
 
-    `value` are the probabilities now; at time 0 they are 1 outside the target. Returns the
-    probabilities now and after 1 to `steps - 1` steps, and separately those after `steps` steps.
+    `value` are the current probabilities; at time 0 they are 1 outside the target. Returns the
+    probabilities after 0 to `steps - 1` further steps, and separately those after `steps` steps.
     """
     leaving = chain.leaving
 

@@ -26,13 +26,9 @@ _SQUARINGS = 50
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    **Arguments:** an irreducible chain; for other chains, and for one target of a large chain, use
-    [`jaxcell.markov.hitting_times`][]. **Returns:** the times, a row per start. The residual of the
-    certificate bounds the relative error of every time.
-
-    **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
-    matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, for example if two
-    parts of the chain are hardly connected.
+    **Arguments:** an irreducible chain of at most 10,000 cells; for other chains, use
+    [`jaxcell.markov.hitting_times`][] of one target. **Returns:** the times, a row per start. The
+    residual of the certificate bounds the relative error of every time.
 
     A random walk on a line of three cells:
 
@@ -41,15 +37,13 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
         >>> markov.hitting_matrix(chain).value.round(6).tolist()
         [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
-    _check_irreducible(chain, "hitting_matrix")
     return _hitting(chain, "hitting_matrix", throw)
 
 
 def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    **Arguments:** as for [`hitting_matrix`][], with its errors. **Returns:** the times of Alam
-    2018, Eq. 4.3.
+    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the times of Alam 2018, Eq. 4.3.
 
     A random walk on a line of three cells:
 
@@ -58,7 +52,6 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
         >>> markov.commute_times(chain).value.round(6).tolist()
         [[0.0, 4.0, 8.0], [4.0, 0.0, 4.0], [8.0, 4.0, 0.0]]
     """
-    _check_irreducible(chain, "commute_times")
     there = _hitting(chain, "commute_times", throw)
     return Solution(there.value + there.value.T, there.certificate)
 
@@ -68,11 +61,9 @@ def kemeny_constant(chain: Chain) -> float:
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
     chain, the number of steps is 0; authors who count the steps until it returns obtain 1 more. The
-    constant has nearly all its digits.
+    relative error is close to the rounding of a number.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
-
-    **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
     A random walk on a line of three cells:
 
@@ -81,8 +72,7 @@ def kemeny_constant(chain: Chain) -> float:
         >>> round(markov.kemeny_constant(chain), 6)
         1.5
     """
-    groups = _check_irreducible(chain, "kemeny_constant")
-    _refuse_large(chain, "kemeny_constant", _LARGEST_MATRIX)
+    groups = _only_group(chain, "kemeny_constant")
     likely = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     rooted = Rooted.of(chain.to_scipy(), np.zeros(chain.cells, int), likely)
     with np.errstate(all="ignore"):
@@ -107,7 +97,7 @@ def entropy_rate(chain: Chain) -> float:
         >>> round(markov.entropy_rate(examples.walk()), 4)
         0.3466
     """
-    groups = _check_irreducible(chain, "entropy_rate")
+    groups = _only_group(chain, "entropy_rate", None)
     share = np.asarray(limiting_distribution(chain, groups).value)
     # This matrix has one entry for all branches with the same image.
     steps = chain.to_scipy()
@@ -132,10 +122,10 @@ def slem(chain: Chain) -> float:
         >>> round(markov.slem(chain), 6)
         0.5
     """
-    groups = _check_irreducible(chain, "slem")
+    groups = _only_group(chain, "slem")
     if groups.period[0] > 1:
         return 1.0
-    modulus = np.sort(np.abs(np.linalg.eigvals(_matrix(chain, "slem", _LARGEST_MATRIX))))
+    modulus = np.sort(np.abs(np.linalg.eigvals(chain.to_scipy().toarray())))
     return float(modulus[-2]) if modulus.size > 1 else 0.0
 
 
@@ -147,11 +137,8 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     `distance`. The matrix is squared until a power is that close. Then `t` is found between the
     last two powers by bisection, because the distance never grows.
 
-    **Arguments:** an irreducible chain, and a distance of more than 0 and less than 1/2.
+    **Arguments:** an irreducible chain of at most 2,000 cells, and a distance between 0 and 1/2.
     **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
-
-    **Raises:** `ValueError` if the chain is not irreducible or has more than 2,000 cells;
-    `RuntimeError` if it mixes so slowly that rounding hides it.
 
     Two cells, with a step between them one time in four:
 
@@ -163,8 +150,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     """
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
-    groups = _check_irreducible(chain, "mixing_time")
-    matrix = _matrix(chain, "mixing_time", MAX_VERTICES)
+    groups = _only_group(chain, "mixing_time", MAX_VERTICES)
     if groups.period[0] > 1:
         return math.inf
     share = np.asarray(limiting_distribution(chain, groups).value)
@@ -174,7 +160,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
 
     if mixed(np.eye(chain.cells)):
         return 0.0
-    powers = [matrix]
+    powers = [chain.to_scipy().toarray()]
     while not mixed(powers[-1]):
         if len(powers) > _SQUARINGS:
             raise RuntimeError(f"mixing_time: not mixed after 2**{_SQUARINGS} steps")
@@ -197,32 +183,26 @@ def _product(
 
 
 def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
-    value = np.array(_hitting_dense(_matrix(chain, what, _LARGEST_MATRIX)))
+    _only_group(chain, what)
+    matrix = chain.to_scipy()
+    value = np.array(dense.hitting(matrix.toarray()))
     np.fill_diagonal(value, 0)
     # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
-    gap = 1 + chain.to_scipy() @ value - value
+    gap = 1 + matrix @ value - value
     np.fill_diagonal(gap, 0)
     certificate = Certificate(1, float(np.abs(gap).max()), TIME_TOLERANCE)
     certificate.check(what, throw)
     return Solution(jax.device_put(value), certificate)
 
 
-def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:
-    _refuse_large(chain, what, most)
-    return chain.to_scipy().toarray()
-
-
-def _refuse_large(chain: Chain, what: str, most: int) -> None:
-    if chain.cells > most:
+def _only_group(chain: Chain, what: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
+    """Return the group of an irreducible chain; raise `ValueError` for another or a large chain."""
+    require_x64(what)
+    if most is not None and chain.cells > most:
         raise ValueError(
             f"{what}: the chain has {chain.cells} cells, and the matrices of a chain of more than "
             f"{most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
-
-
-def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:
-    """Return the only group of a chain, or raise `ValueError` if the chain is not irreducible."""
-    require_x64(what)
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)
     lost = np.flatnonzero(group != 0)
@@ -234,6 +214,3 @@ def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:
             "serves any chain"
         )
     return groups
-
-
-_hitting_dense = jax.jit(dense.hitting)

@@ -45,7 +45,7 @@ class ShortestPath:
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
     """The certificate. Its residual is the larger of the gain in probability and the relative gain
-    in time that a change of one action would give; its iterations improve the policy."""
+    in time that a change of one action would give; its iterations are changes of the policy."""
 
 
 def stochastic_shortest_path(
@@ -63,9 +63,6 @@ def stochastic_shortest_path(
 
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
     in the goal do not matter. **Returns:** probabilities, times and the policy.
-
-    **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
-    1000 rounds, or if the residual of a solve is too large.
 
     A robot on three cells in a row goes right or left, and right fails half the time:
 
@@ -140,7 +137,7 @@ class _Moves:
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
     def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
-        """Compute the expected value one step later."""
+        """Compute the expected value after one step, for each action and cell."""
         return (self.matrix @ value).reshape(self.allowed.shape)
 
     def joint(self, usable: _Usable) -> scipy.sparse.csr_array:
@@ -153,7 +150,7 @@ class _Moves:
         return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
 
     def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
-        """Change a policy to usable actions that may lead to a cell fewer steps from a target."""
+        """Change a policy so that each action may lead to a cell that is nearer to a target."""
         after = next_cells(self.joint(usable), target)
         row, column = self.steps
         action, cell = np.divmod(row, self.cells)
@@ -165,10 +162,10 @@ class _Moves:
 
 
 def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
-    """Find the cells from which some policy is certain to arrive, and the actions to do so.
+    """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
-    These actions stay among these cells. The cells are what is left after the repeated removal of
-    cells from which the target cannot be reached by actions that stay among the remaining cells.
+    These actions stay among these cells. The cells are found by repeated removal of cells from
+    which the target cannot be reached by actions that stay among the remaining cells.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)
@@ -188,9 +185,10 @@ def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usabl
 def _surest(
     moves: _Moves, policy: _Policy, usable: _Usable, sure: _Cells, maybe: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy, which may arrive from all cells of `maybe`, to the largest probability.
+    """Improve a policy until its probability of arriving from the cells `maybe` is the largest.
 
-    Returns the probability of arriving, the policy, and a certificate with the possible gain.
+    The policy must be able to arrive from these cells. Returns the probability of arriving, the
+    policy, and a certificate with the possible gain.
     """
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0

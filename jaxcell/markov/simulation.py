@@ -69,9 +69,6 @@ def simulate_arrival(
     number of runs; and the number of steps after which a run is given up. **Returns:** the time of
     each run.
 
-    **Raises:** `ValueError` for fewer than two runs or a horizon out of range, and as
-    `first_arrival`.
-
     A robot that always moves on around a ring of three cells:
 
         >>> import jax

@@ -9,13 +9,13 @@ from .solving.solve import solve_transient
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transient:
-    """A part of a chain that it leaves for good, reduced to the cells at which it branches.
+    """A transient part of a chain, reduced to the cells at which the chain branches.
 
     In some chains most cells have one certain image, such as the cells of a robot between two
     bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
     image in the part is not certain. A sum over the run then gives the value of the cell from that
     of the branching cell, so that only the branching cells are solved for, one in six cells of a
-    bouncing robot. Arrays and numbers of cells are those of the part.
+    bouncing robot. Except in `cells`, cells have their numbers in the part.
     """
 
     cells: Int[np.ndarray, "part"]
@@ -29,11 +29,11 @@ class Transient:
     jump: scipy.sparse.csr_array
     "The probabilities of the next branching cell after each branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    "The cell after 1, 2, 4, ... steps on the run; the number of cells, after its end."
+    "The cell after 1, 2, 4, ... steps on the run; beyond the end of the run, the number of cells."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Extract the part `inside` of a chain, which the chain can leave from each cell of it.
+        """Extract the part `inside` of a chain, which the chain can leave from each of its cells.
 
         The transition matrix must not store zeros.
 
@@ -54,7 +54,7 @@ class Transient:
             if len(hops) > count.bit_length():
                 raise RuntimeError(
                     f"cell {cells[np.flatnonzero(hop < count)[0]]} is on a circuit that the chain "
-                    "never leaves: what led here was lost in rounding"
+                    "never leaves: the steps out of it were lost in rounding"
                 )
             hops.append(hop[:-1])
             hop, end = hop[hop], end[end]

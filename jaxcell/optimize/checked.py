@@ -49,7 +49,7 @@ def one_each(
 def distribution(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return an array of one share per item, whose sum is 1."""
+    """Return an array of one share per item; the shares sum to 1."""
     shares = one_each(name, values, count, what, zero=zero)
     total = float(shares.sum())
     if abs(total - 1) > _ROUNDING:

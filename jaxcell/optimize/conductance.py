@@ -73,9 +73,6 @@ def minimum_commute(
     commute_time`. For any weights `u` without constraints, `C(u) >= C(w) tr X / sum_e u_e |X
     b_e|^2`, with `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008).
 
-    **Raises:** `RuntimeError` if no weights meet the constraints; the message names constraints
-    that contradict each other.
-
     On a line of three vertices both edges have the same weight. The commute time is 4 steps for two
     pairs of vertices, and 8 steps for the third pair:
 

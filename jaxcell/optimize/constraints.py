@@ -21,7 +21,7 @@ _DEPENDENT = 1e-9
 _NO_PRICE = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Linear:
     """Bounds on a linear function of the weights of a walk, which sum to 1.
 
@@ -36,34 +36,22 @@ class Linear:
 
     label: str
     "The name in messages and results."
-    coefficients: Float[np.ndarray, "edges"]
-    lower: float = -math.inf
-    upper: float = math.inf
+    coefficients: Any
+    "The coefficient of each weight, which becomes an array `[edges]`."
+    lower: float | int = -math.inf
+    upper: float | int = math.inf
+    "The upper bound; if it equals the lower bound, the value of the function is fixed."
 
-    def __init__(
-        self,
-        label: str,
-        coefficients: Any,
-        lower: float | int = -math.inf,
-        upper: float | int = math.inf,
-    ) -> None:
-        """**Arguments:**
-
-        - `label`: the name.
-        - `coefficients`: array `[edges]`.
-        - `lower`, `upper`: the bounds; equal bounds fix the value of the function.
-        """
-        row = np.array(coefficients, np.float64)
+    def __post_init__(self) -> None:
+        row, lower, upper = np.array(self.coefficients, np.float64), self.lower, self.upper
         if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
-            raise ValueError(f"{label}: expected finite coefficients, one per edge, not all 0")
+            raise ValueError(f"{self.label}: expected finite coefficients, one per edge, not all 0")
         if not lower <= upper or lower == math.inf or upper == -math.inf:
             raise ValueError(
-                f"{label}: expected a lower bound up to the upper one, got {lower:g} and {upper:g}"
+                f"{self.label}: expected a lower bound up to the upper one, got {lower:g} and "
+                f"{upper:g}"
             )
-        object.__setattr__(self, "label", label)
         object.__setattr__(self, "coefficients", row)
-        object.__setattr__(self, "lower", float(lower))
-        object.__setattr__(self, "upper", float(upper))
 
     @classmethod
     def on_visits(
@@ -74,13 +62,13 @@ class Linear:
         lower: float | int = -math.inf,
         upper: float | int = math.inf,
     ) -> "Linear":
-        """Bound a linear function of the shares of time at the vertices, array `[vertices]`.
+        """Bound a linear function of the shares of time at vertices.
 
-        In a walk with weights that sum to 1, the share of time at a vertex is half the sum of the
-        weights of its edges.
+        `coefficients` is an array `[vertices]`. In a walk with weights that sum to 1, the share of
+        time at a vertex is half the sum of the weights of its edges.
         """
-        given = np.asarray(coefficients, np.float64)
-        return cls(label, given[graph.edges].mean(axis=1), lower, upper)
+        of_ends = np.asarray(coefficients, np.float64)[graph.edges]
+        return cls(label, of_ends.mean(axis=1), lower, upper)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -118,7 +106,7 @@ class Room:
     def first_prices(
         self, gain: Float[np.ndarray, "used"], numbers: Float[np.ndarray, "numbers"]
     ) -> Float[np.ndarray, "prices"]:
-        """Return prices that leave a positive pressure on each number."""
+        """Return start prices for the interior-point method, with positive pressures."""
         prices, spare = np.zeros(self.totals.size), self.signs != 0
         prices[spare] = -self.signs[spare] / (self.edges * numbers[self.edges :])
         prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()
@@ -127,9 +115,9 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints; 0 for those without effect."""
+        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
         owned = (self.owner >= 0) & (self.owner < count)
-        # Without any weight it would count in whole numbers.
+        # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
 
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
@@ -148,9 +136,6 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
     One linear program finds which numbers can be positive: multiplied by a large enough `t`, these
     numbers can be 1 or more. A second program finds a point far from all bounds.
-
-    **Raises:** `RuntimeError` for constraints that contradict each other, which the message names;
-    `ValueError` for a constraint on another number of edges.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:

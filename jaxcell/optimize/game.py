@@ -220,7 +220,7 @@ def _multiple_lp(R: _Payoffs, C: _Payoffs) -> _Solved:
 def _commit(
     R: _Payoffs, C: _Payoffs, answer: Int[np.ndarray, "types"]
 ) -> tuple[_Weights, float, float] | None:
-    """Find the best weights for which given targets are the best answers of the types, or `None`.
+    """Find the best weights for which targets are the best answers of the types, or return `None`.
 
     **Returns:** the weights, their value, and an upper bound on the value of all such weights.
     """

@@ -33,7 +33,9 @@ class Graph:
     def __init__(
         self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
     ) -> None:
-        """**Arguments:**
+        """Make a graph from its edges.
+
+        **Arguments:**
 
         - `edges`: integer array `[edges, 2]`, the two ends of each edge.
         - `vertices`: number of vertices; by default the number of rows of `xy`, or without `xy` one
@@ -76,8 +78,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Make the symmetric matrix `[vertices, vertices]` with one number per edge, which may be
-        0."""
+        """Make the symmetric matrix `[vertices, vertices]` of numbers of edges, which may be 0."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

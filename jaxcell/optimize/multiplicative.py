@@ -24,8 +24,8 @@ def least_resistance(
     Let `g_e = |X b_e|^2 / t_e` be the decrease of the sum per unit of weight, where `X` is the
     pseudo-inverse of the Laplacian, `b_e` the column of edge `e` in the incidence matrix, and `t_e`
     its duration. Then `sum_e g_e w_e^2 / u_e` bounds the sum at other weights `u` and equals the
-    sum at `u = w`. The bound is least at weights in proportion to `w_e sqrt(g_e)`. If the tour has
-    less than its share of them, weights on the tour are raised and the others lowered. Each step to
+    sum at `u = w`. The bound is least at weights in proportion to `w_e sqrt(g_e)`. If the tour then
+    has less than its share, its weights are raised, and the other weights are lowered. Each step to
     these weights lowers the sum. Two steps are extrapolated (Varadhan and Roland 2008), as far as
     the sum decreases.
 

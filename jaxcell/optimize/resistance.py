@@ -51,9 +51,10 @@ _Prices: TypeAlias = Float[np.ndarray, "prices"]
 class Emphasis(NamedTuple):
     """The set of weights with at least a share on the edges of a tour.
 
-    The excess of the tour over its share is one more number, so that steps find whether the bound
-    is tight. There are two equations: for the sum of all weights, and for the weights off the tour
-    plus the excess. With a share of almost 1, the sum on the tour would lose the rest in rounding.
+    The excess of the tour over its share is one more unknown, so that the steps of the method find
+    whether the bound is tight. There are two equations, for the sum of all weights, and for the sum
+    of the excess and the weights off the tour. An equation for the sum on the tour would lose the
+    rest in rounding if the share is almost 1.
     """
 
     on_tour: Bool[np.ndarray, "edges"]
@@ -69,19 +70,19 @@ class Emphasis(NamedTuple):
         return np.array([1.0, 1 - self.share])
 
     def first_prices(self, gain: _Weights, numbers: _Numbers) -> Float[np.ndarray, "2"]:
-        """Return prices that leave a positive pressure on each number."""
+        """Return start prices for the interior-point method, with positive pressures."""
         on_tour = 1.2 * gain[self.on_tour].max()
         return np.array([on_tour, 1.4 * gain.max() - on_tour])
 
     def most(self, gain: _Weights, prices: Any = None) -> float:
-        """Return the largest `gain @ weights` of any weights: two edges have all of it.
+        """Return the largest `gain @ weights` over all allowed weights.
 
-        The prices are for rooms with other constraints; here they have no effect.
+        Such weights are on at most two edges. `prices`, an argument of `Room.most`, has no effect.
         """
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1, with at least the share plus `spare` of the rest on the tour."""
+        """Scale weights to sum 1; the tour has its share, and at least `spare` of the rest."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -89,7 +90,7 @@ class Emphasis(NamedTuple):
         return weights * np.where(self.on_tour, more, less)
 
     def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
-        """Return equal weights, multiplied twice by the square root of the gain.
+        """Return first numbers: equal weights, multiplied twice by the square roots of their gains.
 
         In trees without an emphasis, these weights are optimal.
         """
@@ -131,7 +132,10 @@ class Laplacian:
     "Above this number of edges, steps are computed in 32 bits and on all cores."
 
     def design(self, numbers: _Numbers) -> Design:
-        """**Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices."""
+        """Compute the sum of resistances and its derivatives.
+
+        **Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices.
+        """
         tail, head = self.edges.T
         weights = numbers[: tail.size] / self.durations
         inverse = pseudo_inverse(self.vertices, self.edges, weights)
@@ -172,7 +176,7 @@ class Laplacian:
     def _hessian(
         self, columns: Float[np.ndarray, "edges vertices"], factor: np.floating
     ) -> Float[np.ndarray, "edges edges"]:
-        """Compute the entries above the diagonal, and blocks on it; LAPACK reads no others."""
+        """Compute the Hessian in blocks on and above the diagonal; LAPACK reads nothing else."""
         edges = len(self.edges)
         tail, head = self.edges.T
         scaled = columns * (factor / np.sqrt(self.durations)).astype(columns.dtype)[:, None]
@@ -277,7 +281,7 @@ def _predictor_corrector(
     totals: _Prices,
     point: tuple[Any, Any, Any],
 ) -> tuple[Any, Any, Any]:
-    """Take one step that keeps numbers and pressures positive; a point has both, and the prices.
+    """Take one step from a point (numbers, pressures, prices); the first two stay positive.
 
     `inverse` divides by the Hessian with `pressure / numbers` on its diagonal.
     """

@@ -154,7 +154,7 @@ def _bound(problem: SpectralProblem, point: _Point) -> float:
 
 
 def _step(problem: SpectralProblem, point: _Point) -> _Point:
-    """Take one step towards an optimum: forces that balance along every edge and do no work.
+    """Take a predictor-corrector step to the optimum, where the forces along each edge balance.
 
     **Raises:** `numpy.linalg.LinAlgError` if a matrix is singular up to rounding.
     """
@@ -194,7 +194,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
 def _balance(
     problem: SpectralProblem, forces: _Pair, pressure: _Forces
 ) -> Float[np.ndarray, "unknowns"]:
-    """Sum the forces along each edge, which balance if 0, and last on the level, balanced if 1."""
+    """Sum the forces along each edge, 0 if they balance, and on the level, 1 if they balance."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 

@@ -27,7 +27,7 @@ def payoffs(
     A strategy of the patroller captures the adversary at its `k`-th closest of `n` vertices with
     probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018. After a capture the patroller gains
     the reward, by default `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a
-    gain as printed. If the patroller fails, each gains its own value of the goods at the vertex.
+    gain, as in the source. If the patroller fails, each gains its value of the goods at the vertex.
 
     **Arguments:**
 
@@ -36,7 +36,7 @@ def payoffs(
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    Two strategies, each of which is closest to another of two vertices:
+    Two strategies, the first closest to vertex 0, the second closest to vertex 1:
 
         >>> import numpy as np
         >>> from jaxcell import optimize

@@ -46,7 +46,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
         )
     names, counts = np.unique(stops, return_counts=True)
     if (counts > 1).any():
-        raise ValueError(f"vertex {names[counts > 1][0]} comes twice among those of the tour")
+        raise ValueError(f"vertex {names[counts > 1][0]} comes twice in the list of vertices")
     # scipy ignores edges of length 0, between vertices at one position.
     lengths = np.maximum(graph.lengths, np.finfo(np.float64).tiny)
     between = scipy.sparse.csgraph.dijkstra(graph.matrix(lengths), indices=stops)[:, stops]

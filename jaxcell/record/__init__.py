@@ -8,16 +8,17 @@ and tables as JSON. Datasets guarantee:
     given in degrees), seconds, or steps.
 - Attributes contain the provenance: the versions of jaxcell, of its source and of JAX, and the
     parameters as JSON in `spec`.
-- A dataset is checked by its arrays alone: a contradiction raises `RuntimeError`, and the
-    attributes `check_...` contain the values of the checks.
+- The arrays of a dataset agree with each other. Otherwise `dataset` raises `RuntimeError`. The
+    attributes `check_...` contain the values of these checks.
 - Cells, vertices and groups are numbered from 0 as in the rest of the library; -1 means none.
-    Rows of different lengths have an array of offsets: row `i` is
-    `values[offset[i]:offset[i + 1]]`.
-- One call makes an image of a map: `dataset.mixture.set_index(position=("y", "x")).unstack()`.
+- Rows of different lengths, such as the cells of each state of a filter, have an array of offsets:
+    row `i` is `member[offset[i]:offset[i + 1]]`.
+- `dataset.mixture.set_index(position=("y", "x")).unstack()` converts an array over positions, here
+    `mixture`, to an image of the map.
 
 | result | dataset | recording |
 | --- | --- | --- |
-| of a study | `dataset` | `save_recording` |
+| results of studies | `dataset` | `save_recording` |
 | groups that do not fit in memory | `save_cells`, a Zarr store | |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
@@ -25,12 +26,12 @@ and tables as JSON. Datasets guarantee:
 `save_deployment` also writes the cells in which to drop drifters as CSV or GeoJSON, for other
 programs.
 
-**Recordings.** `save_recording` and `log_sweep` write a file with a layout for the viewer, which
-opens by `rerun FILE.rrd`. Timelines have names, such as `step` or `direction`, and a text explains
-the views. Rerun, from the extra `view`, is imported at the first use.
+**Recordings.** `save_recording` and `log_sweep` write a file for the viewer, which `rerun FILE.rrd`
+opens. The file has timelines such as `step` or `direction`, and a text that explains the views.
+Recordings need Rerun, which the extra `view` installs.
 
-**Notebooks.** `plot` draws one quantity of a result with matplotlib, from the extra `plot`. `show`
-shows the recording of a result in the viewer, or a plot.
+**Notebooks.** `show` shows the recording of a result in the viewer. `plot` draws one quantity of a
+result with matplotlib, which the extra `plot` installs.
 
 **Files** are written atomically: under a temporary name, and then renamed. The one exception is a
 `RobotRecording`, which grows while the robots drive. If the run is interrupted, the recording has

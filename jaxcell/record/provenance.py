@@ -1,4 +1,4 @@
-"""Coordinates of cells and attributes of provenance, for all datasets."""
+"""The coordinates of cells, and the attributes with the provenance, for all datasets."""
 
 import datetime
 import json
@@ -14,25 +14,19 @@ from ..space import CellSpace
 
 
 def cell_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
-    return {**direction_coordinates(cells), **place_coordinates(cells, slice(0, cells.positions))}
-
-
-def direction_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
     direction = np.arange(cells.directions)
     _, _, theta = cells.centre(direction * cells.positions)
+    x, y, _ = cells.centre(np.arange(cells.positions))
     heading = {"long_name": "heading, from the x axis (East)", "units": "rad"}
     heading["sense"] = "counter-clockwise"
+    centre = {"long_name": "centre of the cell", "units": "m"}
     return {
         "direction": ("direction", direction.astype(np.int32), {"long_name": "index of heading"}),
         "theta": ("direction", theta, heading),
         "theta_deg": ("direction", np.rad2deg(theta), {**heading, "units": "degree"}),
+        "x": ("position", x, centre),
+        "y": ("position", y, centre),
     }
-
-
-def place_coordinates(cells: CellSpace, some: slice) -> dict[str, tuple[Any, ...]]:
-    x, y, _ = cells.centre(np.arange(some.start, some.stop))
-    attributes = {"long_name": "centre of the cell", "units": "m"}
-    return {"x": ("position", x, attributes), "y": ("position", y, attributes)}
 
 
 def provenance(

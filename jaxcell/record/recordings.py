@@ -33,8 +33,8 @@ def save_recording(
 ) -> None:
     """Write a Rerun recording of a result.
 
-    The default recording, for results without a special one, has a map per quantity over positions,
-    a curve per quantity over steps, and a text with the numbers.
+    Most classes of results have a recording of their own. The recording of other results has a map
+    per quantity over positions, a curve per quantity over steps, and a text with the numbers.
 
     **Arguments:**
 

@@ -17,8 +17,9 @@ PORT = 9876
 def viewer_sink(viewer: str) -> rr.GrpcSink:
     """Connect to a viewer that shows a recording while it grows.
 
-    The viewer is `"here"`, a viewer on this computer that is started if none runs; or an address,
-    such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it starts.
+    The argument `"here"` means a viewer on this computer, which is started if none runs. Otherwise
+    the argument is an address, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when
+    it starts.
     """
     if viewer == "here":
         url = f"rerun+http://127.0.0.1:{PORT}/proxy"

@@ -2,9 +2,9 @@
 
 **The robot** speaks the *Open Interface*: the host sends commands of a few bytes, and every 15 ms
 the robot sends a *frame* of sensor *packets*. It has four *modes* (`Mode`). In Off and Passive it
-does not drive. In Safe the host drives it, and a cliff, a dropped wheel or a charger takes it back
-to Passive. In Full nothing does; this package never uses Full. Lengths are in metres, angles in
-radians counter-clockwise, times in seconds.
+does not drive. In Safe the host drives it, and a cliff, a dropped wheel or a charger switches it
+back to Passive. In Full it ignores them, so this package never uses Full. Lengths are in metres,
+angles in radians counter-clockwise, times in seconds.
 
 **Safety.** The Open Interface has no timeout: the wheels keep their last speed until the next
 command. Therefore a `Driver`, such as `Create`, stops them when its `with` block ends, when the
@@ -13,17 +13,17 @@ process hangs or is killed. It cannot stop a robot whose cable is pulled out, or
 loses power. On a damaged line, `StreamParser` accepts no wrong values as long as at most one byte
 in three consecutive frames is changed, lost or doubled.
 
-**Steps.** A `Walker` makes the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from cell
-to cell, by the encoders of the wheels, with the strides of `cell_strides`. A step ends at the
-centre of a cell, or where it began if a bumper was pressed. So the robot observes 0 for a step and
-1 for a bump, as a filter expects.
+**Steps.** A `Walker` drives the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from
+cell to cell, measured by the encoders of the wheels; `cell_strides` computes the displacement of a
+step in each direction. A step ends at the centre of a cell, or where it began if a bumper was
+pressed. The robot observes 0 for a step and 1 for a bump, as a filter expects.
 
 | task (read by `load_task`) | run | replay of a log | source |
 | --- | --- | --- | --- |
 | `FilterFollower`: a localization filter | `run_follower` | `replay_follower` | section 2.4 |
 | `PolicyFollower`: a localization policy | `run_follower` | `replay_follower` | chapter 2 |
 | `BeliefFollower`: a belief of a robot that slips | `run_follower` | `replay_follower` | |
-| sets on walls, from anywhere | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
+| sets on walls, from an unknown pose | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -31,15 +31,16 @@ centre of a cell, or where it began if a bumper was pressed. So the robot observ
 Each run returns a `RunOutcome`. A `RunLog` writes every observation to the disk before the robot
 continues. `read_log` reads the log, even if it was cut off, and a replay has the same outcome.
 
-A run that was stopped can be resumed: a `Walker` with the earlier observations counts these steps
-without driving, which brings the task to its last state. `Calibrated` corrects the encoders of a
-robot by a `Calibration`, which `jaxcell robot calibrate` measures and saves in `calibration_file`.
+A run that was stopped can be resumed: a `Walker` that gets the earlier observations counts these
+steps without driving, which brings the task to its last state. `Calibrated` corrects the encoders
+of a robot by a `Calibration`, which `jaxcell robot calibrate` measures and saves in the
+`calibration_file`.
 
-**Patrols** go from cell to cell by Lee's wave routing. `grid_steps` makes the steps of a grid,
-`wave` counts the steps to a goal, and `route` finds a shortest path, in time proportional to the
-number of cells. A patrol may look for a dummy intruder, a dark cross on a light sheet: `draw_cross`
-draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames
-for `CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
+**Patrols** go from cell to cell by Lee's wave routing. `grid_steps` lists the neighbours of each
+square of a grid, `wave` counts the steps to a goal, and `route` finds a shortest path, in time
+proportional to the number of cells. A patrol may look for a dummy intruder, a dark cross on a light
+sheet: `draw_cross` draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures`
+are sources of frames for `CrossLook`. They need OpenCV (`pip install 'jaxcell[vision]'`).
 
 **Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, as an
 alternative to the belief and the sets of `jaxcell.automata`: each has `start`, `observe` and

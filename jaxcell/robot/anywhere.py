@@ -13,46 +13,46 @@ from .walker import Walker
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereOutcome(RunOutcome):
-    """The outcome of the run of a robot that started anywhere."""
+    """The outcome of a run that started at an unknown pose."""
 
     place: tuple[float, float] | None = None
-    "The middle of the possible places of the robot, in metres."
+    "The centre of the bounding box of the possible places of the robot, in metres."
     extent: float = math.inf
-    "The diagonal of the box around the possible places, in metres."
+    "The diagonal of the bounding box of the possible places, in metres."
 
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereSettings:
-    """The filter, the bouncing angles and the goal of a robot that starts anywhere."""
+    """The filter, the bouncing angles and the goal of a robot that starts at an unknown pose."""
 
     filter: WallFilter
     bounces: tuple[float, ...]
-    "The angles to choose from, in radians, counter-clockwise."
+    "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot is localized if its possible places have an extent of at most twice this, in metres."
+    "A robot is localized if the extent of its possible places is at most twice this, in metres."
     homing: Homing | None = None
-    "The navigation to the goal of the robot; `None` if the robot is only localized."
+    "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "The extent that the choice of an angle minimizes without a goal: the worst or the mean."
+    "Without a goal, an angle is chosen to minimize the worst or the mean size of the next sets."
     ahead: int = 1
-    "The number of bumps that this choice looks ahead."
+    "The number of bumps that the choice of an angle looks ahead."
     seed: int = 0
-    "The seed of the places that are drawn to choose an angle."
+    "The seed for the sample of places by which the angles are compared."
 
 
 def run_anywhere(
     walker: Walker, settings: AnywhereSettings, *, log: RunLog | None = None, limit: int = 10_000
 ) -> AnywhereOutcome:
-    """Localize a robot that starts anywhere, or lead it to its goal.
+    """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of the displacement that its errors
-    allow, and turns. It measures only the lengths of its runs.
+    The robot drives straight until it bumps, backs off by half of the largest `displacement` of its
+    errors, and turns. It measures only the lengths of its straight runs.
 
-    **Arguments:** a walker; the filter, the angles and the goal; the log, to which each run is
-    written at once; and the largest number of bumps.
+    **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
+    run is written at once; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
-    `"arrived"` at the goal, or `"refuted"` if the runs are impossible from every place.
+    `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the runs.
 
     A simulated point robot in an L-shaped room:
 
@@ -92,13 +92,13 @@ def run_anywhere(
 
 
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
-    """Replay the logged runs of a robot through its filter.
+    """Replay a log of [`run_anywhere`][] through the filter of the robot.
 
-    **Arguments:** a log, and the settings of its run. **Returns:** the outcome of the run so far.
+    **Arguments:** the log, and the settings of the run. **Returns:** the outcome of the run so far.
 
     **Raises:** `ValueError` if a length or an angle in the log is not a number.
 
-    A run that is longer than the room:
+    A straight run that is longer than the room:
 
         >>> from jaxcell import robot, space, walls
         >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)])
@@ -114,7 +114,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """The state of the filter of one robot, updated by its runs and turns."""
+    """The possible places of a robot on walls, updated by its straight runs and its turns."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
@@ -124,7 +124,7 @@ class SetFollower:
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
-        """Update the sets by the length of a run in metres; `None` for a run without a bump."""
+        """Update the places by the length of a straight run in metres; `None` without a bump."""
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:
@@ -150,14 +150,14 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Turn the sets by an angle in radians."""
+        """Turn the robot at all possible places by an angle in radians."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
-        """Update the sets by a logged run, and yield the length and the turn at each bump.
+        """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
-        The turn follows after the yield. Raises `ValueError` if a length or an angle is not a
-        number.
+        The places are turned only after the yield. Raises `ValueError` if a length or an angle is
+        not a number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):

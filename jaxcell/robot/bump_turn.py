@@ -3,14 +3,15 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..walls import Boundary, draw_places, run_to_wall
+from ..walls import Boundary, bump_gains, draw_places, run_to_wall
 from .anywhere import AnywhereSettings, SetFollower
 from .run_log import LoggedRun
 
 
 # The turns toward the wall that are compared, in radians.
 _TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
-# A window begins at a set of at most this extent in metres, and has this number of runs.
+# Whenever the possible places have at most this extent in metres, the turns are compared by this
+# number of the following runs.
 _EXTENT, _RUNS = 1.5, 3
 # The number of places that are drawn from a set, and of the best ones among them. Around the best
 # places, others are drawn with these standard deviations, in metres along the wall and in radians.
@@ -21,17 +22,17 @@ _FAR = 0.5
 
 
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
-    """Estimate the turn that a bump causes, from the log of a robot that started anywhere.
+    """Estimate the turn that a bump causes, from a log of [`jaxcell.robot.run_anywhere`][].
 
-    Places and headings are drawn from the small sets of the run. From each place, a simulated robot
-    drives to the next walls with each possible turn by bumps. Then more places are drawn around the
-    places with the smallest squared error of the lengths of the runs, closer and closer. The turn
-    with the smallest error is chosen.
+    Wherever the possible places of the robot in the log are few, places and headings are drawn from
+    them. From each, a simulated robot drives to the next walls, once for each candidate turn. Then
+    more places are drawn ever closer to the places with the smallest squared error of the lengths
+    of the straight runs. The candidate with the smallest error is chosen.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].
 
-    **Raises:** `ValueError` if the sets of the run never become small.
+    **Raises:** `ValueError` if the robot is never localized to within 1.5 m.
     """
     follower, filter = SetFollower(settings), settings.filter
     lengths, turns, states = [], [], []
@@ -57,7 +58,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
             )
     if not windows:
         raise ValueError(
-            f"the robot is never known to within {_EXTENT:g} m with {_RUNS} runs after that: "
+            f"the robot is never localized to {_EXTENT:g} m and then drives {_RUNS} straight runs: "
             "expected a longer run"
         )
     return float(_TURNS[error.argmin()])
@@ -72,7 +73,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Find the least squared error of the runs over all places, in square metres, for each turn."""
+    """Minimize the error of each turn over the start of the runs. The error is in square metres."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
@@ -93,16 +94,14 @@ def _error(
     lengths: list[float],
     back: float,
 ) -> Float[np.ndarray, "turns places"]:
-    """Sum the squared errors of the runs from each place, in square metres, for each turn."""
+    """Sum the squared errors of the lengths of the runs from each place, in square metres."""
     shape = heading.shape
     by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)
     error = np.zeros(by_bump.size)
     for turn, length in zip(turns, lengths, strict=True):
-        into = -boundary.normal[wall]
-        incidence = np.arctan2(into[:, 1], into[:, 0]) - heading
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        heading = heading + by_bump * np.sin(2 * incidence) + turn
+        heading = heading + bump_gains(boundary, wall, heading, by_bump)[0] + turn
         wall, arc, run = run_to_wall(boundary, place - back * ahead, heading)
         place = boundary.point(wall, arc)
         error += np.minimum((run - length) ** 2, _FAR**2)

@@ -16,9 +16,10 @@ _LEAST, _MOST = 0.5, 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """The true distance and angle of a robot per metre and radian of its encoders.
+    """Factors that correct the distances and the angles of the encoders of a robot.
 
-    Wheels wear and sink into carpets, and robots of one kind differ by a few percent.
+    They are needed because wheels wear and sink into carpets, and robots of one kind differ by a
+    few percent.
 
     A robot drove 0.98 m for 1 m, and turned by 365 degrees for 360:
 
@@ -40,18 +41,12 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Make a calibration of two measured ratios, rounded to four digits.
-
-        **Raises:** `ValueError` for a ratio that is not from 0.5 to 2.
-        """
+        """Make a calibration from two measured ratios, rounded to four digits."""
         return cls(round(distance, 4), round(angle, 4))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read a calibration from a file of `save`.
-
-        **Raises:** `ValueError`, with the file and the field; `FileNotFoundError`.
-        """
+        """Read a calibration from a file that `save` wrote."""
         path = Path(path)
         check_file(path, "a calibration")
         try:
@@ -64,7 +59,7 @@ class Calibration:
             raise ValueError(f"{path}: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the calibration to a file, and make the folder of the file."""
+        """Write the calibration to a file, and create the folder of the file if necessary."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
@@ -73,33 +68,16 @@ class Calibration:
 
 
 class Calibrated:
-    """A robot whose distances and angles are corrected by a calibration.
-
-    A robot whose wheels slip by 2 %:
-
-        >>> from jaxcell import robot
-        >>> class Slipping:
-        ...     def forward(self, distance, *, tolerance):
-        ...         print(f"by its encoders {distance:.3f} m")
-        ...         return robot.Moved(distance, 0.0, False)
-        ...     def turn(self, angle, *, tolerance):
-        ...         return robot.Moved(0.0, angle, False)
-        >>> calibrated = robot.Calibrated(Slipping(), robot.Calibration(distance=0.98))
-        >>> calibrated.forward(0.5, tolerance=0.004).distance
-        by its encoders 0.510 m
-        0.5
-    """
+    """A robot whose distances and angles are corrected by a calibration."""
 
     def __init__(self, robot: Drivable, calibration: Calibration) -> None:
         self._robot, self._calibration = robot, calibration
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         ratio = self._calibration.distance
         return self._truly(self._robot.forward(distance / ratio, tolerance=tolerance / ratio))
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise."""
         ratio = self._calibration.angle
         return self._truly(self._robot.turn(angle / ratio, tolerance=tolerance / ratio))
 
@@ -109,9 +87,9 @@ class Calibrated:
 
 
 def calibration_file() -> Path:
-    """Get the default path of the calibration of a user's robot.
+    """Return the default path of the calibration file.
 
-    **Returns:** a path in the folder `XDG_CONFIG_HOME` of the environment, by default `~/.config`.
+    **Returns:** a path in `$XDG_CONFIG_HOME/jaxcell`, by default in `~/.config/jaxcell`.
 
         >>> from jaxcell import robot
         >>> robot.calibration_file().name

@@ -10,18 +10,19 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The end of the run of a filter: `"cycle"` in a knowledge cycle, `"known"` there or as soon as one
-configuration is left."""
+"""The condition that ends the run of a filter: `"cycle"` for a knowledge cycle, `"known"` for a
+knowledge cycle or a single possible configuration."""
 
 
 class Follower(abc.ABC):
-    """The possible cells of a robot, updated by its observations from an unknown cell."""
+    """The possible cells of a robot that starts in an unknown cell, updated by its observations."""
 
     kind: ClassVar[str]
+    _state: Any
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     colors: list[int]
-    "The colour after each observation; empty for a belief."
+    "The colour of the filter or policy after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
     "The result of the run, or `None` before its end."
 
@@ -40,30 +41,30 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def turn(self) -> int | None:
-        """The number of the angle by which the robot must turn now, or `None`."""
+        """The index of the bouncing angle by which the robot must turn now, or `None`."""
 
     @property
-    @abc.abstractmethod
     def cells(self) -> list[int]:
         """The possible cells of the robot."""
+        return self._state.cells.tolist()
 
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields that the log has for the last observation."""
+        """The fields that describe the state after the last observation in the log."""
 
     @property
     def localized(self) -> str:
-        """The reason of an outcome "localized", as a sentence."""
+        """A sentence that explains the result `"localized"`."""
         return f"localized to {self.places} after {len(self.observations)} observations"
 
     @property
     def refuted(self) -> str:
-        """The reason of an outcome "refuted", as a sentence."""
+        """A sentence that explains the result `"refuted"`."""
         return (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
-            f"occur in the map of the {self.kind} after those before it: the map is another, or "
-            "the robot slipped"
+            f"occur in the map of the {self.kind} after the observations before it: the robot is "
+            "on another map, or it slipped"
         )
 
     @property
@@ -94,7 +95,7 @@ class FilterFollower(Follower):
     kind = "filter"
 
     def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """Put the filter at its start; `until` is the end of the run, `"known"` or `"cycle"`."""
+        """Start the filter; `until` is the condition that ends the run."""
         super().__init__()
         self._filter, self._state, self._until = filter, filter.start(), until
 
@@ -121,10 +122,6 @@ class FilterFollower(Follower):
         return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
 
     @property
-    def cells(self) -> list[int]:
-        return self._state.cells.tolist()
-
-    @property
     def fields(self) -> dict[str, Any]:
         refuted = self.result == "refuted"
         return {
@@ -135,7 +132,7 @@ class FilterFollower(Follower):
 
 
 class PolicyFollower(Follower):
-    """The state of a localization policy, which chooses the angle at each bump, during a run."""
+    """The state of a localization policy during a run; it chooses the angle at each bump."""
 
     kind = "policy"
 
@@ -157,10 +154,6 @@ class PolicyFollower(Follower):
         return self._state.turn
 
     @property
-    def cells(self) -> list[int]:
-        return self._state.cells.tolist()
-
-    @property
     def fields(self) -> dict[str, Any]:
         # A policy has a numbered state only at a bump.
         state = self._state
@@ -173,7 +166,7 @@ class PolicyFollower(Follower):
 
 
 class BeliefFollower(Follower):
-    """The belief of a robot that slips, during a run.
+    """The belief about the configuration of a slipping robot during a run.
 
     The robot is localized when the credible set has at most four configurations. The map is refuted
     when the probability that the robot is nowhere on it exceeds 0.99.
@@ -224,7 +217,7 @@ class BeliefFollower(Follower):
     def refuted(self) -> str:
         return (
             f"the belief is nowhere on the map after {len(self.observations)} observations, with "
-            f"probability {self.estimate.nowhere:.3g}: the map is another, or the robot slips more"
+            f"probability {self.estimate.nowhere:.3g}: the robot is on another map, or slips more"
         )
 
 
@@ -242,9 +235,9 @@ def run_follower(
 
     - `walker`: a robot at the centre of an unknown cell.
     - `follower`: a follower without observations.
-    - `bounces`: the bouncing angles that it chooses from, or the angle of a filter, in radians
-        counter-clockwise.
-    - `log`: the log.
+    - `bounces`: the bouncing angles that the follower chooses from, or the angle of a filter, in
+        radians counter-clockwise.
+    - `log`: the log, to which each observation is written at once.
     - `limit`: the largest number of observations.
 
     **Returns:** the outcome.
@@ -274,7 +267,8 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through its filter, policy or belief.
 
-    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run so far.
+    **Arguments:** a log, and a follower without observations. **Returns:** the outcome of the run
+    so far.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
     continues after the end of the run, because it is the log of another filter, policy or belief.

@@ -69,10 +69,10 @@ _SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32
 
 @dataclass(frozen=True)
 class Marker:
-    """A cross in a frame."""
+    """A marker that was found in a frame."""
 
     centre: tuple[float, float]
-    "The position of the centre in pixels, right and down from the middle of the first pixel."
+    "The position of the centre in pixels, right and down from the middle of the top left pixel."
     arm: float
     "The length of an arm from the centre in pixels, as the geometric mean over all directions."
     rotation: float
@@ -139,10 +139,10 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
 @dataclass(frozen=True)
 class CrossLook:
-    """A search for the marker from each cell of a patrol."""
+    """The `look` of a [`jaxcell.robot.run_patrol`][] that searches frames for the marker."""
 
     source: Callable[[], Frame]
-    "The function that returns a frame of the view ahead, as `camera()` or `pictures(folder)`."
+    "A function that returns a frame of the view ahead, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
         """Take a frame, and describe the marker in it, if any."""
@@ -156,7 +156,7 @@ class CrossLook:
 
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """Compute a homography for each possible marker, which maps the marker to the cross."""
+    """Yield a homography from each shape that may be a marker to the cross."""
     cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996). The smoothing leaves
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Make the perfect patch as a unit vector, and a basis of light that varies linearly."""
+    """Make a patch of a perfect marker as a unit vector, and a basis of linear light gradients."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

@@ -22,7 +22,7 @@ class RunOutcome:
     """The colour of the filter after each observation; 0 after an impossible observation, if the
     filter has no trap."""
     cells: tuple[int, ...] = ()
-    "The possible cells of the robot by the filter, policy or belief."
+    "The possible cells of the robot according to the filter, policy or belief."
 
 
 def observed(reason: str, observations: str) -> str:

@@ -17,7 +17,7 @@ class Cloud:
     pose: Float[np.ndarray, "particles 3"]
     "The pose of each particle: x and y in metres, and the heading in radians."
     believed: Int[np.ndarray, "particles"]
-    "The number of the direction of each particle according to its turns, which ignore slip."
+    "The number of the direction of each particle if its turns had no errors."
     observations: int
     "The number of observations so far."
     matched: float
@@ -26,10 +26,10 @@ class Cloud:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Particles:
-    """Monte Carlo localization by simulated robots that slip, the particles.
+    """Monte Carlo localization by particles, which are simulated robots that slip.
 
     The particles start at the centres of cells, move by [`jaxcell.space.slipping_step`][], and are
-    resampled if they agree with the observation of the robot. Runs with the same seed are equal.
+    resampled by whether they agree with the observation. Runs with the same seed are equal.
 
     In a corridor of three cells, after two steps and a bump:
 
@@ -54,7 +54,7 @@ class Particles:
     "The number of particles."
     seed: int = 0
     share: float = 0.95
-    "The least total probability of the configurations in an estimate."
+    "The least probability of the credible set of an estimate."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -76,7 +76,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles, and resample the ones that agree with an observation, 0 or 1."""
+        """Move the particles by a step, and resample them by the observation, 0 or 1."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]
@@ -92,7 +92,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set; `nowhere` is 1 if no particle agreed with the observation."""
+        """Compute the credible set. `nowhere` is 1 if no particle agreed with the observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

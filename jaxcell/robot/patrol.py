@@ -17,7 +17,7 @@ class PatrolOutcome(RunOutcome):
     """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
-    "The drawn positions that the robot reached, in order."
+    "The positions that were drawn as goals and reached, in order."
     obstacles: tuple[tuple[int, int], ...] = ()
     "The position and direction, 0 East to 3 South, of each bump where the map has free space."
     position: int = -1
@@ -29,21 +29,10 @@ class PatrolOutcome(RunOutcome):
 class Patrol:
     """The state of a robot on its patrol, updated by its steps.
 
-    The policy draws the next cell, and the robot goes there by wave routing. A way on which it
-    bumps is closed, and the robot takes another way. Because the obstacle may have been another
-    robot, all ways are opened again when none of the cells to draw can be reached. The number of
+    The policy draws the next cell, and the robot goes there by wave routing. After a bump, the step
+    is closed, and the robot takes another path. Because the obstacle may have been another robot,
+    all steps are opened again when none of the possible next cells can be reached. The number of
     bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
-
-    A patrol between the ends of a corridor without obstacles:
-
-        >>> from jaxcell import examples, robot
-        >>> task = examples.patrol_task()
-        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
-        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
-        >>> while (way := patrol.next()) is not None:
-        ...     patrol.observe(way, bumped=False)
-        >>> patrol.outcome().visited, patrol.outcome().result
-        ((2, 0), 'patrolled')
     """
 
     def __init__(
@@ -61,8 +50,6 @@ class Patrol:
 
         The patrol ends after `visits` visits to drawn cells, `most_bumps` bumps, or `limit` steps.
         With the same seed, the robots of a team still draw different cells.
-
-        **Raises:** `ValueError` for a number out of range.
         """
         for name, value in (("visits", visits), ("most_bumps", most_bumps), ("limit", limit)):
             if value < 1:
@@ -98,7 +85,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Update the patrol by a step in the direction `way`, which bumped or not."""
+        """Update the patrol by a step in the direction `way`, which may have bumped."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -126,7 +113,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, with the state of the memory, among the cells in reach."""
+        """Draw the next cell, and the next state of the memory, among the cells in reach."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0
@@ -151,7 +138,7 @@ class Patrol:
             case "refuted":
                 reason = observed(
                     f"at {place} the robot has bumped {_times(bumps)} where the map is free: the "
-                    "map is another, or the robot has lost its place",
+                    "robot is on another map, or it has lost its place",
                     self.observations,
                 )
             case _:
@@ -180,8 +167,8 @@ def run_patrol(
 
     - `walker`: the robot, at the centre of its first cell, with 4 directions and steps of one cell.
     - `patrol`: the patrol, which chooses each step.
-    - `look`: called with each position that the robot reaches, also on its way. It returns `None`,
-        or a JSON value, which is reported as an intruder and ends the patrol.
+    - `look`: a function that is called with each position that the robot reaches. It returns
+        `None`, or a JSON value that is reported as an intruder and ends the patrol.
     - `log`: the log, to which each observation is written at once.
 
     **Returns:** the outcome.
@@ -224,8 +211,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
     **Returns:** the outcome of the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
-    because it is the log of another policy.
+    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere than
+    the policy, because it is the log of another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 
@@ -247,8 +234,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
             logged = event.get("way"), event.get("goal")
             if way is None or logged != (way, patrol.goal):
                 raise ValueError(
-                    f"observation {index}: the log has way {logged[0]} to position {logged[1]}, "
-                    f"the policy {way} to {patrol.goal}; the log is of another policy"
+                    f"observation {index}: the log has direction {logged[0]} and goal {logged[1]}, "
+                    f"the policy {way} and {patrol.goal}; the log is of another policy"
                 )
             patrol.observe(way, event["observation"] == 1)
     patrol.next()

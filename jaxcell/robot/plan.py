@@ -41,10 +41,10 @@ def run_plan(
 
 
 def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
-    """Make the outcome of a plan so far from the observations of the robot.
+    """Compute the outcome of a plan so far from the observations of the robot.
 
-    **Arguments:** the actions, and the observation of each tried action, 0 for a step and 1 for a
-    bump. **Returns:** the outcome.
+    **Arguments:** the actions, and an observation for each executed action, 0 for a step and 1 for
+    a bump. **Returns:** the outcome.
 
     The second step bumped in free space:
 

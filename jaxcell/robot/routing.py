@@ -20,8 +20,6 @@ def grid_steps(
     **Returns:** a row for each of the four directions. The positions are the free squares, counted
     row by row, as in [`jaxcell.space.CellSpace`][].
 
-    **Raises:** `ValueError` if a position or a direction does not exist.
-
     Two free squares, one above the other:
 
         >>> import numpy as np
@@ -38,13 +36,13 @@ def grid_steps(
     for at, way in closed:
         _check(steps, at, "closed")
         if not 0 <= way < 4:
-            raise ValueError(f"closed: expected a way from 0 to 3, got {way}")
+            raise ValueError(f"closed: expected a direction from 0 to 3, got {way}")
         close(steps, at, way)
     return steps
 
 
 def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
-    """Close a step from a position and the step back, in place."""
+    """Block the step from a position in the direction `way`, and the step back, in place."""
     there = int(steps[way, position])
     if there != position:
         steps[way, position], steps[(way + 2) % 4, there] = position, there
@@ -56,8 +54,6 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
     A wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
     [`grid_steps`][], and the position of the goal. **Returns:** the number of steps; -1 if the goal
     cannot be reached.
-
-    **Raises:** `ValueError` if the goal does not exist.
 
     A row of four squares; between the last two there is a wall:
 
@@ -85,11 +81,11 @@ def next_way(
     position: int,
     ahead: int,
 ) -> int:
-    """Choose the direction of the next step toward the goal of a wave.
+    """Choose the direction of the next step on a shortest path.
 
-    The robot goes straight ahead if this leads nearer to the goal, because turns take time and cost
-    precision; else in the first of the four directions that leads nearer. It must not be at the
-    goal, and a path to the goal must exist.
+    `distance` is the result of [`wave`][] for the goal. If several steps lead nearer to the goal,
+    the robot prefers the direction `ahead`, because turns take time and cost precision. The robot
+    must not be at the goal, and a path to the goal must exist.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())
@@ -101,10 +97,10 @@ def route(
     """Find a shortest path through a grid (Lee 1961).
 
     **Arguments:** the steps of [`grid_steps`][], the positions of the start and the goal, and the
-    direction of the robot at the start. The robot goes straight ahead where this leads nearer.
+    direction of the robot at the start. The robot goes straight ahead if this leads nearer.
     **Returns:** the direction of each step, 0 East, 1 North, 2 West or 3 South.
 
-    **Raises:** `ValueError` if a position does not exist, or no path leads to the goal.
+    **Raises:** `ValueError` if no path leads to the goal.
 
     Around the blocked middle of three times three squares, for a robot that faces North:
 
@@ -118,7 +114,7 @@ def route(
     distance = wave(steps, goal)
     _check(steps, start, "start")
     if distance[start] < 0:
-        raise ValueError(f"goal: no way leads from position {start} to {goal}")
+        raise ValueError(f"goal: no path leads from position {start} to {goal}")
     ways = []
     while start != goal:
         ahead = next_way(steps, distance, start, ahead)

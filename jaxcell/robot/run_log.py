@@ -28,7 +28,7 @@ class RunLog:
     """
 
     on_event: Callable[[str, Mapping[str, Any]], None] | None
-    "The function that is called with the name and the fields of each written event, or `None`."
+    "A function that is called with the name and the fields of each event, or `None`."
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         """Create the file. The header is a JSON object that describes the run.
@@ -86,7 +86,7 @@ class LoggedRun:
     events: tuple[Mapping[str, Any], ...]
     "The events in order."
     whole: bool
-    "True if the last line is complete; it is not if the computer lost its power."
+    "False if the last line is incomplete, for example because the computer lost its power."
 
     @property
     def observations(self) -> str:
@@ -147,7 +147,7 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
 
     **Arguments:** the path of the file. **Returns:** the run so far.
 
-    **Raises:** `ValueError`, with the file and the line, if the file is not such a log;
+    **Raises:** `ValueError`, with the file and the line, if the file is not the log of a run;
     `FileNotFoundError`.
 
     A log with one event, whose file is cut off:

@@ -1,4 +1,5 @@
 import math
+import re
 import string
 import textwrap
 from pathlib import Path
@@ -10,25 +11,24 @@ from ..automata import (
     Filter,
     MooreMachine,
     Policy,
-    machine_bytes,
     machine_to_c_header,
     policy_to_c_header,
     to_c_header,
 )
-from ..automata.formats.c_policy import policy_bits
 from .create.packets import METRES_PER_COUNT, WHEEL_BASE
 from .tasks.files import FilterTask, PolicyTask
 
 
 FLASH = 32256
-"""The bytes of flash of an Arduino Uno for a sketch and its libraries."""
+"""The flash memory of an Arduino Uno that is free for a program, in bytes."""
 
 PROGRAM_BYTES = 15_000
-"""The bytes of flash of a sketch without its tables: 12 to 14 kB by GCC 5.4 and the Arduino core
-1.8.7."""
+"""An upper bound of the size of a program without its tables, in bytes. GCC 5.4 and the Arduino
+core 1.8.7 make 12 to 14 kB of it."""
 
 _TEMPLATE = Path(__file__).with_name("sketch.ino.in")
 
+_TABLE = re.compile(r"uint(\d+)_t filter_(\w+)\[(\d+)\](?:\[(\d+)\])? FILTER_TABLE")
 # The largest object of an AVR, and the end of the flash that the header can read, in bytes.
 _LARGEST_TABLE = 2**15 - 1
 _NEAR_FLASH = 2**16
@@ -52,14 +52,14 @@ def filter_sketch(
     - `task`: the filter, with its cells and bouncing angle.
     - `direction`: the number of the direction of the robot at the start; `None` if it is unknown.
         See [`jaxcell.robot.Walker`][].
-    - `flash`: the bytes of flash of the board.
+    - `flash`: the flash memory of the board, in bytes.
     - `machine`: a smaller machine with the default output of the filter or policy, which runs in
         its place; see [`jaxcell.automata.fewest_bytes`][].
 
     **Returns:** the text of the program.
 
-    **Raises:** `ValueError` if the tables are too large; or, with a direction, if it does not exist
-    or a bouncing angle is not a whole number of directions.
+    **Raises:** `ValueError` if the tables are too large, if the direction does not exist, or if the
+    direction is known and a bouncing angle leads between two directions.
 
     The filter of a robot that goes to cell 0 of three cells and stays there:
 
@@ -119,11 +119,12 @@ def _localizing(
 ) -> str:
     choosing = isinstance(source, Policy)
     if machine is not None:
-        text, tables = _machine_tables(source, machine)
+        text = _machine_header(source, machine)
     elif isinstance(source, Policy):
-        text, tables = policy_to_c_header(source, name="filter"), policy_table_bytes(source)
+        text = policy_to_c_header(source, name="filter")
     else:
-        text, tables = to_c_header(source), table_bytes(source)
+        text = to_c_header(source)
+    tables = table_bytes(text)
     states = len(source.uncertainty if machine is None else machine.transition)
     kind, field = ("policy", "bounces_deg") if choosing else ("filter", "bounce_deg")
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
@@ -157,8 +158,6 @@ def bounce_sketch(bounce: float, step: float) -> str:
     **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
     metres. After a bump the robot returns to the start of the step. **Returns:** the text of the
     program.
-
-    **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
 
     A quarter turn at each bump, steps of half a metre:
 
@@ -198,8 +197,8 @@ static inline uint8_t filter_turn(filter_state state) {
 """
 
 
-def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str, dict[str, int]]:
-    """Write the tables of a machine that replaces a filter or policy, and count their bytes."""
+def _machine_header(source: Filter | Policy, machine: MooreMachine) -> str:
+    """Write the header of a machine that replaces a filter or policy."""
     whole = MooreMachine.of(source)
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
@@ -208,32 +207,19 @@ def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str
     text += _ANSWERS % (len(answers), ", ".join(answers), whole.final)
     if isinstance(source, Policy):
         text += _TURNS % (whole.final - 1)
-    return text, {"machine": machine_bytes(machine), "answers": 2 * len(answers)}
+    return text
 
 
-def table_bytes(filter: Filter) -> dict[str, int]:
-    """Count the bytes of each table of [`jaxcell.automata.to_c_header`][], by name."""
-    states = len(filter.transition)
-    # The number after the last state stands for IMPOSSIBLE.
-    largest = {
-        "transitions": states,
-        "colours": int(filter.color.max()),
-        "uncertainties": int(filter.uncertainty.max()),
+def table_bytes(header: str) -> dict[str, int]:
+    """Compute the size of each table of a C header in bytes, by the name of the table."""
+    return {
+        name: int(bits) // 8 * int(rows) * int(columns or 1)
+        for bits, name, rows, columns in _TABLE.findall(header)
     }
-    width = {name: np.min_scalar_type(value).itemsize for name, value in largest.items()}
-    return {name: states * bytes_ * (1 + (name == "transitions")) for name, bytes_ in width.items()}
-
-
-def policy_table_bytes(policy: Policy) -> dict[str, int]:
-    """Count the bytes of each table of [`jaxcell.automata.policy_to_c_header`][], by name."""
-    states, bumps = policy.turn.size, policy.steps.size
-    length = {"first": states + 1, "steps": bumps, "target": bumps}
-    width = policy_bits(policy)
-    return {table: length.get(table, states) * bits // 8 for table, bits in width.items()}
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise `ValueError` if a direction does not exist, or an angle leads between directions."""
+    """Raise if a known direction does not exist, or a bouncing angle leads between directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
@@ -248,12 +234,12 @@ def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field
 
 
 def _check_flash(tables: dict[str, int], strides: int, flash: int, path: Path, states: int) -> None:
-    sizes = ", ".join(f"{size:,} for the {name}" for name, size in tables.items())
+    sizes = ", ".join(f"{size:,} for {name}" for name, size in tables.items())
     sizes = f"{states:,} states take {sizes}"
     name, largest = max(tables.items(), key=lambda item: item[1])
     if largest > _LARGEST_TABLE:
         raise ValueError(
-            f"{path}: the table of the {name} has {largest:,} bytes; an AVR allows for "
+            f"{path}: the table {name} has {largest:,} bytes; an AVR allows for "
             f"{_LARGEST_TABLE:,} ({sizes})"
         )
     total = sum(tables.values()) + strides
@@ -311,7 +297,7 @@ def _fill(
 
 
 def _float(value: float) -> str:
-    """Write a literal of C, as a float because an AVR has no doubles."""
+    """Write a number as a `float` literal of C, because an AVR has no doubles."""
     return f"{float(value)!r}f"
 
 

@@ -19,8 +19,6 @@ from .walker import Walker
 # The actions of a robot of a team, as `member_actions` describes them.
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
 
-KIND = "team"
-
 TRIES = 3
 """The number of times that a robot of a team tries a blocked step."""
 
@@ -29,8 +27,9 @@ TRIES = 3
 class MemberTask(Task):
     """The part of one robot of a team in a joint trajectory."""
 
+    kind = "team"
     robot: int
-    "The number of the robot."
+    "The index of this robot."
     robots: int
     "The number of robots in the team."
     start: tuple[float, float, float]
@@ -47,7 +46,6 @@ class MemberTask(Task):
     @property
     def header(self) -> dict[str, Any]:
         return {
-            "kind": KIND,
             **super().header,
             "robot": self.robot,
             "bounce_deg": math.degrees(self.bounce),
@@ -65,13 +63,13 @@ def member_actions(
     **Arguments:**
 
     - `path`, `bumped`: `cell` and `bumped` of a [`jaxcell.bounce.TeamTrajectory`][].
-    - `steps`: the position after a step from each position, the same one at a wall, by
-        [`jaxcell.space.free_steps`][] for the motion of the trajectory.
+    - `steps`: the position after a step in each direction from each position, unchanged at a wall,
+        as [`jaxcell.space.free_steps`][] computes it for the motion of the trajectory.
 
     **Returns:** the actions of each robot in order, one character each: `0` for a free step; `1`
-    for a step that meets a wall, and a turn by the bouncing angle; `2` for a stay because another
-    robot is in the way, and this turn as well; `+` and `-` for a turn by one direction to the left
-    and to the right, without a step.
+    for a step into a wall and a turn by the bouncing angle; `2` for this turn without a step,
+    because another robot is in the way; `+` and `-` for a turn by one direction to the left and to
+    the right, without a step.
 
     A single robot in a row of two cells makes a step, and turns at the wall:
 
@@ -101,7 +99,7 @@ def save_team(
     bounces: Sequence[float],
     actions: Sequence[str],
 ) -> None:
-    """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
+    """Write the tasks of the robots of a team to a file for [`jaxcell.robot.load_task`][].
 
     **Arguments:** the path of the file; its common fields, which are `cell_m`, `directions`,
     `step_m`, `robot_radius_m`, and any others; the poses at the start in metres and radians; the
@@ -127,14 +125,11 @@ def save_team(
         }
         for (x, y, theta), bounce, own in zip(starts, bounces, actions, strict=True)
     ]
-    write_task(path, KIND, **(common | {"robots": robots}))
+    write_task(path, MemberTask.kind, **(common | {"robots": robots}))
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """Read the task of a robot from the file of a team.
-
-    **Raises:** `ValueError`, with the file and the field.
-    """
+    """Read the task of a robot from the file of a team."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     x, y, heading = own.numbers("start", (3,), whole=False).tolist()
@@ -173,7 +168,7 @@ class Member:
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
-        """Update the state by the step of the next action, which bumped or not."""
+        """Update the state by the step of the next action, which may have bumped."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -185,7 +180,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state by all observations of a run, and the actions without observations."""
+        """Update the state by all observations of a run, and by the turns between them."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
@@ -202,7 +197,9 @@ class Member:
             reason = f"action {self.index} of {count}: {self._refuted}"
             return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self.action is not None:
-            return RunOutcome("unfinished", self.observations, f"{self.index} of {count} are done")
+            return RunOutcome(
+                "unfinished", self.observations, f"{self.index} of {count} actions are done"
+            )
         return RunOutcome("arrived", self.observations, f"all {count} actions are done")
 
 
@@ -217,14 +214,14 @@ def run_member(
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots do not see each other and share no clock, so they come a little early or late to the
-    places where two robots meet in the trajectory. At such a place, each robot stays for one step
-    and turns, as in the trajectory, without sensing the other robot. If a robot bumps on a way that
-    is free in the trajectory, another robot may stand there. Then the robot goes back, waits, and
-    tries again, at most 3 times in all.
+    places where two robots meet in the trajectory. At such a place, each robot turns without a
+    step, as in the trajectory, and does not sense the other robot. If a step that is free in the
+    trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and tries
+    again, at most 3 times in all.
 
     **Arguments:** a walker; the task; the log; the seconds of a wait; and a function that waits.
-    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that does not
-    meet a wall of the map, or bumps three times on a free way.
+    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that misses a
+    wall of the map, or that bumps three times although it is free.
 
     A simulated robot in a corridor of three cells:
 
@@ -257,7 +254,7 @@ def run_member(
 
 
 def replay_member(run: LoggedRun) -> RunOutcome:
-    """Make the outcome of the run of a robot of a team so far from its log."""
+    """Compute the outcome of the logged run of a team robot so far."""
     member = Member(run.header["actions"])
     member.replay(run.observations)
     return member.outcome()

@@ -11,31 +11,31 @@ from .create.motion import Moved
 
 @runtime_checkable
 class Drivable(Protocol):
-    """A robot for a walker, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
+    """A robot that a walker can drive, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
+        """Drive straight by a distance in metres, backward if negative. A bump ends the drive."""
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise."""
+        """Turn in place by an angle in radians, counter-clockwise."""
 
 
 class Walker:
-    """A driver of a robot through the cells of a map, step by step, by the odometry of its wheels.
+    """A controller that drives a robot from cell to cell of a map by the odometry of its wheels.
 
     In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
     cell. A step goes straight along the heading. After a free step the robot is at the centre of
-    the cell where the step ended, which need not lie on its line. After a bump it is where the step
-    began. Therefore the walker drives on to the centre of the cell after a step, and back to its
-    start after a bump. A wall on the way to the centre counts as a bump as well.
+    the cell where the step ended, which need not lie on the line of the step. After a bump it is
+    where the step began. Therefore the walker drives on to the centre of the cell after a step, and
+    back to the start after a bump. A wall on the way to the centre counts as a bump as well.
 
-    To drive to the centre, the walker must know the heading, from a compass or from the start of
-    the robot; the filter does not know it. Without `strides` the walker needs no heading, and all
-    steps have one length. This agrees with the model if all directions are along the axes, and is
-    an approximation otherwise.
+    To drive to the centre, the walker must know the heading of the robot at the start, for example
+    from a compass. Without `strides` the walker needs no heading, and all steps have one length.
+    This agrees with the model if all directions are along the axes, and is an approximation
+    otherwise.
 
     Each target is a place in the frame of the odometry, so that each step corrects the error of the
-    step before. The encoders do not sense slip, which is not corrected.
+    step before. Slip is not corrected, because the encoders do not sense it.
 
     A simulated robot in a corridor of three cells:
 
@@ -73,15 +73,12 @@ class Walker:
         - `step`: the length of a step, in metres.
         - `strides`: the result of [`cell_strides`][], if the heading is known.
         - `direction`: with `strides`, the number of the direction of the robot at the start.
-        - `recalled`: the observations of the run to resume. The robot does not drive these steps
-            and the turns after them, because it is at the end of the last step and faces the next
-            one.
-        - `tolerance`, `turn_tolerance`: the largest error by the encoders, in metres and in
-            radians. The default for places is 4 mm, or 0.4 % of a step that is shorter than 1 m,
-            but at least 1 mm, the least that the wheels can drive.
-
-        **Raises:** `ValueError` for a step or a tolerance that is not positive, or for a direction
-        that does not exist.
+        - `recalled`: the observations of the run to resume. The walker counts these steps without
+            driving, because the robot already stands at the end of the last step, with the heading
+            of the next step.
+        - `tolerance`, `turn_tolerance`: the largest errors by the encoders that are not corrected,
+            in metres and in radians. The default `tolerance` is 4 mm, or 0.4 % of a step below 1 m,
+            but at least 1 mm, the shortest drive of the wheels.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)
@@ -101,7 +98,7 @@ class Walker:
 
     @property
     def estimate(self) -> tuple[float, float, float]:
-        """The pose by the encoders: metres ahead and left of the start, and the turn in radians."""
+        """The pose by the encoders: metres ahead and left of the start, and turn in radians."""
         return self._at.real, self._at.imag, self._facing
 
     @property
@@ -115,7 +112,7 @@ class Walker:
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Take a step; after a bump, drive back to its start. Returns whether the robot bumped."""
+        """Take a step. After a bump, drive back to its start. Returns whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]

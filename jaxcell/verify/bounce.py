@@ -24,12 +24,12 @@ def compare_images(
     only: Int[np.ndarray, "cells"] | None = None,
     motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
-    """Compare the images of a sample of cells with steps that shapely computes in the free space.
+    """Compare the images of some cells with steps that shapely computes in the free space.
 
     **Arguments:**
 
-    - `cells`: the cells of a map.
-    - `simple_map`: the cell map to compare.
+    - `cells`: the cell space of the map.
+    - `simple_map`: the cell map to check.
     - `bounce`: the bouncing angle of `simple_map`, in radians.
     - `only`: the cells to compare; by default a sample of 200 cells.
     - `motion`: how the robot moves.
@@ -52,10 +52,10 @@ def compare_images(
 def _targets(
     cells: CellSpace, z: Int[np.ndarray, "cells"], motion: Motion
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
-    """Find the position after a step from each cell, or its own position at a bump.
+    """Find the position after a step from each cell; a robot that bumps keeps its position.
 
-    **Returns:** the positions, and a mask of the clear cases. In unclear cases the step touches
-    walls on both sides, or ends in a corner.
+    **Returns:** the positions, and a mask of the clear cases. In other cases the step touches walls
+    on both sides, or ends in a corner, so that rounding decides whether the robot bumps.
     """
     assert cells.workspace is not None
     near, space = _NEAR * cells.cell, cells.workspace.free_space
@@ -87,13 +87,13 @@ def _targets(
 def compare_straight(
     cells: CellSpace, only: Int[np.ndarray, "cells"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Make the cell map of the bouncing angle 0, and compare it with steps by shapely."""
+    """Make the cell map of the bouncing angle 0, and compare it by [`compare_images`][]."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 
 
 def compare_groups(groups: BounceGroups) -> list[Comparison]:
-    """Compare periodic groups with components of the graph from cells to images, by scipy."""
+    """Compare periodic groups with the components of the graph that joins cells to their images."""
     compared = []
     for i, bounce in enumerate(groups.bounce.tolist()):
         mapped = bouncing.bounce_map(groups.cells, bounce, motion=groups.motion)

@@ -29,7 +29,7 @@ class Comparison:
         return self.difference <= self.limit
 
     def as_json(self) -> dict[str, Any]:
-        """Convert the comparison for JSON, with `None` for infinity and NaN."""
+        """Convert the comparison to a JSON object, with `None` for infinity and NaN."""
         difference = self.difference if math.isfinite(self.difference) else None
         return {**dataclasses.asdict(self), "difference": difference, "agrees": self.agrees}
 
@@ -40,8 +40,8 @@ class Comparison:
         **Arguments:**
 
         - `what`: the compared quantity.
-        - `wrong`: a sentence for each difference.
-        - `count`: number of compared numbers.
+        - `wrong`: a sentence about each unequal number.
+        - `count`: the number of compared numbers.
         """
         return cls(what, count, float(len(wrong)), 0.0, wrong[0] if wrong else "")
 
@@ -92,6 +92,9 @@ def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
 def solve_transient(
     P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
 ) -> Float[np.ndarray, "transient"]:
-    """Compute the expected sum of gains from each transient cell, by a sparse direct solve."""
+    """Compute the expected total gain from each transient cell, by a sparse direct solve.
+
+    `P` is the transition matrix, and `gained` the gain at each visit of a transient cell.
+    """
     system = scipy.sparse.eye_array(transient.size) - P[transient][:, transient]
     return np.atleast_1d(scipy.sparse.linalg.spsolve(system.tocsc(), gained))

@@ -26,8 +26,7 @@ def compare_coverage(
 ) -> list[Comparison]:
     """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    **Arguments:** the mixture; the other arguments are those of
-    [`jaxcell.bounce.coverage_policy`][].
+    The arguments after `policy` are those with which [`jaxcell.bounce.coverage_policy`][] made it.
     """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
@@ -72,8 +71,8 @@ def _matrix(
 def _nearest(policy: CoveragePolicy) -> Comparison:
     """Compare the distance from the mixture to the target with non-negative least squares.
 
-    An additional equation requires that the weights sum to 1. Its error only scales the solution,
-    so the normalized solution is the best mixture.
+    One more equation requires that the weights sum to 1. The solution violates it a little, but
+    only by a factor of all weights, so the normalized weights are those of the best mixture.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

@@ -16,8 +16,8 @@ _COIN, _LOST = 0.5, 1e-4
 def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
     """Compare a filter with sparse matrices.
 
-    Its states are compared with products of matrices, and its knowledge cycles with the closed
-    strong components of its transition graph.
+    The transitions of some states are compared with products of matrices, and knowledge cycles with
+    the strongly connected components of the transition graph that no edge leaves.
     """
     filter, image = result.filter, np.asarray(simple_map.image)
     states, size = len(filter.transition), image.size
@@ -60,9 +60,9 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
 
 
 def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
-    """Compare a policy with sets of possible cells that move step by step.
+    """Compare a policy with sets of possible cells, which are computed step by step.
 
-    They move by the images of cells, which are compared with steps in the free space.
+    A step replaces each cell by its image. [`jaxcell.verify.compare_images`][] compares the images.
     """
     mapped = bounce_map(result.cells, result.bounces, motion=result.motion)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]
@@ -90,7 +90,7 @@ def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
 
 
 def compare_slip(result: Slipped) -> list[Comparison]:
-    """Compare the belief of a run with joint probabilities that are only normalised at the end."""
+    """Compare the belief at the end of a run with probabilities that are normalised only there."""
     hidden, cells = result.hidden, result.cells
     weight = np.append(hidden.start, 0.0)
     for event in result.events.tolist():

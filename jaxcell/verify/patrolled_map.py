@@ -17,7 +17,7 @@ _DEVIATIONS = 8.0
 
 
 def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
-    """Compare the patrol of a map with polygons of shapely, sparse matrices, and networkx."""
+    """Compare sight with polygons, captures with sparse matrices, and walks with networkx."""
     attack, times = patrol.attack, patrol.attack.attack_time
     targets = sample(patrol.cells.positions, _TARGETS).tolist()
     caught = np.array([_caught(patrol, target) for target in targets])
@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time: twice the mean resistance, because the weights sum to 1."""
+    """Compute the mean commute time, which is twice the mean resistance if the weights sum to 1."""
     used = policy.weights > 0
     if not used.any():
         return 0.0
@@ -79,7 +79,7 @@ def _commute(patrol: PatrolledMap, policy: Policy) -> float:
 
 
 def _compare_sight(patrol: PatrolledMap) -> Comparison:
-    """Compare the visibility of pairs of cells, half of them visible, with convex hulls."""
+    """Compare the visibility of pairs of cells with polygons; half of the pairs are visible."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
     if patrol.sight == "centre":

@@ -21,8 +21,7 @@ def compare_team(
 ) -> list[Comparison]:
     """Compare steps of a joint trajectory with the rule of collisions for each pair of robots.
 
-    **Arguments:** the trajectory; the other arguments are those of
-    [`jaxcell.bounce.team_trajectory`][].
+    The arguments after `team` are those with which [`jaxcell.bounce.team_trajectory`][] made it.
     """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
@@ -49,7 +48,7 @@ def _joint_step(
     turns: Int[np.ndarray, "robots"],
     state: Int[np.ndarray, "robots"],
 ) -> tuple[list[int], list[bool], list[bool], int]:
-    """Find the next cells, the bumps, the collisions, and the number of colliding pairs."""
+    """Find the next cells, the robots that bump or collide, and the number of colliding pairs."""
     cells, squares = team.cells, squares_of(team.cells).T
     ahead = np.asarray(straight.image)[state]
     here = squares[state % cells.positions]

@@ -46,7 +46,7 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
 def compare_commute(
     patrol: GraphPatrol, emphasis: Sequence[int], share: float, constraints: Sequence[Linear] = ()
 ) -> list[Comparison]:
-    """Compare the least commute time, possibly under constraints, with a conic program in cvxpy."""
+    """Compare the least commute time under constraints with a conic program in cvxpy."""
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
     if vertices * edges > _MAX_NUMBERS:
@@ -70,7 +70,7 @@ def compare_commute(
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:
-    """Compare the best mixture of walks with one linear program per attacked vertex."""
+    """Compare the best mixture of walks with the best of one linear program per attacked vertex."""
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):

@@ -1,5 +1,6 @@
 from .boundary import (
     Boundary as Boundary,
+    bump_gains as bump_gains,
     places_anywhere as places_anywhere,
     run_to_wall as run_to_wall,
 )

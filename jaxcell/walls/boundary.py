@@ -15,6 +15,8 @@ from ..space.workspace import edges
 ROUNDING = 1e-11
 # The largest number of pairs of a ray and a wall that are computed together.
 _CHUNK = 1_000_000
+# The incidence above which a robot slides along its wall before it feels the bump, in radians.
+_GRAZING = np.radians(80)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,6 +101,27 @@ def run_to_wall(
         wall[part], run[part] = nearest, np.maximum(far[robots, nearest], 0.0)
         arc[part] = np.clip(at[robots, nearest], 0.0, boundary.length[nearest])
     return wall, arc, run
+
+
+def bump_gains(
+    boundary: Boundary,
+    wall: Int[np.ndarray, "robots"],
+    heading: Float[np.ndarray, "robots"],
+    bump_turn: float | Float[np.ndarray, "robots"],
+) -> tuple[Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
+    """Compute how much a bump turns each robot toward its wall, counter-clockwise in radians.
+
+    `heading` is the heading of the run to the wall, and `bump_turn` the turn at 45 degrees of
+    incidence. At an incidence `i` the turn is `bump_turn sin(2 i)`. A robot that grazes its wall,
+    at more than 80 degrees, slides along it, and turns by this up to `bump_turn`.
+
+    Returns the turn by the sine, and the largest turn.
+    """
+    into = np.arctan2(-boundary.normal[wall, 1], -boundary.normal[wall, 0])
+    incidence = np.remainder(into - heading + np.pi, 2 * np.pi) - np.pi
+    gain = bump_turn * np.sin(2 * incidence)
+    grazing = np.abs(incidence) > _GRAZING
+    return gain, np.where(grazing, bump_turn * np.sign(incidence), gain)
 
 
 def places_anywhere(

@@ -6,18 +6,20 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
-from .boundary import run_to_wall
+from .boundary import bump_gains, run_to_wall
 from .filter import WallFilter
 from .sets import WallSet
 
 
 # The largest number of stretches of a set that a trial follows. Larger sets are sampled.
 _FOLLOWED = 96
+# The length in metres that each stretch of a set counts beside its own, since it may have none.
+_POINT = 0.05
 # The largest number of trials that are computed together.
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
-"""The statistic of the extents of the sets after the next bumps that a choice minimizes."""
+"""The statistic of the sizes of the sets after the next bumps that a choice minimizes."""
 
 
 def choose_angles(
@@ -36,7 +38,10 @@ def choose_angles(
     `draws` places are drawn from the set of each robot, and the set is followed through the next
     bump with the run of a robot from each place; likewise for each of the `ahead` next bumps. The
     sets in `state` are those after a bump and before the turn, and `angles` are in radians. The
-    chosen angle minimizes the mean of the extents over the places, or the worst extent.
+    chosen angle minimizes the mean of the sizes over the places, or the largest size.
+
+    The size of a set is its extent times the length of all its stretches. The extent alone does not
+    change while a set is spread over the room, and the length alone does not favour a single piece.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:
@@ -46,12 +51,12 @@ def choose_angles(
         part = state.take((state.robot >= first) & (state.robot < first + size))
         part = part._replace(robot=part.robot - first)
         count = min(size, robots - first)
-        extents = _extents(filter, part, count, angles, rng, aim, ahead, draws)
-        chosen[first : first + count] = np.argmin(extents, axis=0)
+        sizes = _expected_sizes(filter, part, count, angles, rng, aim, ahead, draws)
+        chosen[first : first + count] = np.argmin(sizes, axis=0)
     return chosen
 
 
-def _extents(
+def _expected_sizes(
     filter: WallFilter,
     state: WallSet,
     robots: int,
@@ -61,26 +66,28 @@ def _extents(
     ahead: int,
     draws: int,
 ) -> Float[np.ndarray, "angles robots"]:
-    """Estimate the extent of the set of each robot after a turn by each angle, in metres.
+    """Estimate the size of the set of each robot after a turn by each angle, in square metres.
 
     All angles are tried at the same places, so that only the angles cause differences.
     """
     trials = robots * draws
-    place, heading, _ = draw_places(filter, state, robots, draws, rng)
+    place, heading, wall = draw_places(filter, state, robots, draws, rng)
+    heading = heading + bump_gains(filter.boundary, wall, heading, filter.errors.bump_turn)[0]
     copies = _sampled(state, robots, rng)
     each = np.repeat(np.arange(draws), copies.robot.size)
     copies = WallSet(*(np.tile(part, draws) for part in copies))
     copies = copies._replace(robot=copies.robot * draws + each)
-    extents = []
+    sizes = []
     for angle in angles:
         _, _, run = run_to_wall(filter.boundary, place, heading + angle)
         after = filter.observe(filter.turn(copies, angle), run)
         if ahead == 1:
-            extents.append(filter.extent(after, trials))
+            length = np.bincount(after.robot, after.end - after.begin + _POINT, trials)
+            sizes.append(length * filter.extent(after, trials))
         else:
-            later = _extents(filter, after, trials, angles, rng, aim, ahead - 1, draws)
-            extents.append(later.min(axis=0))
-    by_draw = np.reshape(extents, (len(angles), robots, draws))
+            later = _expected_sizes(filter, after, trials, angles, rng, aim, ahead - 1, draws)
+            sizes.append(later.min(axis=0))
+    by_draw = np.reshape(sizes, (len(angles), robots, draws))
     return by_draw.max(axis=2) if aim == "worst" else by_draw.mean(axis=2)
 
 
@@ -89,7 +96,7 @@ def draw_places(
 ) -> tuple[Float[np.ndarray, "draws 2"], Float[np.ndarray, "draws"], Int[np.ndarray, "draws"]]:
     """Draw `count` places in metres and headings in radians from the set of each robot.
 
-    The third result is the robot of each place. The places of an empty set have no meaning.
+    The third result is the wall of each place. The places of an empty set have no meaning.
     """
     robot = np.repeat(np.arange(robots), count)
     order = np.argsort(state.robot, kind="stable")
@@ -99,13 +106,14 @@ def draw_places(
     bounds = np.r_[0.0, weight][np.r_[0, np.cumsum(number)]]
     drawn = bounds[robot] + rng.uniform(size=robot.size) * (bounds[robot + 1] - bounds[robot])
     if not weight.size:
-        return np.zeros((robot.size, 2)), np.zeros(robot.size), robot
+        return np.zeros((robot.size, 2)), np.zeros(robot.size), np.zeros(robot.size, int)
     stretch = np.minimum(np.searchsorted(weight, drawn, side="right"), weight.size - 1)
     begin, end = state.begin[stretch], state.end[stretch]
     arc = begin + rng.uniform(size=robot.size) * (end - begin)
     within = rng.uniform(size=robot.size) if filter.chords.width else 0.0
     heading = (state.slice[stretch] + within) * 2 * np.pi / filter.chords.slices
-    return filter.boundary.point(state.wall[stretch], arc), heading, robot
+    wall = state.wall[stretch]
+    return filter.boundary.point(wall, arc), heading, wall
 
 
 def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base import memory
 from ..space import Workspace
-from .boundary import Boundary
+from .boundary import Boundary, bump_gains
 from .chords import Chords
 from .sets import OUTWARD, WallSet, arrivals, observe, turned
 
@@ -38,7 +38,10 @@ class Errors:
     late: float = 0.0
     "The largest distance that a robot counts after it meets a wall until it feels the bump, in m."
     turn: float = 0.0
-    "The largest error of the turn at a bump, in radians, with the turn that the bump causes."
+    "The largest error of the turn at a bump, in radians, beside the turn that the bump causes."
+    bump_turn: float = 0.0
+    """The turn toward the wall by a bump at 45 degrees of incidence, in radians; see
+    [`jaxcell.space.Slip`][]."""
     heading: float = 0.0
     "The largest error of the heading at the start, in radians."
     displacement: float = 0.0
@@ -50,6 +53,7 @@ class Errors:
             ("distance", math.inf, "a finite length in metres"),
             ("late", math.inf, "a finite length in metres"),
             ("turn", math.pi, "less than half a turn, because otherwise all are possible"),
+            ("bump_turn", math.pi / 4, "less than 45 degrees"),
             ("heading", math.pi, "less than half a turn; omit the headings if any is possible"),
             ("displacement", math.inf, "a finite length in metres"),
         ):
@@ -60,7 +64,7 @@ class Errors:
     @property
     def keep_headings(self) -> bool:
         """True if a heading that is known at the start remains known exactly."""
-        return not (self.turn or self.heading or self.displacement)
+        return not (self.turn or self.bump_turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
         """Bound the true lengths of runs observed between `least` and `most`, in metres."""
@@ -205,9 +209,19 @@ class WallFilter:
                 f"angle: expected a multiple of {360 / slices:g} degrees, the width of a slice of "
                 f"headings, got {degrees:g} degrees"
             )
-        error = math.ceil(self.errors.turn * slices / (2 * math.pi) - 1e-9)
         each = shift[state.robot] if shift.ndim else np.full(state.robot.size, shift)
-        return turned(state, each, slices, error)
+        errors, width = self.errors, 2 * math.pi / slices
+        middle = (state.slice + 0.5) * width
+        # Within half a slice the turn by a bump changes by at most `bump_turn * width`, and a
+        # heading at the edge may graze the wall.
+        gains = [
+            bump_gains(self.boundary, state.wall, middle + off, errors.bump_turn)
+            for off in (-width / 2, 0.0, width / 2)
+        ]
+        slack = errors.turn + errors.bump_turn * width
+        first = np.floor((np.min(gains, axis=(0, 1)) - slack) / width + 1e-9).astype(int)
+        last = np.ceil((np.max(gains, axis=(0, 1)) + slack) / width - 1e-9).astype(int)
+        return turned(state, each + first, last - first + 1, slices)
 
     def extent(self, state: WallSet, robots: int) -> Float[np.ndarray, "robots"]:
         """Compute the diagonal of the box around the places of each robot, in metres.

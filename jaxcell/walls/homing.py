@@ -135,7 +135,7 @@ class Homing:
         """Choose the number of the next angle of each robot.
 
         The angle minimizes the expected number of bumps if the extent of the set is at most a
-        quarter of the diameter of the room; else it minimizes the expected extent.
+        quarter of the diameter of the room; else it minimizes the expected size of the set.
         """
         arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
         weight = state.end - state.begin + 1e-3

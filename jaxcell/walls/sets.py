@@ -148,13 +148,15 @@ def _overlapping(
 
 
 def turned(
-    state: WallSet, shift: Int[np.ndarray, "stretches"], slices: int, error: int = 0
+    state: WallSet,
+    first: Int[np.ndarray, "stretches"],
+    count: Int[np.ndarray, "stretches"],
+    slices: int,
 ) -> WallSet:
-    """Turn robots counter-clockwise by `shift` slices, with errors of up to `error` slices."""
-    off = np.arange(-error, error + 1)
-    copy = np.repeat(np.arange(shift.size), off.size)
-    after = (state.slice + shift)[:, None] + off
-    return state.take(copy)._replace(slice=after.ravel() % slices).joined()
+    """Turn robots counter-clockwise, to each of `count` slices from their slice plus `first`."""
+    copy, number = copies(count)
+    after = (state.slice + first)[copy] + number
+    return state.take(copy)._replace(slice=after % slices).joined()
 
 
 def arrivals(chords: Chords, least: float) -> WallSet:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..space import Workspace
-from .boundary import places_anywhere, run_to_wall
+from .boundary import bump_gains, places_anywhere, run_to_wall
 from .choice import Aim, choose_angles
 from .filter import WallFilter
 from .homing import Homing
@@ -126,7 +126,9 @@ def _drive(
         sets.append(state.take(state.robot == 0))
         angle = np.asarray(angles)[choose(state, robots)]
         state = filter.turn(state, angle)
-        heading = heading + angle + errors.turn * signs() * (1 - 1e-9)
+        gains = bump_gains(filter.boundary, wall, heading, errors.bump_turn)
+        heading = heading + angle + np.where(signs() > 0, *gains)
+        heading += errors.turn * signs() * (1 - 1e-9)
         place = _displaced(filter, place, wall, rng)
     return *(np.stack(part, axis=1) for part in zip(*rows, strict=True)), tuple(sets)
 

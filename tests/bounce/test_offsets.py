@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles.rays import INSIDE, Room
+from oracles.rays import INSIDE, Rays
 
 from jaxcell.base.bundled import bundled
 from jaxcell.bounce import localization_filter
@@ -40,7 +40,7 @@ def test_filter_loses_no_robot_from_anywhere(name, degrees, directions):
 @pytest.mark.parametrize("name", ["lab_b", "depot"])
 def test_filter_holds_robots_that_rays_stop(name):
     cells = CellSpace.load(bundled(name))
-    room = Room(cells.workspace.free_space)
+    room = Rays(cells.workspace.free_space)
     legs = stride_legs(8, cells.cell, cells.cell)
     assert not legs[:, 1:].any()
     filter = localization_filter(Offsets.of(cells).bounce_map(math.radians(135)))
@@ -49,7 +49,7 @@ def test_filter_holds_robots_that_rays_stop(name):
     direction, state = drawn.direction, np.zeros(200, int)
     for _ in range(40):
         heading, length = direction * math.tau / 8, legs[direction, 0]
-        able = room.cast(point, np.full(200, INSIDE), heading)[0] >= length
+        able = room.run(point, np.full(200, INSIDE), heading)[0] >= length
         u = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         point = np.where(able[:, None], point + length[:, None] * u, point)
         direction = np.where(able, direction, (direction + 3) % 8)

@@ -30,7 +30,7 @@ def test_without_a_build_the_address_of_the_package_is_opened(
     about = Message()
     monkeypatch.setattr(importlib.metadata, "metadata", lambda _: about)
     assert main(["docs"]) == 2
-    assert "in a checkout `make docs` does" in capsys.readouterr().err
+    assert "in a checkout `make docs` builds it" in capsys.readouterr().err
     about["Project-URL"] = "Source, https://example.org/source"
     about["Project-URL"] = "Documentation, https://example.org/docs"
     monkeypatch.setattr(docs, "has_display", lambda: False)

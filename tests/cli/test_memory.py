@@ -76,14 +76,6 @@ def test_numbers_may_fit_where_files_do_not(capsys, monkeypatch, tmp_path):
     assert line.endswith(" m would fit; without files, about 0.2 GB would do")
 
 
-def test_the_recommended_cell_fits_the_memory(capsys, monkeypatch):
-    monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
-    monkeypatch.setattr(memory, "free", lambda: 100_000)
-    assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
-    cell = capsys.readouterr().err.split(" a cell of ")[1].split()[0]
-    assert main(["groups", str(LAB), "--bounce", "45", "--cell", cell]) == 0
-
-
 def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
     monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 300_000)

@@ -9,15 +9,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from rerun.chunk import RrdReader
 from robot_files import LAB, save_filter
 from wheels import MAPS
 
 import jaxcell.record.robot
 from jaxcell import record
 from jaxcell.cli import main
-from jaxcell.cli.robot.replay import RobotReplay
-from jaxcell.cli.robot.run import RobotRun
 
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
@@ -97,31 +94,6 @@ def test_a_robot_runs_a_filter_without_the_rest(filter_file, tmp_path):
     assert found["result"] == "localized"
     assert {path.name for path in out.iterdir()} == {"run.jsonl", "summary.json"}
     assert f"jaxcell robot replay {out}/run.jsonl --file filter.jxf --out {out}" in errors
-
-
-def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
-    command = RobotRun(
-        file=filter_file,
-        simulate=MAPS / "lab_a.json",
-        start="70",
-        heading=135.0,
-        speedup=1e6,
-        out=tmp_path / "o",
-    )
-    assert command.run() == 0
-    capsys.readouterr()
-    log, moved = tmp_path / "o" / "run.jsonl", filter_file.rename(tmp_path / "moved.jxf")
-    assert RobotReplay(log=log, file=moved, out=tmp_path / "seen", json=True).run() == 0
-    assert json.loads(capsys.readouterr().out)["result"] == "localized"
-    entities, rows = {}, {}
-    for name in ("o", "seen"):
-        chunks = RrdReader(tmp_path / name / "run.rrd").stream().to_chunks()
-        entities[name] = {chunk.entity_path for chunk in chunks}
-        batches = [c.to_record_batch() for c in chunks if c.entity_path == "/filter/uncertainty"]
-        rows[name] = sum(batch.num_rows for batch in batches)
-    # The true motion of an emulated robot is in no log.
-    assert entities["o"] - entities["seen"] == set()
-    assert rows["o"] == rows["seen"] > 5
 
 
 @pytest.mark.parametrize(

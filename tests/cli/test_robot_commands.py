@@ -1,16 +1,14 @@
 import json
 import math
-import re
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from robot_files import LAB, SPEC, run, simulated
-from wheels import bounce_filter, bounce_tables, map_cells, pose_of
+from robot_files import LAB, SPEC, run, save_filter, simulated
+from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
 
-from jaxcell.cli import app, main
+from jaxcell.cli import app
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
 from jaxcell.cli.robot.outcome import show
@@ -28,8 +26,9 @@ from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
-def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
-    out = tmp_path / "out"
+def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
+    filter_file = save_filter(tmp_path, map=str(MAPS / "lab_a.json"), name=LAB.workspace.name)
+    out, seen = tmp_path / "out", tmp_path / "seen"
     code, found = run(simulated(filter_file, start="70", heading=135.0, out=out), capsys)
     assert code == 0
     assert found["result"] == "localized"
@@ -37,23 +36,31 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert found["emulated"]["end"] in found["cells"]
     assert found["emulated"]["truth_is_a_candidate"] is True
     assert json.loads((out / "summary.json").read_text()) == found
-    entities = {chunk.entity_path for chunk in RrdReader(out / "run.rrd").stream().to_chunks()}
-    assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= entities
-
-    code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
-    assert code == 0
-    for name in ("result", "observations", "colors", "cells", "reason"):
-        assert again[name] == found[name]
-    assert RobotReplay(log=out / "run.jsonl").run() == 0
-    assert found["observations"] in capsys.readouterr().out
 
     recorded = (out / "run.rrd").read_bytes()
     with pytest.raises(FileExistsError, match=r"^--out .*: it has the run\.jsonl of another run"):
         simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
+
+    # Elsewhere, the log and the filter make the recording.
+    log, moved = out / "run.jsonl", filter_file.rename(tmp_path / "moved.jxf")
+    code, again = run(RobotReplay(log=log, file=moved, out=seen, json=True), capsys)
+    assert code == 0
+    for name in ("result", "observations", "colors", "cells", "reason"):
+        assert again[name] == found[name]
+    chunks = [RrdReader(folder / "run.rrd").stream().to_chunks() for folder in (out, seen)]
+    here, there = ({chunk.entity_path for chunk in each} for each in chunks)
+    assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= here <= there
+    rows = [
+        sum(c.to_record_batch().num_rows for c in each if c.entity_path == "/filter/uncertainty")
+        for each in chunks
+    ]
+    assert rows[0] == rows[1] > 5
+    assert RobotReplay(log=log, file=moved).run() == 0
+    assert found["observations"] in capsys.readouterr().out
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
-        RobotReplay(log=out / "run.jsonl").run()
+    with pytest.raises(ValueError, match=r"run\.jsonl: the log is of another filter"):
+        RobotReplay(log=log).run()
 
 
 PLAN_START = 20
@@ -153,26 +160,6 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
     assert found["reason"] == "the robot was stopped: it is on the charger"
 
 
-@pytest.mark.parametrize(
-    ("port", "message"),
-    [
-        ("nothing", "nothing: could not open port {port}: No such file or directory"),
-        ("folder", "folder: could not open port {port}: Is a directory"),
-        ("file", "file: Could not configure port: Inappropriate ioctl for device"),
-    ],
-)
-@pytest.mark.parametrize("firmware", [False, True])
-def test_a_line_that_does_not_open_is_refused_without_error_numbers(
-    tmp_path, port, message, firmware
-):
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").touch()
-    port = str(tmp_path / port)
-    with pytest.raises(OSError, match=re.escape(message.format(port=port))) as caught:
-        RobotCheck(port=port, firmware=firmware).run()
-    assert "rrno" not in str(caught.value)
-
-
 def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_path):
     fields = {"remap": ("a:=b", "c:=d"), "out": tmp_path / "my run-2", "until": "cycle"}
     command = RobotRun(file=filter_file, ros="base", heading=0.0, json=True, **fields)
@@ -194,47 +181,6 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     shown = capsys.readouterr().out
     assert "0 (0.5 m, 0.5 m, 0°)" in shown
     assert "5000, of another map" in shown
-
-
-def test_a_stopped_run_can_be_resumed(filter_file, tmp_path, capsys, monkeypatch):
-    _, whole = run(simulated(filter_file, start="70", heading=135.0), capsys)
-    assert len(whole["observations"]) > 4
-
-    def lifted(robot, distance, forward=Create.forward, **fields):
-        lifted.left -= 1
-        if lifted.left < 0:
-            raise RobotStopped("a wheel hangs in the air")
-        return forward(robot, distance, **fields)
-
-    lifted.left = 3
-    with monkeypatch.context() as patched:
-        patched.setattr(Create, "forward", lifted)
-        code = simulated(filter_file, start="70", heading=135.0, out=tmp_path / "one").run()
-    said = capsys.readouterr()
-    log = tmp_path / "one" / "run.jsonl"
-    command = said.err.splitlines()[-1]
-    assert said.err.splitlines()[-2] == "To resume:"
-    before = json.loads(said.out)
-    assert (code, before["result"]) == (1, "stopped")
-    count = len(before["observations"])
-    assert 0 < count < len(whole["observations"])
-
-    words = shlex.split(command)
-    assert Path(words[0]).name == "jaxcell"
-    code = main(words[1:])
-    said = capsys.readouterr()
-    found = json.loads(said.out)
-    assert code == 0
-    for name in ("result", "observations", "colors", "cells", "reason"):
-        assert found[name] == whole[name]
-    # It stands where the model has it after the last whole step.
-    assert found["emulated"]["start"] == model_run(45, 70, count)[0]
-    assert found["emulated"]["truth_is_a_candidate"] is True
-    assert "The robot must stand " in said.err
-    first, second = (read_log(tmp_path / name / "run.jsonl").header for name in ("one", "one-2"))
-    assert second["resumed"]["log"] == str(log)
-    assert second["resumed"]["observations"] == count
-    assert second["pose"] == first["pose"]
 
 
 def test_logs_of_another_task_cannot_be_resumed(filter_file, tmp_path):

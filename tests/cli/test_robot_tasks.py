@@ -51,7 +51,7 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     patrol = read_log(out / "run.jsonl").header["patrol"]
     assert (patrol["start"], patrol["facing"]) == (int(LAB.index(3.5, 0.5)), 1)
     patrol_file.write_text(patrol_file.read_text() + " ")
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: the log is of another patrol"):
         RobotReplay(log=out / "run.jsonl").run()
 
 

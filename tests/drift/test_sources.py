@@ -146,7 +146,7 @@ def test_velocities_at_other_times_are_refused(tmp_path):
 
 
 def test_missing_sources_are_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"other_\*.nc: no file has a name of this pattern"):
+    with pytest.raises(FileNotFoundError, match=r"other_\*.nc: no file matches this pattern"):
         open_currents(tmp_path / "other_*.nc")
     with pytest.raises(FileNotFoundError, match=r"other.nc: there is no such file"):
         open_currents([*months(tmp_path), tmp_path / "other.nc"])

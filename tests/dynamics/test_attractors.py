@@ -7,14 +7,11 @@ import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from jaxcell import dynamics
-from jaxcell.dynamics import attractors, batches
+from jaxcell.dynamics import attractors
 from jaxcell.dynamics.basin import basins_of_each
 from jaxcell.dynamics.merging import merged
-from jaxcell.mapping.peel import groups_on_host
 from jaxcell.space import Box
 
 
@@ -94,21 +91,6 @@ def test_merged_orbits_equal_merging_of_all_pairs():
 def test_orbits_across_a_periodic_axis_are_merged(kind, label):
     orbit = np.array([0.999, 0.001])[:, None, None]
     assert merged(Box([0], [1], [9], kind), orbit, 0).tolist() == label
-
-
-@pytest.mark.parametrize("chunk", [7, 1 << 20])
-def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
-    monkeypatch.setattr(batches, "CHUNK", chunk)
-    box = Box([0], [1], [60])
-    image = np.random.default_rng(1).permutation(60).astype(np.int32)
-    groups = groups_on_host(np.append(image, np.array([60, 61], np.int32)))
-    chosen = np.array([1, 2])
-    found = attractors.cells_of(box, groups, chosen, 3)
-    _, label = connected_components(csr_array((np.ones(60), (np.arange(60), image))))
-    for k, cells in zip(chosen, found, strict=True):
-        own = np.flatnonzero(np.asarray(groups.group)[:60] == k)
-        assert cells.tolist() == [own[j * own.size // 3] for j in range(3)]
-        assert np.unique(label[own]).size == 1
 
 
 def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):

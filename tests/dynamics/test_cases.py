@@ -138,7 +138,7 @@ def test_orbits_that_leave_are_followed_for_the_given_mappings():
     assert not any("outside" in remark for remark in dynamics.basins(back, box, follow=1).remarks)
 
 
-def test_periodic_axis_whose_ends_differ_is_reported():
+def test_periodic_axis_whose_ends_differ_is_reported(monkeypatch):
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
     with pytest.warns(UserWarning, match="The axis x0 is periodic"):
         torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
@@ -151,6 +151,10 @@ def test_periodic_axis_whose_ends_differ_is_reported():
         dynamics.chain(lambda x, p: 0.5 * x, box, samples=1)
     twice = dynamics.basins(lambda x, p: jnp.stack([2 * x[0], 0.5 * x[1]]), box)
     assert not any("periodic" in remark for remark in twice.remarks)
+    # The warning comes before cells are mapped.
+    monkeypatch.setattr("jaxcell.dynamics.basin.images_of_each", None)
+    with pytest.warns(UserWarning, match="The axis x0"), pytest.raises(TypeError):
+        dynamics.basins(lambda x, p: 0.5 * x, box)
 
 
 def test_images_that_are_not_finite_are_not_outside():

@@ -72,16 +72,6 @@ def test_noise_by_quadrature_has_the_moments_of_a_linear_map():
 UNSEEN = 0.5826
 
 
-def test_exit_time_of_ornstein_uhlenbeck_equals_quadrature():
-    time = 0.01
-    end = 2 - UNSEEN * np.sqrt(time)
-    noise = np.sqrt((1 - np.exp(-2 * time)) / 2)
-    box = Box([-end], [end], [401])
-    chain = dynamics.chain(lambda x, p: jnp.exp(-time) * x, box, samples=256, noise=noise)
-    found = markov.absorption_times(chain, mapping.persistent_groups(chain))
-    assert float(found.value[200]) * time == pytest.approx(27.4327, rel=0.04)
-
-
 @pytest.fixture(scope="module")
 def well():
     """Makes chains of dX = (X - X^3) dt + 0.5 dW, whose target is beyond a height."""

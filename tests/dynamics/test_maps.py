@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
-from jaxcell.dynamics.imaging import changed_by_half_step
+from jaxcell.dynamics.imaging import changed_by_half_step, images_of_each
 from jaxcell.space import Box
 
 
@@ -41,6 +41,9 @@ def test_section_of_a_spiral_is_its_return_map():
     )
     expected = 2 * np.exp(-np.pi / 5)
     np.testing.assert_allclose(mapped(returns, 2.0), [expected], rtol=1e-6)
+    time = np.empty((1, 20), np.float32)
+    images_of_each(returns, Box([0.01], [1.01], [20]), [None], time=time)
+    np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
 
 
 def test_section_without_return_maps_nowhere():

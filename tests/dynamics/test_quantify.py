@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
-from jaxcell.dynamics.imaging import images_of_each
 from jaxcell.space import Box
 
 
@@ -73,19 +72,6 @@ def test_crossing_times_equal_cell_by_cell_times():
     assert dynamics.basin_stability(found, within=2.0)[0] == np.mean(expected <= 2)
 
 
-def test_return_times_equal_those_of_turns():
-    spiral = dynamics.section(
-        lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
-        lambda x, p: x[1],
-        lift=lambda u, p: jnp.array([u[0], 0.0]),
-        project=lambda x, p: x[:1],
-        dt=0.1,
-    )
-    time = np.empty((1, 20), np.float32)
-    images_of_each(spiral, Box([0.01], [1.01], [20]), [None], time=time)
-    np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
-
-
 def test_newtons_method_has_basins_of_wada():
     def newton(x, p):
         z = jax.lax.complex(x[0], x[1])
@@ -118,9 +104,14 @@ def test_one_basin_has_no_critical_shock_and_no_entropy():
     assert np.isnan(dynamics.uncertainty_exponent(found)[0])
 
 
+def halves(cells):
+    """The basins of a map of both halves of a square to one point each."""
+    box = Box([-1, -1], [1, 1], [cells, cells])
+    return dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+
+
 def test_entropy_of_a_straight_boundary_is_that_of_halves():
-    box = Box([-1, -1], [1, 1], [40, 40])
-    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+    found = halves(40)
     # No box of 4 x 4 cells has both basins; the middle column of boxes of 8 x 8 cells has both.
     assert dynamics.basin_entropy(found, 4) == (0, 0)
     whole, mixed = dynamics.basin_entropy(found, 8)
@@ -129,9 +120,7 @@ def test_entropy_of_a_straight_boundary_is_that_of_halves():
 
 
 def test_smooth_boundary_has_exponent_1():
-    box = Box([-1, -1], [1, 1], [200, 200])
-    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
-    exponent, share = dynamics.uncertainty_exponent(found)
+    exponent, share = dynamics.uncertainty_exponent(halves(200))
     assert exponent == pytest.approx(1, abs=0.01)
     np.testing.assert_allclose(share[:3], [0.01, 0.02, 0.03])
 

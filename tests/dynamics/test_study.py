@@ -121,24 +121,6 @@ def test_folder_keeps_the_arrays_and_gives_the_same_summary(own, tmp_path, capsy
         np.testing.assert_array_equal(saved.basin, basin)
 
 
-def test_torn_periodic_axis_is_reported_once_before_cells_are_mapped(tmp_path, capsys, monkeypatch):
-    path = tmp_path / "torn.py"
-    path.write_text(
-        "from jaxcell import dynamics, space\n"
-        "half = dynamics.System(lambda x, p: 0.5 * x, space.Box([0], [1], [20], ['periodic']), {})"
-    )
-    warning = "The axis x0 is periodic, but the map differs at its two ends."
-    assert run(["dynamics", f"{path}:half", "--json"]) == 0
-    assert capsys.readouterr().err.count(warning) == 1
-
-    def stop(*_, **__):
-        raise RuntimeError("mapped")
-
-    monkeypatch.setattr("jaxcell.dynamics.basin.images_of_each", stop)
-    assert run(["dynamics", f"{path}:half", "--json"]) == 1
-    assert capsys.readouterr().err.splitlines()[-2:] == [warning, "jaxcell dynamics: mapped"]
-
-
 MEASURED = """
 import pathlib, psutil, re
 from jaxcell import dynamics

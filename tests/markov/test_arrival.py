@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import complete, matrices
+from random_chains import complete, matrices, random_chain
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
@@ -43,10 +43,6 @@ def closed(matrix):
     return whole
 
 
-def random_walk(cells, seed):
-    return np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells)
-
-
 @given(matrices(), st.integers(0, 2**32 - 1))
 def test_law_of_two_robots_equals_the_joint_chain(matrix, seed):
     cells = len(matrix)
@@ -65,15 +61,15 @@ def test_law_of_two_robots_equals_the_joint_chain(matrix, seed):
 
 
 def test_law_of_one_robot_is_a_first_passage():
-    chain = Chain.from_scipy(random_walk(6, 1))
+    chain = random_chain(6, 1)
     law = first_arrival([chain], [[1, 2]], [0, 5], 500)
     np.testing.assert_allclose(law, first_passage(chain, [1, 2], [0, 5], 500), atol=1e-15)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3])
 def test_law_of_distinct_starts_is_the_mean_over_all_sets_of_starts(robots):
-    matrix = random_walk(5, 7)
-    chain, there = Chain.from_scipy(matrix), np.arange(5) == 2
+    chain, there = random_chain(5, 7), np.arange(5) == 2
+    matrix = chain.to_scipy().toarray()
     choices = [0, 2, 3, 4]
     laws = [
         joint_law([matrix] * robots, [np.eye(5)[cell] for cell in cells], there, STEPS)
@@ -179,9 +175,9 @@ FOUR, FIVE = Chain.from_scipy(complete(4)), Chain.from_scipy(complete(5))
 @pytest.mark.parametrize(
     ("chains", "starts", "message"),
     [
-        ([], [], "chains: expected one for each robot, got none"),
-        ([FOUR, FIVE], [0, 0], "that of robot 1 has 5 cells, and that of robot 0 has 4"),
-        ([FOUR, FOUR], [0], "starts: expected one for each of 2 robots, got 1"),
+        ([], [], "chains: expected a chain for each robot, got none"),
+        ([FOUR, FIVE], [0, 0], "chain of robot 1 has 5 cells, and the chain of robot 0 has 4"),
+        ([FOUR, FOUR], [0], "starts: expected a start for each of 2 robots, got 1"),
         ([FOUR, FOUR], [0, 4], "robot 1: start: cell 4 does not exist"),
         (
             [FOUR, Chain.from_scipy(complete(4))],

@@ -139,8 +139,8 @@ def test_bad_models_and_policies_are_refused():
     other = Chain(np.zeros((1, 3), int), np.ones((1, 3)))
     model = DecisionModel.of([chain, chain], np.zeros((2, 2)), [[True, True], [False, True]])
     for arguments, message in [
-        (([], np.zeros((0, 2))), "expected one for each action"),
-        (([chain, other], np.zeros((2, 2))), "that of action 1 has 3 cells"),
+        (([], np.zeros((0, 2))), "expected a chain for each action"),
+        (([chain, other], np.zeros((2, 2))), "the chain of action 1 has 3 cells"),
         (([chain], np.zeros((2, 2))), r"reward: expected an array \[actions, cells\] = \[1, 2\]"),
         (([chain], [[0.0, np.nan]]), r"reward\[0, 1\] is nan"),
         (([chain], np.zeros((1, 2)), [[True, False]]), "no action is allowed in cell 1"),

@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, matrices, open_line, reachable
+from random_chains import birth_and_death, dense_solution, matrices, open_line, reachable
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -25,18 +25,15 @@ def test_absorption_equals_dense_solves(matrix):
     )
     result = absorption_probabilities(chain, groups)
     times = absorption_times(chain, groups)
-    expected = np.linalg.solve(np.eye(len(q)) - q, into)
+    expected = dense_solution(q, into)
     value = np.concatenate([result.value, result.leaving[None]])
     np.testing.assert_allclose(value[:, transient], expected.T, rtol=1e-9, atol=1e-12)
     for g in range(groups.count):
         np.testing.assert_array_equal(value[:, group == g].argmax(axis=0), g)
         assert (value[g, group == g] == 1).all()
     np.testing.assert_allclose(value.sum(axis=0), 1, rtol=1e-12)
-    np.testing.assert_allclose(
-        np.asarray(times.value)[transient],
-        np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q))),
-        rtol=1e-9,
-    )
+    steps = dense_solution(q, np.ones(len(q)))
+    np.testing.assert_allclose(np.asarray(times.value)[transient], steps, rtol=1e-9)
     assert (np.asarray(times.value)[~transient] == 0).all()
     for certificate in (result.certificate, times.certificate):
         assert certificate.outcome is Outcome.CONVERGED
@@ -58,8 +55,7 @@ def test_hitting_equals_the_definition(matrix, data):
     finite = ~reach[:, trapped].any(axis=1)
     expected = np.where(finite, 0.0, np.inf)
     inner = finite & ~there
-    q = matrix[inner][:, inner]
-    expected[inner] = np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q)))
+    expected[inner] = dense_solution(matrix[inner][:, inner], np.ones(inner.sum()))
     np.testing.assert_allclose(result.value, expected, rtol=1e-9)
 
 
@@ -105,7 +101,7 @@ def test_groups_of_another_chain_are_refused():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     other = persistent_groups(Chain(np.array([[1, 2, 0]]), np.ones((1, 3))))
     for function in (absorption_probabilities, absorption_times):
-        with pytest.raises(ValueError, match="chain of 2 cells, got those of one of 3"):
+        with pytest.raises(ValueError, match="chain of 2 cells, got the groups of a chain of 3"):
             function(chain, other)
 
 

@@ -161,15 +161,8 @@ def test_eigenvalues_that_are_0_give_no_sets():
         np.testing.assert_allclose(sets.value[:2], [1, 0], atol=1e-7)
 
 
-def test_cells_without_mass_are_in_no_set():
-    matrix, block = random_blocks(np.random.default_rng(6), [20, 20, 5])
-    sets = markov.almost_invariant_sets(Chain.from_scipy(matrix), 2, 1.0 * (block < 2))
-    assert (sets.begin[block == 2] == -1).all()
-    assert same_partition(sets.begin[block < 2], block[block < 2])
-
-
 @pytest.mark.parametrize("seed", range(3))
-def test_mass_in_cells_without_mass_leaks(seed):
+def test_cells_without_mass_are_in_no_set_and_mass_in_them_leaks(seed):
     random = np.random.default_rng(seed)
     matrix, block = random_blocks(random, [20, 20], 0.05)
     # Some cells of each block have no mass, although there are steps to them.

@@ -1,12 +1,10 @@
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_chains import complete, matrices
 
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov.passage import first_passage, survival, survivals
+from jaxcell.markov.passage import first_passage, survival
 
 
 STEPS = 12
@@ -55,34 +53,6 @@ def test_law_on_a_complete_graph_is_geometric():
 def test_start_may_be_a_cell_a_list_a_mask_or_a_distribution(start):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
-
-
-def test_survival_works_under_vmap_over_targets():
-    matrix = np.random.default_rng(4).dirichlet(np.ones(5), 5)
-    chain = Chain.from_scipy(matrix)
-    there = np.eye(5, dtype=bool)
-    go = jax.vmap(lambda there, value: survivals(chain, there, value, 8)[0])
-    result = np.asarray(jax.jit(go)(there, 1.0 - there))
-    for target in range(5):
-        np.testing.assert_allclose(result[target], survival(chain, target, 7), rtol=1e-13)
-
-
-def test_derivatives_with_respect_to_the_probabilities():
-    matrix = np.random.default_rng(5).dirichlet(np.ones(4), 4)
-    chain = Chain.from_scipy(matrix)
-    there = np.arange(4) == 0
-    turn = np.random.default_rng(6).normal(size=(4, 4))
-
-    @jax.jit
-    @jax.value_and_grad
-    def arrived(size):
-        probability = chain.probability * jnp.exp(size * turn)
-        moved = Chain(chain.image, probability / probability.sum(axis=0, keepdims=True))
-        value = jnp.where(there, 0.0, 1.0)
-        return 1 - survivals(moved, jnp.asarray(there), value, 6)[0][-1, 2]
-
-    slope = float(arrived(1e-5)[0] - arrived(-1e-5)[0]) / 2e-5
-    assert float(arrived(0.0)[1]) == pytest.approx(slope, rel=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.special
+from graphs import MIXING, SMALL
 from hypothesis import assume, given, strategies as st
 from random_chains import complete
+from walks import times_by_solves
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import dense
@@ -20,23 +22,22 @@ from jaxcell.markov.quantities import (
 )
 
 
-# The graph of 8 vertices and 13 edges in Boyd's talk on graph Laplacians (ICM 2006).
-EDGES = np.stack(np.divmod([12, 23, 34, 15, 28, 24, 65, 57, 73, 84, 67, 78, 27], 10), axis=1)
-DEGREE = np.bincount(EDGES.ravel())
+# Weights on the graph of 8 vertices in Boyd's talk on graph Laplacians (ICM 2006).
 WEIGHTS = {
     "uniform": np.ones(13),
-    # The least total effective resistance and the fastest mixing, to six digits.
-    "resistance": ".115657 .052148 .069178 .103238 .052148 .068108 .080961 .068046 .093542 .069178 "
-    ".107600 .093542 .026655",
-    "mixing": ".498188 .061695 .183414 .466937 .061695 .378422 .164781 .122480 .259668 .183414 "
-    ".358185 .259668 0",
-    "Metropolis": 1 / DEGREE[EDGES].max(axis=1),
+    # The least total effective resistance, to six digits.
+    "resistance": np.fromstring(
+        ".115657 .052148 .069178 .103238 .052148 .068108 .080961 .068046 .093542 .069178 .1076 "
+        ".093542 .026655",
+        sep=" ",
+    ),
+    "mixing": MIXING,
+    "Metropolis": 1 / np.bincount(SMALL.edges.ravel())[SMALL.edges].max(axis=1),
 }
 
 
-def walk(edges, weights):
-    matrix = np.zeros((edges.max() + 1,) * 2)
-    matrix[edges[:, 0], edges[:, 1]] = matrix[edges[:, 1], edges[:, 0]] = weights
+def walk(weights):
+    matrix = SMALL.matrix(weights).toarray()
     return matrix / matrix.sum(axis=1, keepdims=True)
 
 
@@ -62,10 +63,7 @@ def irreducible(draw):
     ],
 )
 def test_boyds_graph_has_known_values(weights, commute, farthest, kemeny, modulus):
-    given_weights = WEIGHTS[weights]
-    if isinstance(given_weights, str):
-        given_weights = np.array(given_weights.split(), float)
-    chain = Chain.from_scipy(walk(EDGES - 1, given_weights))
+    chain = Chain.from_scipy(walk(WEIGHTS[weights]))
     result = np.asarray(commute_times(chain).value)
     assert result.sum() / 56 == pytest.approx(commute, abs=2e-5)
     assert result.max() == pytest.approx(farthest, rel=1e-5)
@@ -75,13 +73,7 @@ def test_boyds_graph_has_known_values(weights, commute, farthest, kemeny, modulu
 
 @given(irreducible())
 def test_quantities_equal_their_definitions(matrix):
-    n = len(matrix)
-    chain = Chain.from_scipy(matrix)
-    expected = np.zeros((n, n))
-    for j in range(n):
-        others = np.arange(n) != j
-        among = np.eye(n - 1) - matrix[others][:, others]
-        expected[others, j] = np.linalg.solve(among, np.ones(n - 1))
+    chain, expected = Chain.from_scipy(matrix), times_by_solves(matrix)
     result = hitting_matrix(chain)
     np.testing.assert_allclose(result.value, expected, rtol=1e-9)
     assert result.certificate.residual < 1e-11
@@ -151,7 +143,7 @@ FUNCTIONS = {
 def test_derivatives_where_many_entries_are_zero(name):
     draw = np.random.default_rng(1)
     start = draw.normal(size=(8, 8))
-    graph = walk(EDGES - 1, np.ones(13))
+    graph = walk(np.ones(13))
 
     @jax.jit
     @jax.value_and_grad
@@ -167,7 +159,7 @@ def test_derivatives_where_many_entries_are_zero(name):
 
 
 def test_dense_functions_take_batches():
-    batch = np.stack([walk(EDGES - 1, WEIGHTS["uniform"]), walk(EDGES - 1, WEIGHTS["Metropolis"])])
+    batch = np.stack([walk(WEIGHTS["uniform"]), walk(WEIGHTS["Metropolis"])])
     for function in (dense.stationary, dense.hitting, dense.kemeny, dense.entropy_rate):
         result = np.asarray(jax.vmap(function)(batch))
         for k in range(2):

@@ -5,15 +5,12 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import complete
+from random_chains import complete, random_chain
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
 from jaxcell.markov.simulation import alias, simulate_arrival
-
-
-def random_chain(cells, seed):
-    return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
+from jaxcell.markov.walks import sample_walks
 
 
 def leaving():
@@ -155,3 +152,25 @@ def test_alias_tables_do_not_depend_on_rounding():
         np.testing.assert_array_equal(tables[0], first)
         np.testing.assert_array_equal(tables[1][part < 1 - 1e-12], second[part < 1 - 1e-12])
         np.testing.assert_allclose(tables[2], part, atol=1e-12)
+
+
+def test_walks_follow_the_chain():
+    matrix = np.array([[0.0, 0.25, 0.75], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0]])
+    starts = np.array([0, 1] * 50)
+    walks = sample_walks(Chain.from_scipy(matrix), starts, 200, np.random.default_rng(0))
+    assert walks.shape == (201, 100)
+    np.testing.assert_array_equal(walks[0], starts)
+    steps = np.zeros((3, 3))
+    np.add.at(steps, (walks[:-1].ravel(), walks[1:].ravel()), 1)
+    # The standard error of a share of some 6,000 steps is below 0.007.
+    np.testing.assert_allclose(steps / steps.sum(axis=1, keepdims=True), matrix, atol=0.03)
+    assert (steps[matrix == 0] == 0).all()
+
+
+def test_walks_are_reproducible_from_their_seed():
+    chain = Chain.from_scipy(np.full((4, 4), 0.25))
+    first, again, other = (
+        sample_walks(chain, np.zeros(3, int), 20, np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)

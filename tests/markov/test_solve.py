@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
-from random_chains import open_line, steps_on_open_line
+from random_chains import dense_solution, open_line, steps_on_open_line
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.solve import Limits, solve_transient
@@ -25,9 +25,7 @@ def random_chain(cells, branches, seed):
     image = draw.integers(0, cells, (cells, branches))
     share = draw.dirichlet(np.ones(branches), cells)
     rows = np.repeat(np.arange(cells), branches)
-    matrix = scipy.sparse.csr_array((share.ravel(), (rows, image.ravel())), shape=(cells, cells))
-    matrix.sum_duplicates()
-    return matrix
+    return scipy.sparse.csr_array((share.ravel(), (rows, image.ravel())), shape=(cells, cells))
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
@@ -35,8 +33,7 @@ def test_transient_equals_dense(method, adjoint):
     step = 0.8 * random_chain(60, 4, 1)
     right = np.random.default_rng(2).random((60, 3))
     result, products = solve_transient(step, right, adjoint=adjoint)
-    dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(result, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-12)
     assert products == 1 if method == "factor" else products > 100
 
 
@@ -82,12 +79,6 @@ def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
 TWO_LEVELS = Limits(small=0, trial=1, worthwhile=0, two_level=0, complete=0, elimination=0.0)
 
 
-@pytest.fixture
-def two_levels(monkeypatch):
-    """Make solves use two levels."""
-    monkeypatch.setattr(solve, "LIMITS", TWO_LEVELS)
-
-
 def wandering(n):
     """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
     row, column = np.divmod(np.arange(n * n), n)
@@ -111,8 +102,7 @@ def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
     step = step[order][:, order]
     right = draw.random((80, 2))
     result, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
-    dense = step.T if adjoint else step
-    np.testing.assert_allclose(result, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-12)
     assert products == 0
 
 
@@ -121,18 +111,17 @@ def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatc
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
     result, products = solve_transient(step, np.ones((100, 1)))
-    expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(result, expected, rtol=1e-12)
+    np.testing.assert_allclose(result, dense_solution(step, np.ones((100, 1))), rtol=1e-12)
     assert products == 1
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_two_levels_equal_dense(two_levels, adjoint):
+def test_two_levels_equal_dense(adjoint, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", TWO_LEVELS)
     step = wandering(20)
     right = np.random.default_rng(2).random((400, 2))
     result, products = solve_transient(step, right, adjoint=adjoint)
-    dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(result, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
+    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-10)
     assert 1 < products < 100
 
 
@@ -141,8 +130,7 @@ def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
     result, products = solve_transient(step, np.ones((100, 1)))
-    expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(result, expected, rtol=1e-10)
+    np.testing.assert_allclose(result, dense_solution(step, np.ones((100, 1))), rtol=1e-10)
     assert products > 100
     monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(limits, products=50))
     short, products = solve_transient(step, np.ones((100, 1)))
@@ -150,7 +138,8 @@ def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
     assert (short < result).any()
 
 
-def test_two_levels_find_stationary_distribution(two_levels):
+def test_two_levels_find_stationary_distribution(monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", TWO_LEVELS)
     matrix = wandering(12).tolil()
     matrix.setdiag(matrix.diagonal() + 1 - np.asarray(matrix.sum(axis=1)).ravel())
     matrix = scipy.sparse.csr_array(matrix)
@@ -189,7 +178,6 @@ def parts(draw):
 def test_parts_with_runs_equal_dense(matrix, seed):
     draw = np.random.default_rng(seed)
     inside = draw.random(len(matrix)) < 0.8
-    identity = np.eye(len(matrix))[inside][:, inside]
     step = matrix[inside][:, inside]
     # The part must be left in the end.
     if np.linalg.matrix_power(step, 4000).sum() > 1e-9:
@@ -197,10 +185,10 @@ def test_parts_with_runs_equal_dense(matrix, seed):
     taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
     gain = draw.random((inside.sum(), 2))
     result, _ = taken.expect(gain)
-    np.testing.assert_allclose(result, np.linalg.solve(identity - step, gain), rtol=1e-10)
+    np.testing.assert_allclose(result, dense_solution(step, gain), rtol=1e-10)
     start = draw.random(inside.sum())
     visits, _ = taken.visits(start)
-    expected = np.linalg.solve(identity - step.T, start)
+    expected = dense_solution(step, start, adjoint=True)
     np.testing.assert_allclose(visits, expected[taken.branching], rtol=1e-10, atol=1e-14)
     certain = (step == 1).any(axis=1)
     np.testing.assert_array_equal(taken.branching, np.flatnonzero(~certain))

@@ -1,12 +1,12 @@
-"""Solves on two levels, compared with dense solves, and aggregates, with shortest paths."""
+"""Solves on two levels, compared with dense solves."""
 
-import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
+from random_chains import dense_solution
 
 from jaxcell.markov.solving.solve import Limits
-from jaxcell.markov.solving.two_level import TwoLevel, aggregates
+from jaxcell.markov.solving.two_level import TwoLevel
 
 
 STEPS = Limits().rough_steps
@@ -33,44 +33,15 @@ def eddies(count, size):
 @pytest.mark.parametrize("adjoint", [False, True])
 def test_rough_solve_is_near_the_dense_one(adjoint):
     step = eddies(20, 30)
-    matrix = step.T if adjoint else step
-    right = np.random.default_rng(0).random(600)
+    matrix, right = step.T if adjoint else step, np.random.default_rng(0).random(600)
     result, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
-    expected = np.linalg.solve(np.eye(600) - matrix, right)
-    np.testing.assert_allclose(result, expected, rtol=1e-4)
+    np.testing.assert_allclose(result, dense_solution(matrix, right), rtol=1e-4)
     # BiCGSTAB and the rough inverse take equally many products.
     assert 0 < products < 4 * STEPS
 
 
-def test_aggregates_take_half_the_products_or_less():
+def test_aggregates_keep_products_few():
     matrix, right = scipy.sparse.csr_array(eddies(60, 30)), np.ones(1800)
-    _, products = TwoLevel.of(matrix, STEPS, fill=1.0)(right)
-    # One aggregate is as good as none.
-    _, alone = TwoLevel.of(matrix, STEPS, fill=1.0, most=1)(right)
-    assert 2 * products <= alone
-
-
-def test_each_state_is_with_the_nearest_drawn_state():
-    random = np.random.default_rng(1)
-    step = np.triu(random.random((70, 70)) < 0.06) * random.random((70, 70))
-    # No step leads to the last five states, or from them.
-    step[-5:] = step[:, -5:] = 0
-    member = aggregates(scipy.sparse.csr_array(step)).toarray()
-    middles = np.sort(np.random.default_rng(0).choice(70, 3, replace=False))
-    graph = nx.Graph()
-    graph.add_nodes_from(range(70))
-    graph.add_weighted_edges_from(
-        (i, j, 1 / step[i, j]) for i, j in zip(*np.nonzero(step), strict=True)
-    )
-    far = np.array(
-        [
-            [nx.single_source_dijkstra_path_length(graph, m).get(i, np.inf) for m in middles]
-            for i in range(70)
-        ]
-    )
-    for row, lengths in zip(member, far, strict=True):
-        nearest = np.zeros(3)
-        if np.isfinite(lengths).any():
-            nearest[lengths.argmin()] = 1
-        assert row.tolist() == nearest.tolist()
-    assert np.isfinite(far).any(axis=1).sum() > 30
+    _, products = TwoLevel.of(matrix, STEPS)(right)
+    # Without aggregates, BiCGSTAB would take more than 200.
+    assert products < 100

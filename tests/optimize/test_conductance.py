@@ -162,12 +162,9 @@ def test_a_share_beyond_the_optimum_is_tight_and_a_smaller_one_changes_nothing()
         above = minimum_commute(graph, [0, 1, 7], share)
         assert above.weights[on_tour].sum() == pytest.approx(share, abs=1e-9)
         assert above.commute_time > free.commute_time * (1 + 1e-3)
-
-
-def test_a_share_that_rounding_cannot_meet_is_kept():
-    found = minimum_commute(graph_of(nx.ladder_graph(6)), [0, 1, 7], 1 - 1e-9, throw=False)
-    on_tour = on_walk(graph_of(nx.ladder_graph(6)), found.tour)
-    assert found.weights[on_tour].sum() >= 1 - 1e-9 - 1e-12
+    # Rounding prevents the proof of this solution, which keeps the share all the same.
+    nearly = minimum_commute(graph, [0, 1, 7], 1 - 1e-9, throw=False)
+    assert nearly.weights[on_tour].sum() >= 1 - 1e-9 - 1e-12
 
 
 @pytest.mark.parametrize("share", [5e-324, 1e-20])

@@ -1,4 +1,3 @@
-import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -8,35 +7,25 @@ from seas import drift_of
 
 from jaxcell import bundled, drift
 from jaxcell.bounce import BounceGroups, Localized, bounce_map, localization_filter, localize
-from jaxcell.space import CellSpace, Motion, Workspace
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Workspace
 
 
-@dataclasses.dataclass(frozen=True)
 class Case:
-    """A bounce map with all that is made of it."""
+    """A bounce map, with its groups and its filter."""
 
-    cells: CellSpace
-    bounce: float
-    collision: str = "swept"
+    def __init__(self, cells, bounce, motion=CELL_BY_CELL):
+        self.cells, self.bounce, self.motion = cells, bounce, motion
+        self.map = bounce_map(cells, bounce, motion=motion)
+        self.groups = BounceGroups.of(cells, bounce, motion=motion)
+        self.filter = localization_filter(self.map, metadata={"map": "a test"})
 
-    def __post_init__(self):
-        options = {"motion": Motion(collision=self.collision)}
-        map = bounce_map(self.cells, self.bounce, **options)
-        values = {
-            "map": map,
-            "groups": BounceGroups.of(self.cells, self.bounce, **options),
-            "filter": localization_filter(map, metadata={"map": "a test"}),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+    def localize(self, start):
+        return localize(self.map, self.filter, start)
 
-    def localize(self, start, filter=None):
-        return localize(self.map, filter or self.filter, start)
-
-    def localized(self, start, filter=None):
+    def localized(self, start):
         """The filter, and the run from a cell, as a result."""
-        filter, motion = filter or self.filter, Motion(collision=self.collision)
-        return Localized(filter, self.cells, motion, self.bounce, self.localize(start, filter))
+        run = self.localize(start)
+        return Localized(self.filter, self.cells, self.motion, self.bounce, run)
 
     def host(self):
         """The groups and the images of all cells in a row."""
@@ -52,15 +41,13 @@ FREE = np.array([[square == "." for square in row] for row in LAB[::-1]])
 def lab():
     """The lab map of Alam 2018, Figure 2.8(a), as a grid that is not at the origin."""
     cells = CellSpace.of_grid(FREE, 8, cell=0.5, origin=(-1.0, 2.0))
-    return Case(cells, math.radians(45), "endpoint")
+    return Case(cells, math.radians(45), ENDPOINT)
 
 
 @pytest.fixture(scope="session")
 def angles(lab):
     """The groups of three bouncing angles in the lab map."""
-    return BounceGroups.of(
-        lab.cells, np.deg2rad([45, 90, 135]), motion=Motion(collision=lab.collision)
-    )
+    return BounceGroups.of(lab.cells, np.deg2rad([45, 90, 135]), motion=lab.motion)
 
 
 @pytest.fixture(scope="session")

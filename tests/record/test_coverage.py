@@ -30,13 +30,13 @@ def test_heat_has_two_classes_to_a_doubling():
     assert labels == [
         "no time at all",
         "less than 1/16 of an even share",
-        "0.0625 to 0.0884 even shares",
-        "0.0884 to 0.125 even shares",
-        "1 to 1.41 even shares",
-        "1.41 to 2 even shares",
-        "1.41 to 2 even shares",
-        "2 to 2.83 even shares",
-        "22.6 to 32 even shares",
+        "0.0625 to 0.0884 times an even share",
+        "0.0884 to 0.125 times an even share",
+        "1 to 1.41 times an even share",
+        "1.41 to 2 times an even share",
+        "1.41 to 2 times an even share",
+        "2 to 2.83 times an even share",
+        "22.6 to 32 times an even share",
     ]
     assert len({one.color for one in classes[1:]}) == len(classes) - 1
 

@@ -105,9 +105,9 @@ def test_arrays_without_a_map_are_curves_lines_or_an_image():
 @pytest.mark.parametrize(
     ("name", "options", "error", "message"),
     [
-        ("shares", {}, ValueError, "shares: this is no array of the result; expected one of share"),
-        ("steps", {}, ValueError, "steps: this is no array"),
-        ("absent", {}, ValueError, "absent: this is no array"),
+        ("shares", {}, ValueError, "shares: not an array of the result; expected one of share"),
+        ("steps", {}, ValueError, "steps: not an array"),
+        ("absent", {}, ValueError, "absent: not an array"),
         ("share", {"bounce": 2}, IndexError, "range"),
     ],
 )

@@ -24,24 +24,19 @@ def recorded(lab):
 
 
 def test_pictures_say_what_the_groups_are(lab, recorded):
-    host = lab.host()
-    groups = recorded.pictures("direction", "/map/grid/bounce_45/groups")
-    steps = recorded.pictures("direction", "/map/grid/bounce_45/steps")
-    names = recorded.classes("/map/grid/bounce_45/groups")
-    numbers = recorded.classes("/map/grid/bounce_45/steps")
-    assert list(groups) == list(steps) == list(range(8))
-    for z in range(lab.cells.size):
-        direction, position = divmod(z, lab.cells.positions)
-        row, column = divmod(int(lab.cells.square[position]), lab.cells.free.shape[1])
-        relation = "on" if host.step[z] == 0 else "leads to"
-        assert names[groups[direction][row, column]] == f"{relation} the largest group"
-        label = numbers[steps[direction][row, column]]
-        if host.step[z] == 0:
-            assert label == "on a group"
-        else:
-            assert label.replace("mappings", "mapping") == f"{host.step[z]} mapping to a group"
-    for picture in (*groups.values(), *steps.values()):
-        np.testing.assert_array_equal(picture > 0, lab.cells.free)
+    steps = lab.host().step.tolist()
+    expected = {
+        "groups": ["leads to the largest group" if n else "on the largest group" for n in steps],
+        "steps": [f"{n} mapping{'s' * (n > 1)} to a group" if n else "on a group" for n in steps],
+    }
+    for name, labels in expected.items():
+        pictures = recorded.pictures("direction", f"/map/grid/bounce_45/{name}")
+        assert list(pictures) == list(range(8))
+        shown = np.stack([*pictures.values()]).reshape(8, -1)[:, lab.cells.square].ravel()
+        classes = recorded.classes(f"/map/grid/bounce_45/{name}")
+        assert [classes[kind] for kind in shown.tolist()] == labels
+        for picture in pictures.values():
+            np.testing.assert_array_equal(picture > 0, lab.cells.free)
 
 
 def test_cycles_run_where_some_direction_is_periodic(lab, recorded):

@@ -24,15 +24,19 @@ def hall_run(hall):
     return found.run, read_back(found)
 
 
+@pytest.fixture(params=["lab", "hall"])
+def shown(request):
+    """A case, a run in it, and the recording of the run."""
+    return request.getfixturevalue(request.param), *request.getfixturevalue(f"{request.param}_run")
+
+
 def poses(cells, where):
     x, y, theta = cells.centre(np.array(where, int))
     return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
 
 
-@pytest.mark.parametrize("case", ["lab", "hall"])
-def test_the_belief_is_the_state_of_the_filter(case, request):
-    run, recorded = request.getfixturevalue(f"{case}_run")
-    case = request.getfixturevalue(case)
+def test_the_belief_is_the_state_of_the_filter(shown):
+    case, run, recorded = shown
     shown = recorded.poses("/map/belief")
     size = recorded.over("step", "/filter/uncertainty", "Scalars:scalars")
     bits = recorded.over("step", "/filter/bits", "Scalars:scalars")
@@ -53,17 +57,14 @@ def test_a_large_belief_is_shaded(hall, hall_run):
     large = int(np.sum(sizes > MOST_ARROWS))
     assert list(shades) == list(range(large + 1))
     for time in range(large):
-        count = np.zeros(hall.cells.free.size, int)
-        for cell in hall.filter.cells(int(run.states[time])).tolist():
-            count[hall.cells.square[cell % hall.cells.positions]] += 1
+        position = hall.filter.cells(int(run.states[time])) % hall.cells.positions
+        count = np.bincount(hall.cells.square[position], minlength=hall.cells.free.size)
         np.testing.assert_array_equal(shades[time].ravel(), np.ceil(count * 8 / 24))
     assert not shades[large].any(), "where arrows take over, no shade is left"
 
 
-@pytest.mark.parametrize("case", ["lab", "hall"])
-def test_the_robot_and_its_trail(case, request):
-    run, recorded = request.getfixturevalue(f"{case}_run")
-    case = request.getfixturevalue(case)
+def test_the_robot_and_its_trail(shown):
+    case, run, recorded = shown
     robot = recorded.poses("/map/robot")
     trails = recorded.over("step", "/map/trail", "LineStrips2D:strips")
     path = poses(case.cells, run.path)
@@ -97,10 +98,8 @@ def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
     assert [float(x), float(y)] in np.array(boxes[end]).round(6).tolist()
 
 
-@pytest.mark.parametrize("case", ["lab", "hall"])
-def test_the_filter_is_a_graph_that_lights_up(case, request):
-    run, recorded = request.getfixturevalue(f"{case}_run")
-    case = request.getfixturevalue(case)
+def test_the_filter_is_a_graph_that_lights_up(shown):
+    case, run, recorded = shown
     names = recorded.static("/filter/graph", "GraphNodes:node_ids")
     states = [int(name.split()[1].removesuffix(":")) for name in names]
     sizes = [int(name.split()[2]) for name in names]
@@ -114,13 +113,9 @@ def test_the_filter_is_a_graph_that_lights_up(case, request):
     current, vermilion = map(packed, (CURRENT, ROBOT))
     seen = set()
     for time, state in enumerate(run.states.tolist()):
-        lit = {s for s, color in zip(states, colors[time], strict=True) if color == current}
-        assert lit == {state} & set(states)
-        been = {
-            s
-            for s, color in zip(states, colors[time], strict=True)
-            if color == vermilion and case.filter.color[s] == 1
-        }
+        now = list(zip(states, colors[time], strict=True))
+        assert {s for s, color in now if color == current} == {state} & set(states)
+        been = {s for s, color in now if color == vermilion and case.filter.color[s] == 1}
         assert been == (seen - {state}) & set(states)
         seen.add(state)
     assert run.states[-1] in states
@@ -155,11 +150,10 @@ def test_a_robot_that_is_elsewhere(lab):
     """The filter is of the lab, the robot is in its mirror image."""
     there = CellSpace.of_grid(lab.cells.free[:, ::-1].copy(), 8)
     filter = lab.filter.with_trap()
-    map = bounce_map(there, lab.bounce, motion=Motion(collision=lab.collision))
+    map = bounce_map(there, lab.bounce, motion=lab.motion)
     runs = [localize(map, filter, start) for start in range(there.size)]
     run = next(run for run in runs if run.states[-1] == filter.trap)
-    motion = Motion(collision=lab.collision)
-    recorded = read_back(Localized(filter, there, motion, lab.bounce, run))
+    recorded = read_back(Localized(filter, there, lab.motion, lab.bounce, run))
     text = recorded.text()
     assert "**somewhere else**" in text
     end = len(run.observations)

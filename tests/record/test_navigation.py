@@ -105,20 +105,15 @@ def test_start_and_goal_are_marked(cells, found, recorded):
 
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
-    classes = recorded.classes("/map/grid/heat")
-    heat = recorded.picture("/map/grid/heat")
-    pictures = recorded.pictures("direction", "/map/grid/heading")
-    assert len(pictures) == cells.directions
-    names = recorded.classes("/map/grid/heading")
-    for position in range(cells.positions):
-        row, column = divmod(int(cells.square[position]), cells.free.shape[1])
-        reaches = found.reaching[position :: cells.positions]
-        label = "from no heading" if not reaches.any() else f"from {reaches.sum()} of 8 headings"
-        assert classes[heat[row, column]] == label
-        for direction, reached in enumerate(reaches):
-            shown = names[pictures[direction][row, column]]
-            assert shown == ("from here" if reached else "not from here")
+    reaches = found.reaching.reshape(cells.directions, -1)
+    heat, classes = recorded.picture("/map/grid/heat"), recorded.classes("/map/grid/heat")
+    labels = [f"from {n} of 8 headings" if n else "from no heading" for n in reaches.sum(axis=0)]
+    assert [classes[kind] for kind in heat[cells.free].tolist()] == labels
     assert not heat[~cells.free].any()
+    pictures = recorded.pictures("direction", "/map/grid/heading")
+    names = np.array(recorded.classes("/map/grid/heading"))
+    shown = np.stack([names[pictures[k][cells.free]] for k in range(cells.directions)])
+    np.testing.assert_array_equal(shown, np.where(reaches, "from here", "not from here"))
     # On the way, the picture is that of the heading of the robot.
     headings = found.visited // cells.positions
     on_the_way = recorded.pictures("step", "/map/grid/heading")

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from recordings import packed
-from rerun.chunk import RrdReader
+from recordings import Recording, packed
 from wheels import bounce_filter, map_cells
 
 from jaxcell.cli import main
@@ -73,26 +72,22 @@ CLASSES = {
 }
 
 
-class Look:
+class Look(Recording):
     """A recording with its blueprint: the queries of its views, and its data."""
 
     def __init__(self, path):
+        super().__init__(path)
         self.folder = path.parent
-        reader = RrdReader(path)
-        (entry,) = reader.recordings()
-        self.application = entry.application_id
-        (store,) = reader.blueprints()
         self.blueprint = {}
-        for chunk in reader.stream(store=store).to_chunks():
+        for chunk in self.blueprints[0]:
             values = self.blueprint.setdefault(chunk.entity_path, {})
             for name, column in columns(chunk):
                 values[name] = column[-1]
-        self.static, self.times, self.timelines = {}, {}, set()
-        for chunk in reader.stream().to_chunks():
-            self.timelines |= set(chunk.timeline_names)
+        self.fixed, self.times = {}, {}
+        for chunk in self.chunks:
             for name, values in columns(chunk):
                 if chunk.is_static:
-                    self.static[chunk.entity_path, name] = values[0]
+                    self.fixed[chunk.entity_path, name] = values[0]
                 if name not in CONTENT.split():
                     continue
                 for timeline in chunk.timeline_names or [None]:
@@ -213,11 +208,11 @@ def test_the_same_things_have_the_same_colors(looks, family):
     look = looks(family)
     robot = {"/map/robot": palette.ROBOT} if family in WITH_ROBOT else {}
     for entity, color in (robot | THINGS.get(family, {})).items():
-        (name,) = (n for e, n in look.static if e == entity and n.endswith(":colors"))
-        assert look.static[entity, name] == [packed(color)], entity
-    if ("/map/walls", "LineStrips2D:colors") in look.static:
-        assert look.static["/map/walls", "LineStrips2D:colors"] == [packed(palette.WALL)]
-    for (entity, name), value in look.static.items():
+        (name,) = (n for e, n in look.fixed if e == entity and n.endswith(":colors"))
+        assert look.fixed[entity, name] == [packed(color)], entity
+    if ("/map/walls", "LineStrips2D:colors") in look.fixed:
+        assert look.fixed["/map/walls", "LineStrips2D:colors"] == [packed(palette.WALL)]
+    for (entity, name), value in look.fixed.items():
         if name != "AnnotationContext:context":
             continue
         for one in value[0]:
@@ -229,7 +224,7 @@ def test_the_same_things_have_the_same_colors(looks, family):
 @pytest.mark.parametrize("family", COMMANDS)
 def test_no_text_has_the_folder_of_a_file(looks, family):
     look = looks(family)
-    texts = [str(value) for (_, name), value in look.static.items() if "TextDocument" in name]
+    texts = [str(value) for (_, name), value in look.fixed.items() if "TextDocument" in name]
     for path in look.folder.glob("*.nc"):
         with xr.open_dataset(path) as dataset:
             texts.append(dataset.attrs["spec"])
@@ -242,7 +237,7 @@ def test_no_text_has_the_folder_of_a_file(looks, family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_texts_beside_views_are_short(looks, family):
-    texts = [value for (_, name), value in looks(family).static.items() if "TextDocument:t" in name]
+    texts = [value for (_, name), value in looks(family).fixed.items() if "TextDocument:t" in name]
     assert texts
     for (text,) in texts:
         prose = " ".join(line for line in text.splitlines() if line[:1] not in ("#", "|", "`"))
@@ -255,7 +250,7 @@ def test_y_is_up(looks, family):
     planes = {entity.split("/")[1] for entity, _ in look.times} & {"map", "graph", "odometry"}
     assert planes or family == "sweep"
     for plane in planes:
-        scale = look.static[f"/{plane}", "Transform3D:scale"]
+        scale = look.fixed[f"/{plane}", "Transform3D:scale"]
         np.testing.assert_array_equal(np.ravel(scale), [1, -1, 1])
 
 

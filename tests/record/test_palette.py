@@ -49,6 +49,8 @@ def test_colors_on_a_map_differ(sight):
         assert seen > 15, (one, other)
     for color in CATEGORIES.values():
         assert distance(color, palette.OBSTACLE, sight) > 25
+    for one, other in itertools.combinations(CATEGORIES, 2):
+        assert distance(CATEGORIES[one], CATEGORIES[other], sight) > 10, (one, other)
 
 
 @pytest.mark.parametrize("sight", SIGHT)
@@ -63,12 +65,6 @@ def test_the_state_of_a_filter_differs_from_others_in_both_themes(sight):
         (white, black), ((palette.CURRENT, 35), (palette.ROBOT, 25))
     ):
         assert abs(lightness(color, sight) - lightness(theme, sight)) > least
-
-
-@pytest.mark.parametrize("sight", SIGHT)
-def test_colors_of_groups_differ(sight):
-    for one, other in itertools.combinations(CATEGORIES, 2):
-        assert distance(CATEGORIES[one], CATEGORIES[other], sight) > 10, (one, other)
 
 
 @pytest.mark.parametrize("sight", SIGHT)

@@ -3,17 +3,13 @@ import pytest
 from recordings import packed, read_back
 
 from jaxcell.bounce import AdaptivelyLocalized, localization_policy
-from jaxcell.record import dataset, summary
 from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT
-from jaxcell.space import Motion
 
 
 @pytest.fixture(scope="module")
 def found(lab):
-    policy = localization_policy(
-        lab.cells, np.radians([45, 135]), motion=Motion(collision=lab.collision)
-    )
+    policy = localization_policy(lab.cells, np.radians([45, 135]), motion=lab.motion)
     return AdaptivelyLocalized.of(policy, 151)
 
 
@@ -58,12 +54,3 @@ def test_a_large_policy_is_a_tree_with_the_run(found):
 def test_the_legend_names_both_greys(recorded):
     labels = recorded.static("/tree/legend/text", "Points2D:labels")
     assert {"its trail", "the start, until the first bump"} <= set(labels)
-
-
-def test_the_dataset_and_the_summary_have_its_numbers(found):
-    kept = dataset(found)
-    assert int(kept.bumps_needed.max()) == found.worst_bumps == kept.worst_bumps
-    np.testing.assert_array_equal(kept.belief_size, found.belief_size)
-    said = summary(found)
-    assert [one["bounce_deg"] for one in said["angles"]] == [45.0, 135.0]
-    assert said["run"]["candidates"] == [found.run.end]

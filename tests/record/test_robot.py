@@ -211,7 +211,7 @@ with RobotRecording(sys.argv[1], [RecordedRobot()], cells=map_cells("lab_a.json"
         ({"robots": []}, "robots: expected one or more, got none"),
         (
             {"filter": FILTER, "cells": CellSpace.of(LAB.workspace, 0.5, 8)},
-            "filter: it is of 152 cells, and the map has 608",
+            "filter: it has 152 cells, but the map has 608",
         ),
         ({"viewer": "there"}, "viewer 'there': expected here, or the address of a viewer"),
         ({"viewer": "rerun+http://127.0.0.1:1/proxy"}, "no viewer answers there"),

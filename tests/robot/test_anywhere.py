@@ -1,6 +1,5 @@
 """A robot that is put down anywhere, through the whole driver."""
 
-import json
 import math
 
 import numpy as np
@@ -78,22 +77,3 @@ def test_a_robot_without_walls_stops_within_the_size_of_its_room(task):
     outcome = robot.run_anywhere(robot.Walker(SimulatedCreate(body), 1.0), task.settings)
     assert outcome.result == "refuted"
     assert math.dist(body.pose[:2], (25.0, 25.0)) < 10
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"errors": {"run": 2.0}}, "errors: run: expected a share below 1"),
-        ({"errors": {"luck": 0.1}}, "luck"),
-        ({"bounces_deg": []}, "bounces_deg: expected a list of at least 1 angles"),
-        ({"slices": 1}, "slices: expected"),
-        ({"boundary": [[0, 0], [1, 1]]}, "boundary"),
-    ],
-)
-def test_a_damaged_task_is_refused(change, message, tmp_path):
-    path = tmp_path / "anywhere.json"
-    save_anywhere(path, HALL, **FIELDS)
-    values = json.loads(path.read_text()) | change
-    path.write_text(json.dumps(values))
-    with pytest.raises(ValueError, match=message):
-        robot.load_task(path)

@@ -1,5 +1,6 @@
 """The estimate of the turn by bumps from the log of a robot with a known turn."""
 
+import dataclasses
 import math
 
 import pytest
@@ -33,6 +34,18 @@ def log_of(settings, path, degrees, bumps):
 def test_the_turn_by_bumps_is_estimated_within_half_a_degree(settings, tmp_path, degrees):
     run = log_of(settings, tmp_path / "run.jsonl", degrees, bumps=40)
     assert math.degrees(estimate_bump_turn(run, settings)) == pytest.approx(degrees, abs=0.5)
+
+
+def test_sets_that_know_the_turn_by_bumps_localize_the_robot(settings):
+    turn = math.radians(4)
+    errors = walls.Errors(distance=0.03, displacement=0.06, turn=math.radians(1), bump_turn=turn)
+    known = dataclasses.replace(
+        settings, filter=walls.WallFilter.of(HALL, errors=errors), radius=0.3
+    )
+    body = Body(HALL, (1.2, 0.7, 0.4), give=0.001, noise=Noise(bump_turn=turn))
+    outcome = robot.run_anywhere(robot.Walker(DirectBody(body), 1.0), known, limit=40)
+    assert outcome.result == "localized"
+    assert math.dist(outcome.place, body.pose[:2]) <= outcome.extent / 2 + 0.06
 
 
 def test_a_run_that_is_too_short_for_an_estimate_is_refused(settings, tmp_path):

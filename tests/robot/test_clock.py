@@ -1,10 +1,10 @@
-import itertools
 import math
 
 import pytest
 
 from jaxcell.robot.create.clock import ByClock
 from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker
 from jaxcell.space import Workspace
 
@@ -12,38 +12,14 @@ from jaxcell.space import Workspace
 ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 
 
-TICK = 0.004
-
-
-class Ticking:
-    """A robot whose clock advances by some milliseconds at each reading."""
-
-    def __init__(self, pose):
-        self.body = Body(ROOM, pose)
-        self.seconds = itertools.count(0.0, TICK)
-        self.wheels = (0.0, 0.0)
-
-    def clock(self):
-        left, right = self.wheels
-        self.body.advance(left, right, TICK)
-        return next(self.seconds)
-
-    def drive(self, *, right, left, stop_on_bump=False):
-        bumped = stop_on_bump and (self.body.bump_left or self.body.bump_right)
-        self.wheels = (0.0, 0.0) if bumped else (left, right)
-        return not bumped
-
-    def stop(self):
-        self.wheels = (0.0, 0.0)
-
-
 def clocked(pose=(1.0, 1.0, 0.0), **fields) -> tuple[ByClock, Body]:
-    robot = Ticking(pose)
-    by_clock = ByClock(robot, clock=robot.clock, sleep=lambda _: None, **fields)
-    return by_clock, robot.body
+    body = Body(ROOM, pose)
+    robot = SimulatedCreate(body)
+    clock = ByClock(robot, clock=lambda: robot.robot.seconds, sleep=robot.sleep, **fields)
+    return clock, body
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.3])
+@pytest.mark.parametrize("speed", [0.18, 0.3])
 def test_a_known_speed_for_a_known_time_is_a_distance(speed):
     robot, body = clocked(speed=speed)
     moved = robot.forward(0.6, tolerance=0.01)
@@ -69,15 +45,15 @@ def test_a_bump_ends_a_timed_motion_with_its_distance():
 
 
 def test_a_walker_walks_by_the_clock():
-    robot, body = clocked((0.5, 0.5, 0.0), speed=0.4, turning=2.0)
+    robot, body = clocked((0.5, 0.5, 0.0), speed=0.3, turning=2.0)
     walker = Walker(robot, 1.0)
     bumps = []
-    for _ in range(10):
+    for _ in range(7):
         bumps.append(walker.step())
         if bumps[-1]:
             walker.rotate(math.pi / 2)
-    assert "".join(str(int(bump)) for bump in bumps) == "0001001000"
-    assert (body.x, body.y) == pytest.approx((0.5, 2.5), abs=0.05)
+    assert "".join(str(int(bump)) for bump in bumps) == "0001001"
+    assert (body.x, body.y) == pytest.approx((3.5, 2.5), abs=0.05)
 
 
 def test_bad_speeds_of_a_clock_are_refused():

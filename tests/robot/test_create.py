@@ -56,23 +56,6 @@ def keep_driving(create):
         time.sleep(0.05)
 
 
-def test_forward_and_turn_by_the_encoders(robot):
-    with armed(robot) as create:
-        start = create.sensors()
-        moved = create.forward(0.15, speed=0.4)
-        assert moved.distance == pytest.approx(0.15, abs=0.005)
-        assert not moved.bumped
-        moved = create.forward(-0.1)
-        assert moved.distance == pytest.approx(-0.1, abs=0.005)
-        moved = create.turn(-math.pi / 2, speed=2.0)
-        assert moved.angle == pytest.approx(-math.pi / 2, abs=math.radians(1.001))
-        end = create.sensors()
-        assert end.distance - start.distance == pytest.approx(0.05, abs=0.02)
-        assert end.heading - start.heading == pytest.approx(-math.pi / 2, abs=0.1)
-    eventually(lambda: robot.mode is Mode.OFF)
-    assert robot.body.counts[1] > 32768, "the right encoder has wrapped"
-
-
 def test_start_and_stop_are_the_last_commands(robot):
     with driving(robot) as create:
         pass
@@ -108,17 +91,6 @@ def test_a_bump_stops_the_wheels_before_the_caller_does(robot):
         assert robot.wheels == (0, 0)
         create.stop()
         assert create.drive(right=0.2, left=0.2, stop_on_bump=True)
-
-
-def test_a_bump_ends_a_forward_drive_and_no_turn():
-    with RecordingRobot(Body(HALL, (8.9, 0.0, 0.0))) as robot, armed(robot) as create:
-        moved = create.forward(1.0)
-        assert moved.bumped
-        assert 0.09 < moved.distance < 0.5
-        assert not create.turn(0.3).bumped
-        again = create.forward(0.2)
-        assert again.bumped
-        assert abs(again.distance) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -260,13 +232,6 @@ def test_wrong_speeds_and_distances_are_refused(robot):
         ]:
             with pytest.raises(ValueError, match=named):
                 call()
-
-
-def test_a_motion_that_takes_too_long_is_stopped(robot):
-    with armed(robot) as create:
-        with pytest.raises(RobotStopped, match="are left after"):
-            create.forward(0.5, timeout=0.2)
-        eventually(lambda: robot.wheels == (0, 0))
 
 
 # A shell ignores signals in processes that it starts in the background, unlike a terminal.

@@ -1,6 +1,5 @@
 import itertools
 import json
-import math
 
 import numpy as np
 import pytest
@@ -109,7 +108,9 @@ def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, logged):
     assert seen[0] == 0
     assert len(seen) == length + 1
     other = task_of(LAB, round_tour(LAB, np.array([0, 7, 18])))
-    with pytest.raises(ValueError, match=r"observation 0: the log has way .* of another policy"):
+    with pytest.raises(
+        ValueError, match=r"observation 0: the log has direction .* of another policy"
+    ):
         replay_patrol(run, other)
 
 
@@ -206,51 +207,8 @@ def test_robots_and_seeds_draw_differently(task_of):
     assert len({visits(0, 1), visits(1, 1), visits(0, 2), visits(1, 2)}) == 4
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda f: f.update(free=3), "free: expected a list of rows"),
-        (lambda f: f.update(free=["..", "."]), "free: expected rows of . and #, of one length"),
-        (lambda f: f.update(free=["##", "##"]), "free: expected rows .* with a . or more"),
-        (lambda f: f.update(free=["", ""]), "free: expected rows .* with a . or more"),
-        (lambda f: f.update(directions=8), "directions: expected 4"),
-        (lambda f: f.update(closed=[[99, 0]]), "closed: position 99 does not exist"),
-        (lambda f: f.update(closed=[[0, 0, 1]]), "closed: expected whole numbers, any x 2"),
-        (lambda f: f.update(range_m=-1), "range_m: expected a finite number from 0, got -1"),
-        (lambda f: f.update(robots={}), "robots: expected a list, got {}"),
-        (lambda f: f["robots"][0].update(start=99), r"robots\[0\].start: expected a whole number"),
-        (lambda f: f["robots"][0]["image"][0].__setitem__(0, 19), "image: expected states from"),
-        (lambda f: f["robots"][0]["image"].append([1]), "image: expected whole numbers, any x any"),
-        (
-            lambda f: f["robots"][0].__setitem__("image", [[0] * 20]),
-            "image: expected rows of 19 states, or a multiple with memory",
-        ),
-        (lambda f: f["robots"][0]["probability"].pop(), "probability: expected numbers, 3 x 19"),
-        (
-            lambda f: f["robots"][0]["probability"][0].__setitem__(0, 2.0),
-            "probability: expected from 0, with the sum 1",
-        ),
-        (
-            lambda f: f.update(closed=[[0, 0], [0, 1]]),
-            r"robots\[0\] walks to position .* which no path along the grid reaches from its start",
-        ),
-    ],
-)
-def test_damaged_patrols_are_refused(task_of, change, message):
-    task = task_of(LAB, random_walk(LAB, 0))
-    file = json.loads(task.path.read_text())
-    change(file)
-    task.path.write_text(json.dumps(file))
-    with pytest.raises(ValueError, match=message) as caught:
-        load_task(task.path)
-    assert str(task.path) in str(caught.value)
-
-
 def test_bad_settings_of_a_patrol_are_refused(task_of):
     task = task_of(LAB, random_walk(LAB, 0))
-    with pytest.raises(ValueError, match=r"there is no robot 1; robots are 0 to 0"):
-        load_task(task.path, 1)
     for name, value in [("visits", 0), ("most_bumps", 0), ("limit", 0), ("start", 19)]:
         with pytest.raises(ValueError, match=f"{name}: expected"):
             patrol_of(task, **{name: value})
-    assert math.isclose(task.reach, 2.5)

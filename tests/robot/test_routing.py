@@ -47,7 +47,7 @@ def test_routes_are_shortest(grid, start, goal, ahead):
     distance = wave(steps, goal)
     assert distance.tolist() == [known.get(i, -1) for i in range(steps.shape[1])]
     if start not in known:
-        with pytest.raises(ValueError, match=f"no way leads from position {start} to {goal}"):
+        with pytest.raises(ValueError, match=f"no path leads from position {start} to {goal}"):
             route(steps, start, goal, ahead)
         return
     ways = route(steps, start, goal, ahead)
@@ -87,5 +87,5 @@ def test_wrong_positions_and_directions_are_refused():
         route(steps, -1, 0)
     with pytest.raises(ValueError, match="closed: position 7 does not exist"):
         grid_steps(np.ones((2, 2), bool), [(7, 0)])
-    with pytest.raises(ValueError, match="closed: expected a way from 0 to 3, got 4"):
+    with pytest.raises(ValueError, match="closed: expected a direction from 0 to 3, got 4"):
         grid_steps(np.ones((2, 2), bool), [(0, 4)])

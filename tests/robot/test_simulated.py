@@ -4,40 +4,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from wheels import body_in, bounce_filter, map_cells, walker_in
 
 from jaxcell.robot.create.driver import RobotStopped
-from jaxcell.robot.create.motion import Create
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.followers import FilterFollower, run_follower
-from jaxcell.robot.walker import Walker, cell_strides
+from jaxcell.robot.walker import Walker
 from jaxcell.space import Workspace
 
 
-LAB = map_cells("lab_a.json")
 ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
-
-
-def test_the_simulated_robot_agrees_with_the_robot_on_a_line():
-    cell, bounce = 70, math.radians(45)
-    filter = bounce_filter(LAB, 45)
-    walker, body = walker_in(LAB, cell)
-    outcome = run_follower(walker, FilterFollower(filter), [bounce])
-    strides = cell_strides(8, 1.0, 1.0)
-    with Emulator(body_in(LAB, cell), line=Line(speedup=20.0)) as robot:
-        with Create.open(robot.port, patience=5.0) as create:
-            create.arm()
-            walker = Walker(create, 1.0, strides=strides, direction=cell // LAB.positions)
-            assert run_follower(walker, FilterFollower(filter), [bounce]) == outcome
-        x, y, theta = robot.pose
-    # The tolerances are 4 mm per step and 0.4 degrees per turn.
-    assert body.pose[:2] == pytest.approx((x, y), abs=0.03)
-    assert math.remainder(body.theta - theta, 2 * math.pi) == pytest.approx(0, abs=0.02)
-    assert LAB.index(*body.pose) == LAB.index(x, y, theta)
 
 
 def test_a_robot_goes_as_far_as_commanded():
@@ -55,6 +33,8 @@ def test_a_robot_goes_as_far_as_commanded():
     assert moved.distance == pytest.approx(4.02 - x, abs=1e-3)
     # The bumper is still pressed.
     assert robot.forward(0.1) == (0.0, 0.0, True, 0.0)
+    assert not robot.turn(0.1).bumped
+    robot.turn(-0.1)
     began = robot.robot.seconds
     with pytest.raises(RobotStopped, match=r"-1 are left|are left after"):
         robot.forward(-2.5, timeout=3.0)

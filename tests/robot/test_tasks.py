@@ -38,41 +38,6 @@ def test_a_plan_is_read(tmp_path):
     assert task.header["actions"] == task.actions
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"found": False}, "there is no path"),
-        ({"actions_deg": None}, "actions_deg: expected a list of angles"),
-        ({"actions_deg": [0, "x"]}, "actions_deg: expected a list of angles"),
-        ({"step_m": None}, "step_m: expected a finite number"),
-        ({"cell_m": math.inf}, "cell_m: expected a finite number"),
-        ({"directions": True}, "directions: expected a whole number"),
-        ({"start": "3"}, "start: expected a whole number from 0"),
-        ({"start": 2.5}, "start: expected a whole number from 0"),
-        ({"start": -1}, "start: expected a whole number from 0"),
-    ],
-)
-def test_damaged_plans_are_refused(tmp_path, changed, message):
-    path = tmp_path / "summary.json"
-    path.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]} | changed))
-    with pytest.raises(ValueError, match=message) as caught:
-        load_task(path)
-    assert str(path) in str(caught.value)
-
-
-def test_damaged_tasks_are_refused(tmp_path):
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata=SPEC).save(path)
-    with pytest.raises(ValueError, match="bounce_deg: expected a finite number"):
-        load_task(path)
-    for text in ("{", "[]"):
-        (tmp_path / "plan.json").write_text(text)
-        with pytest.raises(ValueError, match=r"plan\.json: "):
-            load_task(tmp_path / "plan.json")
-    with pytest.raises(FileNotFoundError):
-        load_task(tmp_path / "none.jxf")
-
-
 def test_a_reset_prints_the_firmware():
     body = Body(LAB.workspace, (0.5, 0.5, 0.0))
     with (

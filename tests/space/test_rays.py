@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import shapely
-from oracles.rays import INSIDE, ExactRoom, Room, anywhere
+from oracles.rays import INSIDE, ExactRoom, Rays, anywhere, drive
 from random_rooms import slanted_room
 
 from jaxcell.base.bundled import bundled
@@ -24,7 +24,7 @@ def test_runs_end_where_the_ray_leaves_the_polygon(name):
     points = anywhere(free, 300, rng)
     # No multiple of an angle between walls: a ray along a wall is no matter for shapely.
     heading = rng.uniform(0, math.tau, 300)
-    runs = Room(free).drive(*points.T, heading, [2.3] * 8)
+    runs = drive(free, points, heading, [2.3] * 8)
     begin = points
     for heading, length, end in zip(runs.heading, runs.length, runs.point, strict=True):
         u = np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -43,11 +43,11 @@ def test_runs_end_where_the_ray_leaves_the_polygon(name):
 
 @pytest.mark.parametrize("turn", [1, 2, 3, 5])
 def test_floats_and_fractions_run_alike_along_walls_and_into_corners(turn):
-    exact, room = ExactRoom(LAB.free_space), Room(LAB.free_space)
+    exact = ExactRoom(LAB.free_space)
     rng = np.random.default_rng(turn)
     starts = np.round(anywhere(LAB.free_space, 40, rng), 2)
     heading = rng.integers(8, size=40)
-    runs = room.drive(*starts.T, heading * math.pi / 4, [turn * math.pi / 4] * 40)
+    runs = drive(LAB.free_space, starts, heading * math.pi / 4, [turn * math.pi / 4] * 40)
     along = 0
     for i, (point, way) in enumerate(zip(starts.tolist(), heading.tolist(), strict=True)):
         expected = exact.drive(point, way, [turn] * 40)
@@ -88,17 +88,16 @@ POINT = CORNERS - shapely.box(2, 1, 3, 2)
 def test_a_ray_grazes_a_corner_but_does_not_slip_between_two_that_meet(free, start, heading, end):
     bump, _ = ExactRoom(free).run(start, heading)
     assert bump == end
-    point = np.array([start], float)
-    room = Room(free)
-    _, found, _ = room.cast(point, room.locate(point), np.array([heading * math.pi / 4]))
+    point, at = np.array([start], float), np.array([INSIDE])
+    _, found, _ = Rays(free).run(point, at, np.array([heading * math.pi / 4]))
     np.testing.assert_allclose(found, [end], atol=1e-12)
 
 
 def test_errors_are_at_their_bounds():
-    room = Room(LAB.free_space)
     rng = np.random.default_rng(1)
-    points = anywhere(LAB.free_space, 50, rng)
-    runs = room.drive(*points.T, 0.1, [2.0] * 5, relative=0.02, absolute=0.05, turn=0.01, signs=rng)
+    points, bounds = anywhere(LAB.free_space, 50, rng), {"relative": 0.02, "absolute": 0.05}
+    heading = np.full(50, 0.1)
+    runs = drive(LAB.free_space, points, heading, [2.0] * 5, **bounds, turn=0.01, signs=rng)
     turned = np.diff(runs.heading, axis=0) - 2.0
     np.testing.assert_allclose(np.abs(turned), 0.01)
     off = runs.observed - runs.length

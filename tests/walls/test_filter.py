@@ -34,9 +34,8 @@ def drive(workspace, robots, bumps, bounce, seed, headings=None, **errors):
     heading = rng.uniform(0, 2 * np.pi, robots)
     if headings is not None:
         heading = np.floor(heading * headings / (2 * np.pi)) * 2 * np.pi / headings
-    room = rays.Room(workspace.free_space)
     turns = [bounce] * (bumps - 1)
-    return room.drive(*place.T, heading, turns, signs=rng, **errors)
+    return rays.drive(workspace.free_space, place, heading, turns, signs=rng, **errors)
 
 
 @pytest.mark.parametrize(
@@ -86,16 +85,75 @@ def test_a_run_that_begins_beside_the_wall_loses_no_robot():
     rng = np.random.default_rng(4)
     place = rays.anywhere(workspace.free_space, 15, rng)
     heading = rng.uniform(0, 2 * np.pi, 15)
-    room = rays.Room(workspace.free_space)
+    room, at = rays.Rays(workspace.free_space), np.full(15, rays.INSIDE)
     filter = walls.WallFilter.of(workspace, errors=walls.Errors(displacement=back))
     state = None
     for _ in range(12):
-        length, bump, _ = room.cast(place, room.locate(place), heading)
+        length, bump, _ = room.run(place, at, heading)
         state = filter.observe(state, length)
         assert walls.contains(filter.boundary, state, filter.slice_of(heading), bump).all()
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         place = bump - np.minimum(back, length)[:, None] * ahead
+        at = np.where(length > back, rays.INSIDE, at)
         heading, state = heading + angle, filter.turn(state, angle)
+
+
+def drive_with_bump_turns(filter, bump_turn, seed):
+    """Drive robots that each bump turns, and check at each bump which sets contain the robot."""
+    workspace, angle = load("complex"), np.radians(135)
+    rng = np.random.default_rng(seed)
+    place = rays.anywhere(workspace.free_space, 20, rng)
+    heading = rng.uniform(0, 2 * np.pi, 20)
+    room, at = rays.Rays(workspace.free_space), np.full(20, rays.INSIDE)
+    state, inside = None, []
+    for _ in range(12):
+        length, place, at = room.run(place, at, heading)
+        state = filter.observe(state, length)
+        inside.append(walls.contains(filter.boundary, state, filter.slice_of(heading), place))
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        tangent, normal = (vectors[at % room.walls] for vectors in (room.along, room.normal))
+        # A heading to the left of the normal of the wall turns to the right, and vice versa.
+        sine, cosine = (ahead * tangent).sum(axis=1), -(ahead * normal).sum(axis=1)
+        gain = -bump_turn * 2 * sine * cosine
+        heading, state = heading + gain + angle, filter.turn(state, angle)
+    return np.array(inside)
+
+
+def test_a_known_turn_by_bumps_loses_no_robot_and_an_unknown_one_does():
+    workspace, bump_turn = load("complex"), np.radians(4)
+    errors = walls.Errors(bump_turn=bump_turn)
+    filter = walls.WallFilter.of(workspace, errors=errors)
+    assert drive_with_bump_turns(filter, bump_turn, seed=8).all()
+    ignorant = walls.WallFilter.of(workspace)
+    assert not drive_with_bump_turns(ignorant, bump_turn, seed=8).all()
+
+
+def test_the_turn_by_a_bump_is_that_of_a_robot_that_slips():
+    room = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
+    boundary, bump_turn = walls.Boundary.of(room), 0.05
+    heading = np.linspace(0.01, 2 * np.pi, 40)
+    place = np.tile([2.0, 1.5], (40, 1))
+    pose, leg = np.c_[place, heading], np.tile([5.0, 0.0, 0.0], (40, 1))
+    slip = space.Slip(bump_turn=bump_turn)
+    after, bumped = space.slipping_step(
+        pose, leg, 0.0, np.zeros((40, 9)), space.felt_walls(room, 0.0), slip
+    )
+    wall, _, _ = walls.run_to_wall(boundary, place, heading)
+    gain, largest = walls.bump_gains(boundary, wall, heading, bump_turn)
+    assert bumped.all()
+    np.testing.assert_allclose(after[:, 2] - heading, gain, atol=1e-6)
+    np.testing.assert_allclose(largest, gain)
+
+
+def test_a_bump_turns_a_grazing_robot_by_any_part_of_its_largest_turn():
+    room = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
+    boundary = walls.Boundary.of(room)
+    # Along the bottom wall, toward it.
+    heading = np.radians([-5.0, 185.0])
+    wall, _, _ = walls.run_to_wall(boundary, np.array([[2.0, 0.1], [2.0, 0.1]]), heading)
+    gain, largest = walls.bump_gains(boundary, wall, heading, 0.1)
+    np.testing.assert_allclose(gain, [-0.1 * np.sin(np.radians(10)), 0.1 * np.sin(np.radians(10))])
+    np.testing.assert_allclose(largest, [-0.1, 0.1])
 
 
 def test_a_bump_that_is_felt_late_loses_no_robot():
@@ -111,7 +169,7 @@ def test_a_heading_that_is_off_loses_no_robot():
     rng = np.random.default_rng(6)
     place = rays.anywhere(workspace.free_space, 20, rng)
     heading = rng.integers(8, size=20) * np.pi / 4 + off * rng.choice([-1, 1], 20) * 0.9999
-    runs = rays.Room(workspace.free_space).drive(*place.T, heading, [angle] * 9)
+    runs = rays.drive(workspace.free_space, place, heading, [angle] * 9)
     filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(heading=off))
     assert filter.first.sum() == 8 * 8
     followed(filter, runs, angle, runs.length)

@@ -22,10 +22,10 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log run.jsonl of a run of an anywhere.json. From the log the turn by a bump at 45 degrees is
-    estimated, for `jaxcell localize --bump-turn`."""
+    """Log run.jsonl of a run of an anywhere.json. The turn by a bump at 45 degrees is estimated
+    from the log, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
-    """The anywhere.json of that run; by default the file named in the log."""
+    """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None
     """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
@@ -64,7 +64,7 @@ class RobotCalibrate(Printing):
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
-                    note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
+                    note("jaxcell robot calibrate: the robot bumped; it needs 1 m of free floor")
                     return 1
                 distance = _asked("How far did the robot go, in metres? ") / went.distance
                 # A robot that was lifted for the measurement is disarmed.

@@ -40,7 +40,7 @@ class Emulation:
     radius: float = 0.0
     "The radius of the body, in metres."
     touches: Sequence[tuple[float, float, float]] | None = None
-    "Time in seconds, x and y of each touch of a wall; `None` without the physics engine."
+    "The time in seconds and the place of each contact with a wall; `None` without physics."
 
     @property
     def end(self) -> int | None:
@@ -89,7 +89,7 @@ def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
 def _anywhere(
     workspace: Workspace, task: AnywhereTask, start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Draw a start pose with a heading that the task allows."""
+    """Draw a start pose with a heading that the task allows, unless `start` is a pose."""
     if start is not None:
         return pose_at(workspace, start, "--start")
     x, y = places_anywhere(workspace, 1, rng)[0].tolist()
@@ -122,7 +122,7 @@ def _physical(
 
 
 def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> int:
-    """Return the start cell of a task; for a filter draw a cell, with `heading` if not `None`."""
+    """Return the start cell of a task. For a filter, draw a cell, with `heading` in degrees."""
     match task:
         case PlanTask():
             return cell_at(cells, str(task.start), f"{task.path}: start")

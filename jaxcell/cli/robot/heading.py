@@ -1,4 +1,4 @@
-"""The option `--heading` of the commands of robots."""
+"""The option `--heading` of `jaxcell robot run` and `jaxcell robot sketch`."""
 
 import math
 
@@ -6,7 +6,7 @@ from ...robot.tasks.task import Task
 
 
 def direction_at(heading: float, directions: int) -> int:
-    """Convert the option `--heading`, in degrees, to a direction."""
+    """Convert the option `--heading`, in degrees, to the number of a direction."""
     turn = heading * directions / 360
     if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
         raise ValueError(
@@ -17,7 +17,7 @@ def direction_at(heading: float, directions: int) -> int:
 
 
 def check_heading(task: Task) -> None:
-    """Raise for a task in which the robot needs a heading, if the heading is unknown."""
+    """Raise for an unknown heading if the steps of the task differ between directions."""
     if task.needs_heading:
         raise ValueError(
             f"--heading: expected the heading of the robot at the start in degrees, because the "

@@ -23,7 +23,7 @@ _SIDES = ("East", "North", "West", "South")
 
 
 def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None) -> None:
-    """Print the outcome of a run for people."""
+    """Print the outcome of a run as a table."""
     observed, cells = summary["observations"], summary["cells"]
     rows: list[tuple[str, object]] = [
         ("result", summary["result"]),
@@ -54,7 +54,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
 
 
 def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
-    """Compute the outcome of a logged run so far; `file` replaces the file of the task, if any."""
+    """Compute the outcome of a logged run so far. `file`, if any, replaces the file in the log."""
     return stopped(_replayed(run, file), run)
 
 
@@ -66,7 +66,7 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
         return replay_member(run)
     path = Path(run.header["file"]) if file is None else file
     if digest(path) != run.header["sha256"]:
-        raise ValueError(f"it is of another {kind} than {path} is now")
+        raise ValueError(f"the log is of another {kind} than {path}")
     match load_task(path, run.header["robot"] if kind == "patrol" else None):
         case FilterTask() as task:
             return replay_follower(run, task.follower(run.header.get("until", "known")))

@@ -21,7 +21,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 def run_before(log: Path, task: AnyTask) -> LoggedRun:
-    """Read the log of the run to resume."""
+    """Read the log of the run to resume, and check that it is an unfinished run of the task."""
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)
@@ -30,7 +30,7 @@ def run_before(log: Path, task: AnyTask) -> LoggedRun:
             continue
         if name == "sha256":
             raise ValueError(
-                f"--resume {log}: it is the log of another {task.header['kind']} than {task.path}"
+                f"--resume {log}: it is the log of another {task.kind} than {task.path}"
             )
         raise ValueError(f"--resume {log}: {name}: the log has {theirs}, {task.path} has {ours}")
     if "direction" not in run.header:

@@ -73,8 +73,8 @@ class RobotRun(Printing):
     limit: AtLeastOne = 10_000
     """Number of observations after which the run ends without an answer."""
     until: Literal["known", "cycle"] = "known"
-    """Condition that ends the run of a filter: a knowledge cycle is reached (cycle), or also only
-    one configuration is possible (known)."""
+    """Condition that ends the run of a filter: a knowledge cycle (cycle), or a knowledge cycle or a
+    single possible configuration, whichever comes first (known)."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20

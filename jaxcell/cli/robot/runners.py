@@ -28,10 +28,10 @@ def runner_of(
     direction: int | None,
     before: LoggedRun | None,
 ) -> Runner:
-    """Choose the function that runs a task, and write the header of its log."""
+    """Return the header of the log of a task, and the function that runs the task."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
-        if getattr(options, name) not in (None, "known") and header["kind"] != kind:
+        if getattr(options, name) not in (None, "known") and task.kind != kind:
             raise ValueError(f"--{name}: it has an effect only for a {kind}")
     match task:
         case FilterTask():
@@ -46,7 +46,7 @@ def runner_of(
         case AnywhereTask():
             if before is not None:
                 raise ValueError(
-                    "--resume: a robot that starts anywhere needs none; start another run"
+                    "--resume: a robot that starts anywhere cannot resume a run; start another run"
                 )
             return header, lambda walker, log: run_anywhere(
                 walker, task.settings, log=log, limit=limit

@@ -62,7 +62,9 @@ def run_robot(options: RobotRun) -> int:
     before = None
     if options.resume is not None:
         if options.simulate is not None and options.start is None:
-            raise ValueError("--resume: expected --start too, the place of the emulated robot")
+            raise ValueError(
+                "--resume: expected --start too, the current pose of the emulated robot"
+            )
         before = run_before(options.resume, task)
     emulation = None
     if options.simulate is not None:
@@ -203,7 +205,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Give the robot its source of distances: encoders, calibration, or clock."""
+        """Wrap a robot by its source of distances: encoders, calibrated encoders, or a clock."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":
@@ -235,7 +237,7 @@ def _direction(
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:
-            raise ValueError("--heading: a robot that starts anywhere has no use for it")
+            raise ValueError("--heading: it has no effect for a robot that starts anywhere")
         return None
     if before is not None:
         direction = before.direction

@@ -30,7 +30,7 @@ class RobotSketch:
     """Heading of the robot at the start in degrees. The filter needs it only if its steps differ
     between directions, for instance because they are longer along a diagonal."""
     minimal: Annotated[bool, Only(file=True)] = False
-    """Merge states of the filter with the same colours after all sequences of observations."""
+    """Merge states that have the same colours after every sequence of observations."""
     smallest: Annotated[bool, Only(file=True, minimal=False)] = False
     """Run the smallest machine with the same outputs for all observations that can occur; it
     detects few impossible observations."""

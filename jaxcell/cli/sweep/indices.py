@@ -23,23 +23,23 @@ class SweepIndices(Printing):
 
     def run(self) -> int:
         with status(f"resampling {self.folder}"):
-            found = sweep.sobol_indices(self.folder)
-        indices = [dataclasses.asdict(one) for one in found]
-        summary = {"out": str(self.folder), "indices": indices}
-        self.report(summary, lambda: show_indices(self.folder, found))
+            indices = sweep.sobol_indices(self.folder)
+        rows = [dataclasses.asdict(index) for index in indices]
+        summary = {"out": str(self.folder), "indices": rows}
+        self.report(summary, lambda: show_indices(self.folder, indices))
         return 0
 
 
-def show_indices(folder: Path, found: "Iterable[sweep.SobolIndex]") -> None:
+def show_indices(folder: Path, indices: "Iterable[sweep.SobolIndex]") -> None:
     rows = [
         (
-            one.variable,
-            ", ".join(f"{name} {value}" for name, value in one.at.items()),
-            one.parameter,
-            _with_interval(one.first_order, one.first_order_interval),
-            _with_interval(one.total, one.total_interval),
+            index.variable,
+            ", ".join(f"{name} {value}" for name, value in index.at.items()),
+            index.parameter,
+            _with_interval(index.first_order, index.first_order_interval),
+            _with_interval(index.total, index.total_interval),
         )
-        for one in found
+        for index in indices
     ]
     heads = ("variable", "at", "parameter", "first order (95 %)", "total (95 %)")
     empty = not any(row[1] for row in rows)

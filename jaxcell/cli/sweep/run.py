@@ -79,7 +79,7 @@ class Sweep(Printing):
                 # Treat SIGTERM like Ctrl-C.
                 handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
                 stack.callback(signal.signal, signal.SIGTERM, handler)
-                found = sweep.run_sweep(
+                state = sweep.run_sweep(
                     spec,
                     out,
                     engine=engine,
@@ -97,7 +97,7 @@ class Sweep(Printing):
             note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
             return 130
         seconds = time.perf_counter() - began
-        if self.netcdf and found.complete:
+        if self.netcdf and state.complete:
             with (
                 status("writing sweep.nc"),
                 replacing(out / "sweep.nc") as temporary,
@@ -105,16 +105,16 @@ class Sweep(Printing):
                 reading(out),
             ):
                 dataset.to_netcdf(temporary)
-        show_status(out, found, self.json, seconds=round(seconds, 3))
-        if self.max_failures is not None and len(found.failures) > self.max_failures:
+        show_status(out, state, self.json, seconds=round(seconds, 3))
+        if self.max_failures is not None and len(state.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
         if chunks is not None:
-            note(f"This shard is {len(chunks):,} of the {found.chunks:,} chunks")
+            note(f"This shard is {len(chunks):,} of the {state.chunks:,} chunks")
             note(f"After all shards: {own_command('jaxcell')} sweep merge {whole}")
-            return 1 if found.failures else 0
-        if not found.complete:
+            return 1 if state.failures else 0
+        if not state.complete:
             note("To compute the rest: the same command with --resume")
-        return 0 if found.complete else 1
+        return 0 if state.complete else 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -129,9 +129,9 @@ class SweepState(Printing):
     """Folder of the sweep."""
 
     def run(self) -> int:
-        found = sweep.sweep_status(self.folder)
-        show_status(self.folder, found, self.json)
-        return 0 if found.complete else 1
+        state = sweep.sweep_status(self.folder)
+        show_status(self.folder, state, self.json)
+        return 0 if state.complete else 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -149,48 +149,48 @@ class SweepMerge(Printing):
     def run(self) -> int:
         prepare_tasks()
         with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:
-            found = sweep.merge_sweep(self.folder, progress=show)
-        show_status(self.folder, found, self.json)
-        return 0 if found.complete else 1
+            state = sweep.merge_sweep(self.folder, progress=show)
+        show_status(self.folder, state, self.json)
+        return 0 if state.complete else 1
 
 
-def show_status(folder: Path, found: "sweep.SweepStatus", as_json: bool, **more: Any) -> None:
+def show_status(folder: Path, state: "sweep.SweepStatus", as_json: bool, **more: Any) -> None:
     failures = [
-        {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
-        for one in found.failures
+        {"chunk": each.chunk, "parameters": dict(each.parameters), "message": each.message}
+        for each in state.failures
     ]
     if as_json:
         names = ("task", "members", "chunks", "done", "damaged", "running")
         summary = {
             "out": str(folder),
-            **{name: getattr(found, name) for name in names},
-            "dimensions": dict(found.dimensions),
+            **{name: getattr(state, name) for name in names},
+            "dimensions": dict(state.dimensions),
             "failed": len(failures),
             "failures": failures,
-            "members_per_second": found.rate,
-            "seconds_left": found.left,
+            "members_per_second": state.rate,
+            "seconds_left": state.left,
         }
         print(json.dumps({**summary, **more}))
         return
     rows = [
-        ("members", " x ".join(f"{size:,} {name}" for name, size in found.dimensions.items())),
-        ("chunks done", f"{found.done:,} of {found.chunks:,}"),
-        ("members failed", f"{len(found.failures):,}"),
+        ("members", " x ".join(f"{size:,} {name}" for name, size in state.dimensions.items())),
+        ("chunks done", f"{state.done:,} of {state.chunks:,}"),
+        ("members failed", f"{len(state.failures):,}"),
     ]
-    if found.damaged:
-        rows.append(("chunks damaged", f"{found.damaged:,}"))
-    if found.running is not None:
-        rows.append(("at work", found.running))
-    if found.rate is not None and found.left is not None:
-        rows.append(("members per second", f"{found.rate:,.3g}"))
-        rows.append(("time left", duration(found.left)))
-    table(f"{folder}: {found.task}", ("the sweep", ""), rows)
-    for failure in found.failures[:_MAX_FAILURES]:
+    if state.damaged:
+        rows.append(("chunks damaged", f"{state.damaged:,}"))
+    if state.running is not None:
+        rows.append(("at work", state.running))
+    if state.rate is not None and state.left is not None:
+        rows.append(("members per second", f"{state.rate:,.3g}"))
+        rows.append(("time left", duration(state.left)))
+    table(f"{folder}: {state.task}", ("the sweep", ""), rows)
+    for failure in state.failures[:_MAX_FAILURES]:
         note(in_a_line(failure))
-    if found.failures:
-        others = "... and others: " * (len(found.failures) > _MAX_FAILURES)
+    if state.failures:
+        others = "... and others: " * (len(state.failures) > _MAX_FAILURES)
         note(f"{others}{folder / 'failures.json'} has their tracebacks")
-    if found.damaged:
+    if state.damaged:
         note(f"To repair the damage: {own_command('jaxcell')} sweep verify {folder}")
     if (folder / "sweep.zarr").is_dir():
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')

@@ -33,19 +33,23 @@ class SweepVerify(Printing):
     def run(self) -> int:
         prepare_tasks()
         with stdout_on_stderr(), status(f"reading {self.folder}"):
-            found = sweep.verify_sweep(self.folder, engine=self.engine, workers=self.workers)
-        counts = {"chunks": found.chunks, "recomputed": found.recomputed, "done": found.status.done}
+            checked = sweep.verify_sweep(self.folder, engine=self.engine, workers=self.workers)
+        counts = {
+            "chunks": checked.chunks,
+            "recomputed": checked.recomputed,
+            "done": checked.status.done,
+        }
         if self.json:
-            damaged = {"damaged": list(found.damaged), "whole": found.whole}
+            damaged = {"damaged": list(checked.damaged), "whole": checked.whole}
             print(json.dumps({"out": str(self.folder), **counts, **damaged}))
         else:
-            done = f"{found.status.done:,} of {found.status.chunks:,}"
-            rows: list[tuple[str, object]] = [("chunks checked", found.chunks)]
-            rows += [("damaged", len(found.damaged)), ("recomputed", found.recomputed)]
+            done = f"{checked.status.done:,} of {checked.status.chunks:,}"
+            rows: list[tuple[str, object]] = [("chunks checked", checked.chunks)]
+            rows += [("damaged", len(checked.damaged)), ("recomputed", checked.recomputed)]
             rows += [("chunks done", done)]
-            table(f"{self.folder}: {found.status.task}", ("the sweep", ""), rows)
-            for one in found.damaged[:_MAX_LISTED]:
-                note(f"damaged: {one}")
-            if len(found.damaged) > _MAX_LISTED:
-                note(f"... and others: {len(found.damaged) - _MAX_LISTED:,}")
-        return 0 if found.whole else 1
+            table(f"{self.folder}: {checked.status.task}", ("the sweep", ""), rows)
+            for damage in checked.damaged[:_MAX_LISTED]:
+                note(f"damaged: {damage}")
+            if len(checked.damaged) > _MAX_LISTED:
+                note(f"... and others: {len(checked.damaged) - _MAX_LISTED:,}")
+        return 0 if checked.whole else 1

@@ -50,18 +50,18 @@ class SweepView:
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
-        found = sweep.sweep_status(self.folder)
+        state = sweep.sweep_status(self.folder)
         with SweepStore(self.folder) as store:
             spec = store.spec
         if self.select:
-            return self._member(spec, found.failures)
-        failures = [in_a_line(one) for one in found.failures]
+            return self._member(spec, state.failures)
+        failures = [in_a_line(failure) for failure in state.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with sweep.open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
                 dataset.load()
             record.log_sweep(out, dataset, failures=failures)
-        if spec.has_indices and found.complete:
+        if spec.has_indices and state.complete:
             show_indices(self.folder, sweep.sobol_indices(self.folder))
         return _open(out)
 
@@ -77,7 +77,7 @@ class SweepView:
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
-            messages = [one.message for one in failures if one.index == places]
+            messages = [failure.message for failure in failures if failure.index == places]
             reason = "; ".join(messages) if state == 2 else "it is not computed yet"
             note(f"The member {name} has no result: {reason}")
             return 1
@@ -127,35 +127,37 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     values = dict(_values(spec))
     listed = ", ".join(values)
     places: dict[str, int] = {}
-    for one in given:
-        name, equals, value = one.partition("=")
+    for option in given:
+        name, equals, value = option.partition("=")
         if not equals or name not in values:
-            raise ValueError(f"--select {one}: expected NAME=VALUE with a name among {listed}")
+            raise ValueError(f"--select {option}: expected NAME=VALUE with a name among {listed}")
         if name in places:
-            raise ValueError(f"--select {one}: {name} comes twice")
-        places[name] = _place(one, value, values[name])
-    for name, some in values.items():
-        if name not in places and len(some) > 1:
+            raise ValueError(f"--select {option}: {name} comes twice")
+        places[name] = _place(option, value, values[name])
+    for name, choices in values.items():
+        if name not in places and len(choices) > 1:
             raise ValueError(
                 f"--select: expected a value for each of {listed}; {name} is missing, one of "
-                f"{_listed(some)}"
+                f"{_listed(choices)}"
             )
     return {name: places.get(name, 0) for name in values}
 
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """Return all parameters of a member, including those that all members share."""
-    own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
+    """Return all parameters of a member, including the parameters that all members share."""
+    own = {each.name: each.values[places[each.dimension]].item() for each in spec.parameters}
     return {**spec.fixed, **own}
 
 
 def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
-    return [(name, some[places[name]]) for name, some in _values(spec)]
+    return [(name, choices[places[name]]) for name, choices in _values(spec)]
 
 
 def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
     """Return the values that identify members along each dimension."""
-    own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
+    own = {
+        each.name: each.values.tolist() for each in spec.parameters if each.name == each.dimension
+    }
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
 
 
@@ -186,9 +188,9 @@ def _listed(values: Sequence[Any]) -> str:
 
 def _show(name: str, member: "xr.Dataset") -> None:
     rows = [
-        (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
-        for key, one in member.data_vars.items()
-        if key != "status" and not one.dims and one.dtype.kind in "biuf"
+        (array.attrs.get("long_name", key), f"{array.item():.6g}", array.attrs.get("units", ""))
+        for key, array in member.data_vars.items()
+        if key != "status" and not array.dims and array.dtype.kind in "biuf"
     ]
     table(f"In the sweep: {name}", ("variable", "value", "unit"), rows)
 

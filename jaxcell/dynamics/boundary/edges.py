@@ -34,40 +34,40 @@ _SAME = 0.5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EdgeStates:
-    """Saddles on the boundaries of basins: orbits on a boundary go to them."""
+    """Edge states: saddles on boundaries of basins, which attract the orbits on the boundary."""
 
     first: Int[np.ndarray, "edges"]
-    "The smaller number of the two attractors beside the edge state."
+    "The attractor on one side of each edge state, the one with the smaller number."
     second: Int[np.ndarray, "edges"]
-    "The larger number of the two attractors beside the edge state."
+    "The attractor on the other side of each edge state."
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
-    "The period of a point, in mappings; 0 for a cycle of a flow or a chaotic edge state."
+    "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
     multipliers: Complex[np.ndarray, "edges axes"]
-    "The eigenvalues of the derivative after a period, the largest first; NaN without a period."
+    "The eigenvalues of the derivative after a period, the largest first; NaN if the period is 0."
     orbit: Float[np.ndarray, "edges window axes"]
     "An orbit near each edge state."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
-        """Number of directions in which points leave each edge state; -1 without a period."""
+        """Number of directions in which points leave each edge state; -1 if it has no period."""
         count = np.count_nonzero(np.abs(self.multipliers) > 1, axis=1)
         return np.where(self.period > 0, count, -1)
 
 
 def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStates:
-    """Find the edge states between basins, the saddles to which orbits on a boundary lead.
+    """Find the edge states between basins: saddles that attract the orbits on a boundary.
 
-    The segment between neighbouring cells of two basins is cut until two points that are nearly
-    equal lead to different attractors. Both are mapped until they have separated, and the segment
-    between them is cut again: so the pair follows the boundary, on which the edge state attracts
+    A segment between neighbouring cells of two basins is cut until its ends are nearly equal and
+    still lead to different attractors. Both ends are mapped until they have separated, and the
+    segment between them is cut again. So the pair of points follows the boundary to the edge state
     (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of points.
     An edge state with one unstable direction is the state that a transition by weak noise passes.
 
     **Arguments:** a map, its basins, and a function that is called with the progress. **Returns:**
-    the edge states of at most 32 pairs of neighbouring basins, from three places on the boundary of
-    each.
+    the edge states of at most 32 pairs of neighbouring basins, which are searched from three places
+    on the boundary of each pair.
 
     The middle of a double well, between the attractors -1 and 1:
 
@@ -81,10 +81,6 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
     """
     box = basins.box
     ends = _starts(basins)
-    if not len(ends):
-        nothing = np.zeros((0, box.dimensions))
-        none = np.zeros(0, np.int64)
-        return EdgeStates(none, none, nothing, none, nothing + 0j, nothing[:, None])
     owner = attractor_owners(box, basins.attractor_cells)
     kind = jnp.zeros(()).dtype
     narrow, wide = (float(jnp.finfo(kind).eps) ** power for power in (_NARROW, _WIDE))
@@ -95,7 +91,7 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
         reached, _ = orbit_ends(map, box, basins.params, owner, flat, follow=basins.follow)
         return reached.reshape(points.shape[:-1])
 
-    labels = label(ends)
+    labels = label(ends) if len(ends) else np.zeros((0, 2), int)
     differ = (labels[:, 0] != labels[:, 1]) & (labels >= 0).all(axis=1)
     ends, labels = ends[differ], labels[differ]
     orbit = np.zeros((len(ends), _ROUND, box.dimensions))
@@ -158,7 +154,7 @@ def _cut(
         reached[:, 0], reached[:, -1] = labels[:, 0], labels[:, 1]
         before, after = reached[:, :-1], reached[:, 1:]
         changes = before != after
-        # A change between the same two attractors is preferred to others.
+        # A change between the same two attractors is preferred to other changes.
         same = changes & np.isin(before, labels) & np.isin(after, labels)
         changes = np.where(same.any(axis=1, keepdims=True), same, changes)
         at = changes.argmax(axis=1)
@@ -236,7 +232,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the index in each orbit of the point that returns nearest, and the distance in cells."""
+    """Find the index of the point of each orbit that returns nearest, and its distance in cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)
@@ -245,7 +241,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Choose edge states that differ: of several whose orbits meet, the first."""
+    """Return the indices of the edge states whose orbits meet no earlier edge state."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

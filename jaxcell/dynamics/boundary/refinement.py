@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int
 from ...space.box import Box
 from ...space.cells import TOLERANCE
 from ..basin import Basins
-from ..batches import slices, with_last
-from ..imaging import check_begin, check_map, mapped_points
+from ..batches import slices
+from ..imaging import check_begin, check_map
 from ..maps import Map
 from ..orbits import VISITS, attractor_owners, orbit_ends
+from ..recurrent import grid_images
 
 
 # Number of points per level that sample cells without cuts, divided by those of a neighbourhood.
@@ -41,15 +42,15 @@ class Refined(NamedTuple):
 
 
 def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
-    """Refine the boundaries of basins.
+    """Halve the cells at the boundaries of basins repeatedly.
 
-    A cell with another basin beside it is cut in two along each axis, and the centres of its parts
-    are mapped until they reach a cell that has its own basin on all sides. Parts with another basin
-    beside them are cut again. A fractal boundary also passes between cells of one basin, which are
-    not cut. So random points of the whole box, at the finest level, are followed to their
-    attractors, and correct the shares. If such a point shows that its cell contains a basin that is
-    not beside it, the boundary counts as fractal: all points are followed to their attractors, and
-    the share of cells at the boundary is estimated by the random points.
+    A cell next to a cell of another basin is cut in two along each axis. The centres of its parts
+    are mapped until they reach a cell that is next to its own basin only. Parts next to another
+    basin are cut again. A fractal boundary also passes between cells of one basin, which are not
+    cut. So random points of the whole box are followed to their attractors, and correct the shares.
+    The boundary counts as fractal if such a point leads to another attractor than its cell,
+    although the cell is not at a boundary. Then the centres of all parts are followed to their
+    attractors, and the random points also estimate the share of cells at the boundary.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
@@ -85,7 +86,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     for level in range(1, levels + 1):
         new = _halved(box, keys[-1][edge], level)
         label = _ends(map, basins, owner, visits, _centres(box, new, level))
-        # The volume of the cells is replaced by that of their parts.
+        # The volume of the parts replaces the volume of their cells.
         share = 0.5 ** (level * box.dimensions)
         volume -= share * parts * np.bincount(labels[-1][edge] + 1, minlength=volume.size)
         volume += share * np.bincount(label + 1, minlength=volume.size)
@@ -116,11 +117,11 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
 def relative_attractor(
     map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
 ) -> Float[np.ndarray, "cells axes"]:
-    """Cover the points that have always been in a box, by repeatedly halving and dropping cells.
+    """Cover the relative global attractor: the points with a past orbit that never left a box.
 
-    Cells that are not reached from any cell of the cover are dropped, the rest are cut in two along
-    each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors
-    in the box, and the unstable sets that lead to them.
+    Cells to which no cell of the cover is mapped are dropped, the other cells are cut in two along
+    each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the
+    attractors in the box, and the unstable sets that lead to them.
 
     **Arguments:** a map, a box and parameters; the number of times that cells are halved; and the
     number of points of a cell along each axis, from face to face, at least 2. **Returns:** the
@@ -136,22 +137,18 @@ def relative_attractor(
     """
     check_map(map, box, params)
     check_begin(map, box, params)
-    place = np.linspace(-0.5, 0.5, samples)
-    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
     keys = np.arange(box.size)
     for level in range(levels + 1):
         keys = _halved(box, keys, level) if level else keys
-        points = _centres(box, keys, level)[:, None] + offsets / 2**level
-        hit = []
-        for k in range(0, keys.size, _PART):
-            part = with_last(points[k : k + _PART], _PART)
-            hit.append(_keys_of(box, np.asarray(mapped_points(map, params, part)), level))
+        width, centres = box.width / 2**level, _centres(box, keys, level)
+        images = grid_images(map, params, centres, width, samples, _PART)
+        hit = [_keys_of(box, points, level) for points in images]
         keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
     return _centres(box, keys, levels)
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells of a level that contain points; points outside are ignored."""
+    """Return the cells, after `level` halvings, that contain points; points outside are ignored."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -164,14 +161,14 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Cut cells of the previous level into their parts, the cells of a level."""
+    """Halve cells along each axis. Returns the numbers of the parts, after `level` halvings."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """Return the coordinates of cells of a level, whose `keys` may exceed 32 bits."""
+    """Return the grid coordinates of cells after `level` halvings, from their numbers `keys`."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 
@@ -199,7 +196,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield points moved by a cell of a level in each direction, and the points themselves."""
+    """Yield copies of points, moved by -1, 0 or 1 cell along each axis, after `level` halvings."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -213,7 +210,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basins at places of the finest level, from the finest cells that hold them."""
+    """Return the basin at each place: the basin of the finest known cell that contains it."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
@@ -232,7 +229,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basins of points, by the owners of the cells that they reach."""
+    """Return the attractor of each point, -1 for none; `owner` is the attractor of each cell."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -14,9 +14,9 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""The share of points that may disagree with their orbits after a remedy."""
+"""Largest share of points that disagree with their orbits after a successful remedy."""
 DOUBTFUL = 0.05
-"""The share of random starts that disagree with their orbits, above which remedies are tried."""
+"""Remedies are tried if a larger share of random starts disagrees with their orbits."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
 _POINTS = 1 << 10
 _HALVINGS = 2
@@ -33,11 +33,11 @@ class Trial:
     """Remedies for basins where cells and orbits disagree, tried on a sample of points."""
 
     follow: int | None
-    "Number of mappings outside the box with which basins by orbits agree, or `None`."
+    "The argument `follow` with which basins by orbits agree with sampled orbits, or `None`."
     points: int = 0
     "Number of points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "The share of points that disagree, with the cells, and with cells of half and quarter width."
+    "The share of points that disagree, for the cells, and for cells of half and quarter width."
     cells: tuple[int, ...] | None = None
     """Numbers of cells along the axes with which, by extrapolation, 2 % of the points disagree;
     `None` if finer cells do not help, or if 32 bits cannot number them."""
@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate the numbers of cells along the axes with which enough cells are right."""
+    """Extrapolate the shares `wrong` to the numbers of cells along the axes for a share `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

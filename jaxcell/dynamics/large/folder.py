@@ -15,10 +15,7 @@ class Folder:
     """
 
     def __init__(self, path: str | Path, made_from: str) -> None:
-        """Create the folder; `made_from` is a digest of the map, the box and the options.
-
-        **Raises:** `ValueError` if the folder has arrays with another digest.
-        """
+        """Create or open a folder; `made_from` is a digest of the map, the box and the options."""
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)
         self._record = self.path / "work.json"
@@ -29,7 +26,7 @@ class Folder:
             if record["made_from"] != made_from:
                 raise ValueError(
                     f"folder: {self.path} has arrays of another map, box or options; give another "
-                    "folder, or remove it"
+                    "folder, or remove this one"
                 )
             self.done = record["done"]
         self._made_from = made_from

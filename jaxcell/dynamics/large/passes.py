@@ -2,8 +2,8 @@
 
 A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
 cells without a mark; the level of a cell is the number of the pass that dropped it. The few cells
-that remain of a dissipative map are walked in memory. Passes back, from the last level to the
-first, then copy the group of the image of each cell, and add one to its steps.
+that remain of a dissipative map are walked in memory. Passes in the reverse order, from the last
+level to the first, then give each dropped cell the group of its image, and one step more.
 
 A pass may be repeated, so a killed computation continues with its unfinished pass.
 """
@@ -35,8 +35,6 @@ def groups_in_passes(
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in a folder.
 
     Memory holds one byte per cell, and 16 bytes per cell that remains after the passes.
-
-    **Raises:** `MemoryError` if too many cells remain, as for a map that preserves volumes.
     """
     size = image.size
     level = folder.array("level", np.uint8, size)

@@ -103,9 +103,6 @@ def stored_basins(
     durations differ between cells. `numpy.load("basin.npy", mmap_mode="r")` opens an array of the
     folder.
 
-    **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
-    room; `MemoryError` if too many cells remain.
-
     A box of few cells:
 
         >>> import tempfile
@@ -148,7 +145,7 @@ def _check_disk(files: Folder, box: Box) -> None:
 
 
 def _digest(map: Map, box: Box, params: Any, follow: int) -> str:
-    """Identify a map by its operations and constants, and its box and options."""
+    """Compute a digest of a map (its operations and constants), a box and options."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     traced = jax.make_jaxpr(map)(middle, params)
     known = hashlib.sha256(str(traced).encode())

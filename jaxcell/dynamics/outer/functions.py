@@ -1,12 +1,13 @@
 """Exponentials, logarithms and sines of intervals, from sums and products alone.
 
-The functions of processors and their libraries differ, and none states its error. These are short
-series of sums, products and quotients, whose error is bounded by the number of their roundings,
-whether or not a compiler merges products and sums. The ends move outward by more than this bound.
+The functions of processors and their libraries differ, and none states its error. The functions
+here are short series of sums, products and quotients. The number of their roundings bounds their
+error, whether or not a compiler merges products and sums. The ends move outward by more than this
+bound, in units of the distance to the next 64-bit number (ulp):
 
-    exp    8 numbers of 64 bits: 2 for the remainder by log 2, 4 for the series, 14 terms
-    log    8 numbers: 2 for the quotient, 4 for the series, 12 terms, 2 for the exponent
-    sin    2^-49: 3 x 2^-53 for the remainder by pi, 2^-52 for the series, 11 terms
+    exp    8 ulp: errors of 2 from the reduction by log 2, and of 4 from the series of degree 14
+    log    8 ulp: errors of 2 from the quotient, 4 from the series of degree 25, 2 from the exponent
+    sin    2^-49: errors of 3 x 2^-53 from the reduction by pi, 2^-52 from the series of degree 21
 """
 
 import math
@@ -107,12 +108,12 @@ def logistic(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: Interval) -> Interval:
-    """Enclose real powers, which numbers below 0 do not have."""
+    """Enclose real powers; intervals that reach below 0 become the whole line."""
     return unless(a.lower < 0, exp(mul(exponent, log(a))))
 
 
 def _wave(a: Interval, first: float) -> Interval:
-    """Enclose the sine that starts `first` half turns after its rise through 0."""
+    """Enclose `sin(x + first * pi)` for all `x` in an interval."""
     lower, upper = (polynomial(jnp.clip(x, -_FARTHEST, _FARTHEST), first) for x in a)
     low = jnp.minimum(lower, upper) - _SINE_ERROR
     high = jnp.maximum(lower, upper) + _SINE_ERROR

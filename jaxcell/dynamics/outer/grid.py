@@ -39,10 +39,7 @@ class Grid:
 
     @property
     def faces(self) -> list[Float[np.ndarray, "faces"]]:
-        """The faces between cells along each axis.
-
-        **Raises:** `ValueError` if cells are smaller than the distance of two 64-bit numbers.
-        """
+        """The faces between cells along each axis."""
         each = []
         for axis, count in enumerate(self.counts):
             low, high = self.box.lower[axis], self.box.upper[axis]
@@ -115,8 +112,6 @@ class Grid:
         """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
 
         `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
-
-        **Raises:** `MemoryError` for more edges than fit into memory.
         """
         # A block is a set of rows along the last axis, each of which is a range of cells.
         *leading, count = self.counts
@@ -156,7 +151,7 @@ def _check(needed: int) -> None:
 
 
 def _ranks(cells: Int[np.ndarray, "cells"], size: int) -> Callable[[Any], Any]:
-    """Return a function that counts the cells with smaller numbers."""
+    """Return a function that counts the cells whose number is below its argument."""
     if size > max(_TABLE, _TABLE_PER_CELL * cells.size):
         return lambda numbers: np.searchsorted(cells, numbers)
     present = np.zeros(size + 1, np.int32)

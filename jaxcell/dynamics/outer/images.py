@@ -12,7 +12,7 @@ import scipy.spatial
 from jaxtyping import Float
 
 from ...base.precision import require_x64
-from ..batches import in_threads, with_last
+from ..batches import in_threads, padded
 from ..imaging import mapped_points
 from ..maps import Map
 from .transform import enclose
@@ -54,14 +54,8 @@ class Intervals:
         for leaf in jax.tree.leaves(params):
             if not np.isfinite(leaf).all():
                 raise ValueError(f"params: expected finite numbers, got {leaf}")
-
-        def part(k: int) -> Boxes:
-            ends = (with_last(x[k : k + _PART], _PART) for x in (lower, upper))
-            images = _enclosed(self.map, self.mean_value, params, *ends)
-            low, high = (np.asarray(x)[: len(lower) - k] for x in images)
-            return low, high
-
-        return _joined(part, lower)
+        enclosed = functools.partial(_enclosed, self.map, self.mean_value, params)
+        return _in_parts(enclosed, lower, upper)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "mean_value"))
@@ -72,13 +66,13 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Images as boxes around the images of some points: usual and fast, but without proof."""
+    """Boxes around the images of some points of a box: the usual, fast method, without proof."""
 
     map: Map
     points: int = 2
     "Number of points along each axis of a box, from face to face; 1 for its centre."
     padding: float = 0.0
-    "Lengths of the box that are added on all sides of its image."
+    "Width that is added on all sides of an image, in widths of the box."
     proof = ""
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
@@ -86,20 +80,24 @@ class Corners:
         place = np.linspace(0, 1, self.points) if self.points > 1 else np.full(1, 0.5)
         place = np.array(list(itertools.product(place, repeat=lower.shape[1])))
 
-        def part(k: int) -> Boxes:
-            low, high = (with_last(x[k : k + _PART], _PART)[:, None] for x in (lower, upper))
+        def around(lower: Any, upper: Any) -> Boxes:
+            low, high = lower[:, None], upper[:, None]
             points = np.where(place == 1, high, low + place * (high - low))
-            images = np.asarray(mapped_points(self.map, params, points))[: len(lower) - k]
+            images = np.asarray(mapped_points(self.map, params, points))
             # `fmin` and `fmax` leave out images that are no numbers.
             return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
 
-        low, high = _joined(part, lower)
+        low, high = _in_parts(around, lower, upper)
         pad = self.padding * (upper - lower)
         return low - pad, high + pad
 
 
-def _joined(part: Callable[[int], Boxes], lower: Any) -> Boxes:
-    """Compute images in parts of one size, on two threads."""
+def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxes:
+    """Compute the images of boxes in parts of one size, on two threads."""
+
+    def part(k: int) -> Any:
+        return padded(images, [lower[k : k + _PART], upper[k : k + _PART]], _PART)
+
     parts = [(lower[:0], lower[:0]), *in_threads(part, range(0, len(lower), _PART))]
     low, high = (np.concatenate(ends) for ends in zip(*parts, strict=True))
     return low, high
@@ -118,7 +116,7 @@ class Samples:
     values: Float[np.ndarray, "samples axes"]
     "The images of the points."
     lipschitz: Float[np.ndarray, "axes axes"] | float
-    "The bounds of slopes, or one bound for all."
+    "The bound of each slope, or one bound for all slopes."
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
@@ -163,6 +161,6 @@ class Samples:
             row = int(np.argmax((low > high).any(axis=1)))
             raise ValueError(
                 f"lipschitz: the samples near {at[row, 0].tolist()} contradict the bound; give a "
-                "larger one"
+                "larger bound"
             )
         return low, high

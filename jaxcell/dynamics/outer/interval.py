@@ -50,7 +50,7 @@ def point(value: Any) -> Interval:
 
 
 def up(x: Any, numbers: int = 1) -> Any:
-    """Move up by several 64-bit numbers, to infinity at most."""
+    """Move a number up to the next 64-bit number, `numbers` times, at most to infinity."""
     bits = lax.bitcast_convert_type(x, jnp.int64)
     moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
     moved = lax.bitcast_convert_type(moved, jnp.float64)
@@ -58,7 +58,7 @@ def up(x: Any, numbers: int = 1) -> Any:
 
 
 def down(x: Any, numbers: int = 1) -> Any:
-    """Move a number down by several numbers of 64 bits."""
+    """Move a number down to the next 64-bit number, `numbers` times."""
     return -up(-x, numbers)
 
 
@@ -78,7 +78,7 @@ def within(a: Interval, lower: float, upper: float) -> Interval:
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose between intervals by a mask that is certain."""
+    """Choose one of two intervals by a mask without uncertain values."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -88,7 +88,7 @@ def unless(undefined: Any, a: Interval) -> Interval:
 
 
 def monotone(function: Callable[[Any], Interval], a: Interval) -> Interval:
-    """Apply an increasing function, which encloses its value at a point."""
+    """Enclose an increasing function; `function` encloses its value at a point."""
     if a.lower is a.upper:
         return function(a.lower)
     return Interval(function(a.lower).lower, function(a.upper).upper)
@@ -176,7 +176,7 @@ def _ends(a: Interval) -> tuple[Any, ...]:
 
 
 def _unlimited(x: Any) -> Any:
-    """Replace 0 times infinity, and infinity over infinity, by 0; other ends enclose more."""
+    """Replace NaN by 0: 0 times infinity is 0, and other ends enclose infinity over infinity."""
     return jnp.where(jnp.isnan(x), 0.0, x)
 
 

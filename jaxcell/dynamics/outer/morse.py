@@ -34,7 +34,7 @@ class MorseCertificate:
 
     @property
     def proved(self) -> bool:
-        """True if images of boxes contain all images of points."""
+        """`True` if images of boxes contain all images of points."""
         return bool(self.proof)
 
     @property
@@ -166,9 +166,6 @@ def morse_sets(
     **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets]; sets that lead to no other set come
     first.
 
-    **Raises:** `ValueError` for a primitive without a rule for intervals; `RuntimeError` without
-    64-bit numbers; `MemoryError` for too many boxes.
-
     A saddle in the middle leads to both ends:
 
         >>> from jaxcell import dynamics, space
@@ -286,9 +283,9 @@ def _within(graph: csr_array, component: Int[np.ndarray, "boxes"]) -> csr_array:
 
 
 def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarray, "sets sets"]:
-    """Find the pairs of sets of the last level of which the first leads to the second.
+    """Find all pairs of sets `i` and `j` of the last level such that `i` leads to `j`.
 
-    A pair is decided at the first level where different components contain both sets.
+    A pair is decided at the first level where the two sets are in different components.
     """
     leads = np.zeros((sets.size, sets.size), bool)
     here = sets

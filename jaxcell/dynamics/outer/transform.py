@@ -1,4 +1,4 @@
-"""The interval transform: a program of JAX becomes one that encloses its values on a box.
+"""The interval transform: a program of JAX becomes a program that encloses its values on a box.
 
 The program is traced, and each of its primitives is replaced by a rule for intervals. Boxes are
 batched by `jax.vmap`, and the result is compiled by `jax.jit`, as the program itself.
@@ -29,8 +29,8 @@ def enclose(
 ) -> tuple[Float[Array, "axes"], Float[Array, "axes"]]:
     """Enclose the image of a box under a map, with outward rounding.
 
-    The map is that of real arithmetic, with the constants of the program. Points whose image is not
-    a real number, such as the logarithm of a negative number, have no image.
+    The result encloses the images that the program of the map would have in real arithmetic. Points
+    whose image is not a real number, such as the logarithm of a negative number, have no image.
 
     **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
     intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
@@ -38,8 +38,6 @@ def enclose(
     both results on the box.
 
     **Returns:** the lower and upper corners of the image.
-
-    **Raises:** `ValueError` that names a primitive without a rule.
 
     The sine has a crest in this interval:
 
@@ -92,8 +90,8 @@ def enclose(
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
     """Evaluate a program on intervals, in place of floating-point arguments, and on other arrays.
 
-    Masks are added to `decided`: `False` if a comparison may have both results. Floating-point
-    results are intervals, and so are uncertain other results.
+    Floating-point results are intervals, and so are other results if they are uncertain. For each
+    comparison, a mask is added to `decided`, `False` where the comparison may have both results.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
@@ -147,7 +145,7 @@ def _results(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 
 def _interval(value: Any) -> Interval:
-    """Return an interval; whole numbers, which are certain, become an interval of one point."""
+    """Convert a value to an interval; whole numbers, which are certain, become one point."""
     return value if isinstance(value, Interval) else Interval(value, value)
 
 
@@ -285,7 +283,7 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Make a rule of a function of intervals."""
+    """Make a rule of the transform from a function of intervals."""
     return lambda _, __, *values: function(*map(_interval, values))
 
 

@@ -50,9 +50,6 @@ def leading_modes(
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
-    **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not
-    converge.
-
     Two pairs of cells, with a step between them one time in ten:
 
         >>> import numpy as np

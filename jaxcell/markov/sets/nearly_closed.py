@@ -87,15 +87,12 @@ def almost_invariant_sets(
         are in no set.
     - `steps`, `start`: the number of steps of the window, by default one per phase of a sequence of
         chains; the phase of the first step.
-    - `blur`: a chain of steps to neighbouring cells, for example, which follows the window in the
-        search. Without it, a single cell that is mapped to itself is a set. The leakage does not
+    - `blur`: a chain that follows the window in the search, for example of steps to neighbouring
+        cells. Without it, a single cell that is mapped to itself is a set. The leakage does not
         contain the blur.
 
     **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
     2-norm by which the matrix moves a unit vector out of the span of the eigenvectors.
-
-    **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
-    eigenvalues do not converge.
 
     Two pairs of cells, with a step between them one time in ten:
 
@@ -127,8 +124,8 @@ def coherent_sets(
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and
     the right singular vectors are rotated by the same matrix, and cut at the same threshold.
 
-    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the sets and
-    the singular values.
+    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the sets and the singular
+    values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 
@@ -160,8 +157,8 @@ def attracting_regions(
     (Froyland, Stuart and van Sebille 2014). A region is the fewest cells with nine tenths of this
     mass.
 
-    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the basins as
-    `begin`, and the regions in them as `end`.
+    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the basins as `begin`, and
+    the regions in them as `end`.
 
     Cells 0 and 3 gather the mass of cells 1 and 2, and lose a little to each other:
 
@@ -312,7 +309,7 @@ class _Search:
 
 
 def _members(values: _Functions, mass: _Mass, level: _PerSet | float) -> _Labels:
-    """Return the set of each cell, that with the largest value, or -1 below its level."""
+    """Assign each cell to the set with the largest value there, or -1 if it is below `level`."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
     return np.where(above & (mass > 0), largest, -1)
@@ -331,24 +328,19 @@ def _rotation(
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root
     _, pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
-    rotation = _orthogonal(basis[pivots[: basis.shape[1]]].T)
+    rotation, _ = scipy.linalg.polar(basis[pivots[: basis.shape[1]]].T)
     for _ in range(_MAX_ROUNDS):
         turned = basis @ rotation
         small = turned - turned.clip(-shrink, shrink)
         before = rotation
-        rotation = _orthogonal(
+        # The first factor is the nearest orthogonal matrix.
+        rotation, _ = scipy.linalg.polar(
             basis.T @ (small / np.maximum(np.linalg.norm(small, axis=0), _STILL))
         )
         if np.abs(rotation - before).max() <= _STILL:
             break
     sign = np.where(np.sum(root * small, axis=0) < 0, -1.0, 1.0)
     return rotation * sign
-
-
-def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "rows rows"]:
-    """Return the orthogonal matrix nearest to a matrix."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ right
 
 
 def _densest(mass: _Functions) -> np.ndarray:

@@ -29,7 +29,7 @@ _SEED = 0
 class Window:
     """Several steps of a chain, or of consecutive chains, taken as one step.
 
-    Its matrix, the product of theirs, is never computed, because it would not be sparse.
+    The product of the matrices of all steps is never computed, because it would not be sparse.
     """
 
     matrices: tuple[scipy.sparse.csr_array, ...]
@@ -37,10 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take a number of steps of a chain from the phase `start` on, by default one per phase.
-
-        **Raises:** `ValueError` for less than one step.
-        """
+        """Make a window of steps that begins at phase `start`, by default one step per phase."""
         period = 1 if isinstance(chain, Chain) else chain.phases
         count = period if steps is None else steps
         if count < 1:
@@ -107,8 +104,6 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
 
     `product` multiplies the matrix by columns. There is one more vector if the last eigenvalues are
     conjugate.
-
-    **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
         matrix, products = product(np.eye(rows)), rows
@@ -131,7 +126,7 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """Multiply outside the span of the basis, whose vectors get the eigenvalue -1."""
+        """Multiply by the matrix with deflation: vectors of the basis get the eigenvalue -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)

@@ -39,7 +39,7 @@ class Cycle:
     order: Int[np.ndarray, "rows"]
     "The states, block by block."
     bounds: Int[np.ndarray, "bounds"]
-    "The first place of each block in `order`, and the number of states."
+    "The index in `order` of the first state of each block, and the number of states."
     rows: list[scipy.sparse.csr_array]
     "The steps from the states of each block to all states, in this order."
     again: Int[np.ndarray, "first"]
@@ -172,7 +172,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Return the end of the block that begins at `begin`: the first state that it leads to."""
+    """Return the end of the block from state `begin`: the first state that the block leads to."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

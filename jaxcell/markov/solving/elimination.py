@@ -26,7 +26,7 @@ class Levels:
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
     bounds: Int[np.ndarray, "bounds"]
-    "The first place of each level in `order`, and the number of states."
+    "The index in `order` of the first state of each level, and the number of states."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":

@@ -9,16 +9,10 @@ A chain that hardly ever returns to a cell that it has left, such as drifters th
 is nearly triangular in the order of its strong components. Its factors are sparse, so it is
 factored without a trial of products.
 
-Matrices with more than 100,000 rows are solved by BiCGSTAB on two levels: an incomplete
-factorisation of the matrix, which takes at most 60 bytes per entry, and a factorisation of an
-aggregated chain of some ten thousand states. If BiCGSTAB does not converge, a complete
-factorisation follows; if the matrix has more than half a million rows, its factors could exceed any
-memory, and products follow.
-
-The factors of a chain that is unrolled over the phases of a tide are not sparse in any order. It is
-a *cycle* of blocks of states. GMRES solves it by sweeps through all blocks; its unknowns are the
-states of one block. The preconditioner is the chain between aggregates of these states, a round
-later. Without it, closed eddies take a product for each slow mode.
+Matrices with more than 100,000 rows are solved by BiCGSTAB on two levels (`TwoLevel`), in 60 bytes
+per entry. If BiCGSTAB does not converge, a complete factorisation follows; if the matrix has more
+than half a million rows, its factors could exceed any memory, and products follow. The factors of a
+chain that is unrolled over the phases of a tide are not sparse in any order; it is a `Cycle`.
 
 If a part is left once in 10^10 steps or less often, all these methods give small residuals and
 wrong answers. Such chains are eliminated without subtractions, which takes some seconds for 10^5
@@ -115,7 +109,7 @@ def factor_and_solve(
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
-    """Solve as [`solve_transient`][] by a factorisation of `I - Q`, or roughly if it is large.
+    """Solve as [`solve_transient`][], by a factorisation of `I - Q`, or roughly if `Q` is large.
 
     `leaving` is the probability of leaving from each row, and `order` the order in which rows are
     factored, if it is known. Returns the solution, or `None` if the matrix is singular up to

@@ -131,7 +131,7 @@ class Rooted:
 
 
 def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int, bool]:
-    """Converge by products, from a uniform and from a random start.
+    """Apply products until they converge, to a uniform and to a random start.
 
     Returns the distribution, the number of products, and whether both starts converge to it.
     """

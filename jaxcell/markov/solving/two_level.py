@@ -42,27 +42,21 @@ class TwoLevel:
     "Largest number of steps of BiCGSTAB."
 
     @classmethod
-    def of(
-        cls,
-        matrix: scipy.sparse.csr_array,
-        steps: int,
-        fill: float = _FILL,
-        most: int = _MAX_AGGREGATES,
-    ) -> "TwoLevel":
-        """Factor `I - Q`, and the matrix between at most `most` aggregates.
+    def of(cls, matrix: scipy.sparse.csr_array, steps: int) -> "TwoLevel":
+        """Factor `I - Q`, and the matrix between aggregates.
 
         **Raises:** `RuntimeError` if a matrix is singular up to rounding.
         """
         identity = scipy.sparse.eye_array(matrix.shape[0], format="csr")
         system = (identity - matrix).tocsr()
-        aggregate = aggregates(matrix, most)
+        aggregate = aggregates(matrix)
         between = aggregate.T @ (system @ aggregate)
         with one_blas_thread():
             # In natural order, neighbours on a grid stay near each other; rows are not exchanged.
             factor = linalg.spilu(
                 system.tocsc(),
                 drop_tol=_DROP,
-                fill_factor=fill,
+                fill_factor=_FILL,
                 permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
             )
@@ -91,28 +85,19 @@ class TwoLevel:
 
 
 def aggregates(
-    matrix: scipy.sparse.csr_array,
-    most: int = _MAX_AGGREGATES,
-    *,
-    states: int | None = None,
-    size: int = _SIZE,
+    matrix: scipy.sparse.csr_array, *, states: int | None = None, size: int = _SIZE
 ) -> scipy.sparse.csr_array:
     """Join states in aggregates: each state joins the nearest of some random states, the middles.
 
     The length of a step, in either direction, is the inverse of its probability. A state that is
     connected to no middle is in no aggregate.
 
-    **Arguments:**
-
-    - `matrix`: the matrix of steps.
-    - `most`: largest number of aggregates.
-    - `states`: only the first `states` states are assigned, by default all.
-    - `size`: mean number of states per aggregate.
-
-    **Returns:** a matrix with an entry 1 if the state of the row is in the aggregate of the column.
+    Only the first `states` states are assigned, by default all. `size` is the mean number of states
+    per aggregate. Returns a matrix with an entry 1 if the state of the row is in the aggregate of
+    the column.
     """
     rows = states or matrix.shape[0]
-    count = min(-(-rows // size), most)
+    count = min(-(-rows // size), _MAX_AGGREGATES)
     # Middles are random, because states at equal distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()

@@ -29,37 +29,33 @@ _LEGEND: Legend = (
 )
 
 
-def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
-    """Log robots that start anywhere.
-
-    The timeline `bump` shows the first robot, the stretches of walls where this robot may be, and
-    their hull and extent. It also shows the share of robots that are localized, or at the goal.
-    """
-    map, last, legend = CellMap(stream, found.cells), found.bump.size, _LEGEND
-    if isinstance(found, HomeFromAnywhere):
-        _log_goal(map, found)
-        last = int(min(found.bumps_until_home[0], last))
+def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> None:
+    """Log the recording of robots that start anywhere; the map shows the first robot."""
+    map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
+    if isinstance(result, HomeFromAnywhere):
+        _log_goal(map, result)
+        last = int(min(result.bumps_until_home[0], last))
         legend = (*_LEGEND, ("goal, and robots that are there", palette.GOAL))
-    possible = [stretches(found, bump) for bump in range(1, last + 1)]
+    possible = [stretches(result, bump) for bump in range(1, last + 1)]
     _log_stretches(map, possible)
     _log_hulls(map, possible)
-    _log_robot(map, found, last)
+    _log_robot(map, result, last)
     marks = "hull", "stretches", "trail", "robot", "goal"
     seen = map.view("Where the robot is, and where it may be", marks)
-    views = rrb.Vertical(seen, rrb.Horizontal(*_log_curves(stream, found)), row_shares=[7, 3])
-    tab = log_tab(stream, "", "Start anywhere", views, _text(found, spec), legend)
+    views = rrb.Vertical(seen, rrb.Horizontal(*_log_curves(stream, result)), row_shares=[7, 3])
+    tab = log_tab(stream, "", "Start anywhere", views, _text(result, spec), legend)
     send_blueprint(stream, [tab], _TIMELINE, pace(last))
 
 
-def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
+def stretches(result: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
     """Return the ends of the stretches where the first robot may be after a bump, in metres."""
-    possible, boundary = found.trial.sets[bump - 1], found.filter.boundary
+    possible, boundary = result.trial.sets[bump - 1], result.filter.boundary
     one = possible._replace(slice=np.zeros_like(possible.slice)).joined()
     return np.stack([boundary.point(one.wall, arc) for arc in (one.begin, one.end)], axis=1)
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the stretches of walls where a robot may be after each bump; none before the first."""
+    """Log the stretches of walls where the first robot may be after each bump."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
     # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
@@ -72,7 +68,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space within the hull of the stretches; at time 0, log all free space."""
+    """Log the free space within the hull of the stretches, or all free space before a bump."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return
@@ -90,10 +86,10 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
     log_pictures(map.stream, path, classes, pictures, _TIMELINE, np.arange(len(areas)))
 
 
-def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
-    """Log the last runs of the first robot, and the robot as an arrow with its tip at the wall."""
-    place = np.concatenate([found.trial.start[:1], found.trial.place[0, :last]])
-    theta = np.append(found.theta[0, 0], found.theta[0, :last])
+def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
+    """Log the first robot as an arrow with its tip at the wall, and a line of its last runs."""
+    place = np.concatenate([result.trial.start[:1], result.trial.place[0, :last]])
+    theta = np.append(result.theta[0, 0], result.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     origins = place - np.where(np.arange(last + 1)[:, None] > 0, vectors, 0.0)
     stream, times, line = map.stream, np.arange(last + 1), rr.LineStrips2D
@@ -106,33 +102,33 @@ def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
     send_changing(stream, "map/trail", line, times, None, _TIMELINE, style=style, strips=trail)
 
 
-def _log_goal(map: CellMap, found: HomeFromAnywhere) -> None:
-    turn, home = np.linspace(0, 2 * np.pi, 65), found.homing
+def _log_goal(map: CellMap, result: HomeFromAnywhere) -> None:
+    turn, home = np.linspace(0, 2 * np.pi, 65), result.homing
     rim = np.array(home.goal) + home.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     log_lines(map.stream, "map/goal", [rim], palette.GOAL, 3.0, 25.0)
 
 
-def _log_curves(stream: rr.RecordingStream, found: Anywhere) -> list[rrb.View]:
-    extents = found.extent_of_nine_tenths, found.median_extent, found.extent[0]
+def _log_curves(stream: rr.RecordingStream, result: Anywhere) -> list[rrb.View]:
+    extents = result.extent_of_nine_tenths, result.median_extent, result.extent[0]
     colors = palette.TARGET, palette.PLAIN, palette.ROBOT
     for name, values, color in zip(
         ("nine_tenths", "median", "first"), extents, colors, strict=True
     ):
         path, style = f"extent/{name}", {"color": color, "shape": "Linear"}
-        log_curve(stream, path, values, _TIMELINE, found.bump, **style)
-    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are localized"
-    if isinstance(found, HomeFromAnywhere):
-        share = found.bumps_until_home[:, None] <= found.bump
+        log_curve(stream, path, values, _TIMELINE, result.bump, **style)
+    share, title = result.trial.extent <= 2 * result.radius, "Share of robots that are localized"
+    if isinstance(result, HomeFromAnywhere):
+        share = result.bumps_until_home[:, None] <= result.bump
         title = "Share of robots at the goal"
-    log_curve(stream, "share", share.mean(axis=0), _TIMELINE, found.bump, color=palette.KNOWN)
-    last, most = found.bump.size, float(found.extent.max())
+    log_curve(stream, "share", share.mean(axis=0), _TIMELINE, result.bump, color=palette.KNOWN)
+    last, most = result.bump.size, float(result.extent.max())
     extent = curve_view("extent", "Extent of what is possible, m", last, most)
     return [extent, curve_view("share", title, last, 1.0)]
 
 
-def _text(found: Anywhere, spec: Spec) -> str:
+def _text(result: Anywhere, spec: Spec) -> str:
     title, task = "Where is the robot?", "Where is it?"
-    if isinstance(found, HomeFromAnywhere):
+    if isinstance(result, HomeFromAnywhere):
         title, task = "Home from anywhere", "It finds out where it is, and comes to the goal."
     return f"""# {title}
 
@@ -144,6 +140,6 @@ its errors within their bounds.
 
 ## Numbers
 
-{numbers(found)}
+{numbers(result)}
 
-{made_with(spec, found.cells)}"""
+{made_with(spec, result.cells)}"""

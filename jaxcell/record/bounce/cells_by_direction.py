@@ -12,7 +12,7 @@ from ...base.quantities import quantities, quantity, values
 from ...bounce import BounceGroups
 from ...mapping import GroupSummary
 from ..data.dataset import attributes_of, check_attributes
-from ..provenance import direction_coordinates, place_coordinates, provenance
+from ..provenance import cell_coordinates, provenance
 
 
 _ABOUT = {
@@ -21,7 +21,7 @@ _ABOUT = {
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
 CHUNK = 2**22
-"""The number of cells in a file."""
+"""The largest number of cells of a chunk, which is a file of a Zarr store."""
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
@@ -30,7 +30,7 @@ def save_cells(
 ) -> None:
     """Write the groups of all cells of a map of any size to a Zarr store, atomically.
 
-    The store has the variables of the dataset of the groups, and the image of each cell. They are
+    The store has the variables of the dataset of the groups, and the image of each cell. Cells are
     computed and written one direction at a time, so that only one direction is in memory.
 
     **Arguments:**
@@ -39,8 +39,8 @@ def save_cells(
     - `path`: the folder to write or replace, such as `groups.zarr`.
     - `spec`: the parameters, for the attribute `spec` as JSON.
 
-    **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the cells
-    of a group are more or fewer than `result` says.
+    **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the
+    written cells contradict the numbers of `result`.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -59,15 +59,7 @@ def save_cells(
         store = zarr.create_group(temporary, attributes=provenance(result.title, cells, spec))
         for name, (_, numbers) in values(result, lambda one: one.dims == ("bounce",)).items():
             _quantity(store, name, numbers.shape, numbers.dtype)[:] = numbers
-        axes = {
-            name: _array(store, name, (dim,), (cells.positions,), float, attributes)
-            for name, (dim, _, attributes) in place_coordinates(cells, slice(0, 0)).items()
-        }
-        for begin in range(0, cells.positions, CHUNK):
-            some = slice(begin, min(begin + CHUNK, cells.positions))
-            for name, (_, numbers, _) in place_coordinates(cells, some).items():
-                axes[name][some] = numbers
-        for name, (dim, numbers, attributes) in direction_coordinates(cells).items():
+        for name, (dim, numbers, attributes) in cell_coordinates(cells).items():
             _array(store, name, (dim,), numbers.shape, numbers.dtype, attributes)[:] = numbers
         checks = check_attributes(result.title, _write_cells(store, result))
         # By this attribute xarray recognizes coordinates other than dimensions.
@@ -79,7 +71,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells, and sum them by group. Returns checks of the sums."""
+    """Write the quantities of cells, and return checks of their sums over each group."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {
@@ -119,7 +111,7 @@ def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int
 
 
 def _quantity(store: zarr.Group, name: str, shape: tuple[int, ...], dtype: Any) -> zarr.Array:
-    """Create an array for a quantity of groups, or for the images."""
+    """Create the array of a quantity in a store."""
     about = _ABOUT[name]
     return _array(store, name, about.dims, shape, dtype, attributes_of(about))
 

@@ -9,7 +9,7 @@ from ...bounce import CoveragePolicy
 from ..canvas import palette
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, NOT_FREE, Color, Level, PictureClass
+from ..canvas.palette import BELIEF, FREE, NOT_FREE, Color, PictureClass
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -20,20 +20,13 @@ from ..canvas.stream import pace, send_blueprint
 _MAX_ANGLES = 6
 _MAX_ROWS = 24
 _MAX_ANGLE_LABELS = 12
-# Exponent of the lowest bound, a power of two. Bounds double every second level.
-_LOWEST = -4
 _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
 # A colour between those of no time and of the first level; a darker colour would look like a wall.
 _PALE: Color = (149, 154, 184)
 
 
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
-    """Log a mixture of bouncing policies.
-
-    The first tab has heat maps of the coverage by each angle, by the mixture, and of the target,
-    and the shares of time as bars. Each angle has a tab with its persistent groups and its limiting
-    distribution over the timeline `direction`.
-    """
+    """Log the recording of a mixture of bouncing policies."""
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
     heats = {
@@ -51,7 +44,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
     ]
     views.append(_log_shares(stream, policy.bounce_deg, alpha))
     maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
-    text, legend = _text(policy, len(shown), spec), heat_legend(scale)
+    text, legend = _text(policy, len(shown), spec), _legend(scale)
     tabs = [
         log_tab(stream, "", "Coverage", maps, text, legend),
         *(_log_angle(map, policy, i) for i in shown),
@@ -60,29 +53,24 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Make the scale of time, in multiples of an even share; bounds double every second level."""
-    highest = max(1, math.ceil(math.log2(max(most, 1))))
-    bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
-    special: dict[str, Color] = {_NONE: FREE, _LITTLE: _PALE}
-    return Scale(bounds, "{} even shares".format, special)
+    """Make a logarithmic scale of the time in a cell, as a multiple of an even share.
+
+    An even share is the time in each cell if all cells get the same time. `most` is the largest
+    multiple. Bounds double every second level.
+    """
+    fours = max(1, math.ceil(math.log(max(most, 1), 4)))
+    special: dict[str, Color] = {_LITTLE: _PALE, _NONE: FREE}
+    bounds = 2.0 ** (np.arange(-8, 4 * fours + 1) / 2)
+    return Scale(bounds, "{} times an even share".format, special)
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each multiple of an even share."""
+    """Return the class of each number on a scale of [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
-def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """Return the legend: every fourth level, and the special colours."""
-    begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
-    levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
-    return [*levels[::-1], *reversed([*scale.special.items()])]
-
-
-def _shares(power_of_two: float) -> str:
-    if power_of_two > 1:
-        return f"{power_of_two:g} even shares"
-    return "1 even share" if power_of_two == 1 else f"1/{1 / power_of_two:g} of an even share"
+def _legend(scale: Scale) -> list[tuple[str, Color]]:
+    return scale.legend(1 + scale.bounds.size // 4)
 
 
 def _log_shares(
@@ -90,7 +78,7 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share of each angle as a bar. If there are many bars, only some have labels."""
+    """Log the share of time of each angle as a bar; among many bars only some have labels."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
@@ -103,7 +91,7 @@ def _log_shares(
 
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
-    """Log the persistent groups and the limiting distribution of one angle, by direction."""
+    """Log a tab with the persistent groups and the limiting distribution of one bouncing angle."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
     color = palette.ranked(palette.ranks(np.asarray(policy.limiting[i].weights)))
@@ -119,13 +107,13 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
         map.view("Persistent groups, one direction", pictures[:1]),
         map.view("Time spent, one direction", pictures[1:]),
     )
-    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*heat_legend(scale), *groups[1:]]
+    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*_legend(scale), *groups[1:]]
     text = _angle_text(policy, i)
     return log_tab(map.stream, name, title, views, text, legend, shares=(3, 2), rows=(2, 3))
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """Return the classes: not free, transient, and the groups; small groups have pale colours."""
+    """Return the classes of a picture: not free, transient, and each persistent group."""
     colors = len(palette.CATEGORIES)
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, colors + 1)]

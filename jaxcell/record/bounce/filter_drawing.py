@@ -26,11 +26,11 @@ class Drawing:
     state: Int[np.ndarray, "drawn"]
     "The states that are drawn."
     position: Float[np.ndarray, "drawn 2"]
-    "The place of each drawn state."
+    "The coordinates of each drawn state."
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between drawn states, as pairs of states; each pair occurs once."
     whole: bool
-    "`True` if all states are drawn, except a trap that the run did not enter."
+    "`True` if all states are drawn, or all except a trap that the run did not enter."
     cycles_left_out: int
     "The number of knowledge cycles that are not drawn."
 
@@ -38,9 +38,14 @@ class Drawing:
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
     """Place the states of a filter in the plane.
 
-    The states outside the knowledge cycles are in columns by their distance from the start. The
-    cycles are loops beside the columns. If a filter has more than 300 states, only the last states
-    of a run and some cycles are drawn.
+    States outside the knowledge cycles are in columns, by their number of edges from the start. The
+    cycles are loops beside the columns. Of a filter with more than 300 states, only some cycles and
+    the states at the end of a run are drawn.
+
+    **Arguments:**
+
+    - `filter`: the filter.
+    - `visited`: the state of the run at each step.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)
@@ -75,7 +80,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in columns by their distance from the start, in an order that shortens edges."""
+    """Place states in columns by their number of edges from the start, so that edges are short."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
@@ -103,14 +108,14 @@ def _columns(
 
 
 def _rows(count: int) -> Float[np.ndarray, "count 2"]:
-    """Place states along a path in rows, which change direction at their ends."""
+    """Place states along a path in rows, from left to right and from right to left in turn."""
     row, column = np.divmod(np.arange(count), _PATH_COLUMNS)
     column = np.where(row % 2 == 0, column, _PATH_COLUMNS - 1 - column)
     return np.stack([column, row], axis=1).astype(float)
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle at the end of a run, and the first of the other cycles while they fit."""
+    """Choose the cycle at the end of a run, and other cycles up to `_MAX_ON_CYCLES` states."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))
@@ -123,7 +128,7 @@ def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[
 
 
 def _loop(count: int) -> Float[np.ndarray, "count 2"]:
-    """Place states on a closed path: a ring, or a comb if the ring would be large."""
+    """Place states on a closed path: a ring, or a comb for more than `_MAX_RING` states."""
     if count <= _MAX_RING:
         radius = max(count / (2 * np.pi), 0.4)
         angle = 2 * np.pi * np.arange(count) / count
@@ -142,7 +147,7 @@ def _loop(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _pack(shapes: list[Float[np.ndarray, "_ 2"]], wide: float) -> list[Float[np.ndarray, "_ 2"]]:
-    """Put shapes side by side in rows of at most a width; a wider shape has its own row."""
+    """Put shapes side by side in rows of width `wide`; a wider shape has its own row."""
     placed = []
     left = top = height = 0.0
     for shape in shapes:
@@ -159,6 +164,6 @@ def _area(shapes: list[Float[np.ndarray, "_ 2"]]) -> float:
 
 
 def _size(shape: Float[np.ndarray, "_ 2"]) -> tuple[float, float]:
-    """Return the width and height of a shape at the origin, with a gap after it."""
+    """Return the width and height of a shape, with a gap to the next shape."""
     width, height = shape.max(axis=0, initial=0) + _GAP
     return float(width), float(height)

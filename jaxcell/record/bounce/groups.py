@@ -23,11 +23,7 @@ _EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
-    """Log periodic groups.
-
-    Each bouncing angle has a tab. Over the timeline `direction` the tab shows the group that each
-    cell leads to, the number of mappings to the group, and the squares of these groups.
-    """
+    """Log the recording of periodic groups, with a tab per bouncing angle."""
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)
@@ -64,8 +60,9 @@ def log_group_tab(
 class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
-    A family is a set of groups with the same directions: a bouncing angle of 90 degrees and 360
-    directions have 90 families. A picture shows one family, with colours by ranks in the family.
+    Groups with the same directions form a family: with a bouncing angle of 90 degrees and 360
+    directions there are 90 families. A picture shows one direction, and thus one family, whose
+    groups have colours by their ranks.
     """
 
     def __init__(
@@ -94,7 +91,7 @@ class _OfAngle:
         )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
-        """Return the title, name and classes of each picture, and the class of each cell."""
+        """Return, for each picture, its title, name and classes, and the class of each cell."""
         on_group = self.step == 0
         kind = (palette.group_class(self._rank)[self.group] + on_group).astype(np.uint8)
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))
@@ -121,7 +118,7 @@ class _OfAngle:
         ]
 
     def _legend(self, direction: int) -> list[tuple[str, Color]]:
-        """Return the legend of the family of a direction, with the same number of rows for all."""
+        """Return the legend of a family; `direction` is the lowest direction of its cells."""
         members = np.flatnonzero(self._lowest == direction)
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]

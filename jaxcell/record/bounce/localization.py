@@ -19,12 +19,7 @@ _MAX_ROWS = 12
 
 
 def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spec) -> None:
-    """Log a robot that is localized by its bumps.
-
-    Over the timeline `step`: the robot and its trail, its possible cells and their number, and the
-    path through the graph of the filter. A second tab has the periodic groups: over `step` for the
-    heading of the robot, and over the timeline `direction` for each direction.
-    """
+    """Log the recording of a robot that is localized by its bumps."""
     drawing = draw_filter(localized.filter, localized.run.states)
     map, colors = CellMap(stream, localized.cells), localized.belief_color
     path, title, most = "filter/color", "Filter's colour", int(colors.max())
@@ -43,7 +38,7 @@ def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spe
 
 
 def _log_graph(stream: rr.RecordingStream, localized: Localized, drawing: Drawing) -> rrb.View:
-    """Log the filter as a graph with highlighted visited states."""
+    """Log the filter as a graph, in which the states that the run visits are highlighted."""
     filter, run, drawn = localized.filter, localized.run, drawing.state
     size = filter.uncertainty[drawn]
     names = {

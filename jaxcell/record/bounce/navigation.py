@@ -27,11 +27,9 @@ _ENDS = ["start/**", "goal/**"]
 
 
 def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec: Spec) -> None:
-    """Log a plan of a bouncing robot, or the costliest of all plans.
+    """Log the recording of a plan of a bouncing robot, or of the costliest plan of a summary.
 
-    Over the timeline `step`: the robot, and the angle of its turn at each bump. Arrows show the
-    whole plan, with one colour per angle. Over the timeline `direction`: the cells from which the
-    goal can be reached; if no plan was found, the recording has only these cells.
+    If no plan was found, the recording shows only the cells from which the goal can be reached.
     """
     plan = result.costliest if isinstance(result, CostSummary) else result
     map = CellMap(stream, plan.cells)
@@ -48,7 +46,7 @@ def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec:
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
-    """Log the start or the goal of the robot: a frame, its heading, and its name."""
+    """Log the start or the goal: a frame around its square, its heading, and its name."""
     place, half = map.xy(np.array([cell])), map.frame
     theta = float(map.cells.centre(cell)[2])
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
@@ -83,7 +81,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 def _log_runs(
     map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow per run and a dot per bump, in the colours of their angles."""
+    """Log an arrow per run and a dot per bump, coloured by bouncing angle; return the legend."""
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [palette.angle_color(i) for i in range(angle.size)]
@@ -117,7 +115,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log the cells that reach the goal: their number per square, and the cells per direction."""
+    """Log which cells reach the goal: their number on each square, and a map per direction."""
     cells, below = map.cells, f"{path}/" if path else ""
     reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format

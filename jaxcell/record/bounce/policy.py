@@ -27,12 +27,7 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log a robot that chooses angles to localize itself.
-
-    Over the timeline `step`: the robot and its trail, its possible cells, the angle of its turn at
-    each bump, and its path through the tree of the policy. Over the timeline `direction`: the
-    number of bumps until the robot is localized, from each cell.
-    """
+    """Log the recording of a robot that chooses angles to localize itself."""
     map = CellMap(stream, localized.cells)
     tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
     send_blueprint(stream, tabs, "step", pace(localized.run.path.size))
@@ -60,10 +55,10 @@ def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Co
 
 
 def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
-    """Choose the states to draw, each with its predecessor, or -1 for the start.
+    """Choose at most `MAX_DRAWN` states to draw; return the predecessor of each, -1 for the start.
 
-    These are the states of a run, the first levels of the tree while they are small, and successors
-    of states of the run, at most `MAX_DRAWN` states.
+    The drawn states are those that a run visits, the first levels of the tree as far as they fit,
+    and then successors of the visited states.
     """
     run = list(dict.fromkeys(visited))
     above = dict(zip(run, [-1, *run], strict=False))
@@ -94,7 +89,7 @@ def _log_tree(stream: rr.RecordingStream, localized: AdaptivelyLocalized, tree: 
 
 
 def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in a row per bump, each above the middle of its successors."""
+    """Place states in one row per bump, and each state above the middle of its successors."""
     graph = nx.DiGraph((above, state) for state, above in tree.items())
     depth = nx.single_source_shortest_path_length(graph, -1)
     # States without successors are side by side, in the order of a walk through the tree.
@@ -110,7 +105,7 @@ def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
 
 
 def _name(localized: AdaptivelyLocalized, state: int) -> str:
-    """Write the text that the viewer shows for a state under the pointer."""
+    """Describe a state by its number, the number of its cells, and its turn."""
     turn = int(localized.policy.turn[state])
     cells = counted(int(localized.policy.uncertainty[state]), "cell").replace(",", "")
     does = f"turn by {degrees(localized.bounces[turn])}" if turn >= 0 else "run to the first bump"
@@ -120,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log the number of bumps from each square: for the worst heading, and for each heading."""
+    """Log the number of bumps until the robot is localized, for the worst and for each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

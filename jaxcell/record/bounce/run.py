@@ -28,7 +28,7 @@ SEEN = f"""Press play, or drag `step` at the bottom.
 
 
 def run_legend(map: CellMap) -> list[tuple[str, Color]]:
-    """Return the legend for the map of a robot that is localized."""
+    """Return the legend of the map on which a robot is localized."""
     return [
         ("the true robot", ROBOT),
         ("its trail", TRAIL),
@@ -39,12 +39,12 @@ def run_legend(map: CellMap) -> list[tuple[str, Color]]:
 
 
 def observed(word: str) -> str:
-    """Write the first observations of a run."""
+    """Return the first observations of a run, and dots if there are more."""
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
-    """Log the robot at its true pose, by default below the arrows of the belief."""
+    """Log the robot at its true pose, and its trail; `order` is the drawing order."""
     length, corners = robot_length(map), MAX_CORNERS
     map.robot(
         poses, ROBOT, length=length, trail_color=TRAIL, corners=corners, middle=0.0, order=order
@@ -52,7 +52,7 @@ def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
 
 
 def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
-    """Log frames around the possible cells at the end, at most `MAX_ARROWS` frames."""
+    """Log frames around the cells that are possible at the end of a run."""
     few = cells[:MAX_ARROWS]
     map.frames("candidates", few, KNOWN, np.array([time]), [few.size])
 
@@ -64,7 +64,14 @@ def log_localized(
     also: Sequence[str] = (),
     curves: Sequence[rrb.View] = (),
 ) -> rrb.Container:
-    """Log a robot that is localized, the cells where it may be, and their number."""
+    """Log a robot that is localized, the cells where it may be, and curves over its steps.
+
+    **Arguments:**
+
+    - `path`: the parent entity of the curves.
+    - `also`: more entities of the map.
+    - `curves`: views of more curves.
+    """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)
     log_run(map, (localized.robot_x, localized.robot_y, localized.robot_theta))
@@ -91,7 +98,7 @@ def log_turns(
     turns: Bool[np.ndarray, "times"],
     angles: Sequence[float],
 ) -> None:
-    """Log the angle of each turn, as a label at its bump."""
+    """Log the angle of each turn as a label; `turns` is true at the steps of the turns."""
     bumps = np.flatnonzero(turns)
     labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
     times, shown = np.arange(turns.size), turns.astype(int)
@@ -99,7 +106,7 @@ def log_turns(
 
 
 def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:
-    """Log the number of bumps so far."""
+    """Log the number of bumps so far as a curve, from observations with 1 for a bump."""
     # An observation is made at the end of a step, so a bump counts from the step before.
     bumps = np.append(0, np.cumsum(observations))
     path, title, most = "robot/bumps", "Bumps so far", int(bumps[-1])
@@ -117,7 +124,11 @@ def log_states(
     colors: UInt8[np.ndarray, "*#times states 3"],
     visited: Int[np.ndarray, "times"],
 ) -> rrb.View:
-    """Log a graph of states, with y down, in which the current state is highlighted."""
+    """Log a graph of states, in which the visited state is highlighted at each step.
+
+    `names` has the text of each state, `place` its coordinates with y down, and `size` its number
+    of cells. `visited` has the state at each step.
+    """
     drawn = np.array([*names])
     nodes = rr.GraphNodes.from_fields(
         node_ids=[*names.values()], positions=place, show_labels=False

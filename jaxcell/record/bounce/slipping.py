@@ -3,7 +3,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...bounce import Slipped
-from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_style
+from ..canvas.belief import arrows, heat, heat_scale, log_belief_style
 from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
@@ -14,11 +14,7 @@ from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
 def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
-    """Log a robot that slips and is localized by a belief.
-
-    Over the timeline `step`: the robot and its trail, the probability of each position, the
-    likeliest cell, the size of the credible set, and the probability that the robot is in no cell.
-    """
+    """Log the recording of a robot that slips and is localized by a belief."""
     cells, last = slipped.cells, slipped.observations.size
     steps = np.arange(last + 1)
     map = CellMap(stream, cells)
@@ -49,7 +45,7 @@ def _log_likeliest(map: CellMap, slipped: Slipped) -> None:
     known = np.flatnonzero(slipped.likeliest >= 0)
     where = slipped.likeliest[known]
     map.frames("likeliest", where, CATEGORIES["pink"], known, width=2.0, order=28.0)
-    origins, vectors = arrows(cells, where, belief_length(cells))
+    origins, vectors = arrows(cells, where)
     send_changing(stream, "map/belief", rr.Arrows2D, known, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
 

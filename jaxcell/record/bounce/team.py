@@ -14,16 +14,11 @@ from ..canvas.stream import send_blueprint
 
 _MARK: Color = (0, 0, 0)
 MAX_TIMES, MAX_PICTURES = 20_000, 500
-"""Largest numbers of recorded times of a trajectory (without its end), and of pictures."""
+"""Largest number of times at which robots are shown, and of pictures of visited positions."""
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
-    """Log a joint trajectory of several robots.
-
-    Over the timeline `step`: the robots with the last corners of their trails, the visited
-    positions in the colour of the first visitor, the robots that collide, and curves of the
-    coverage, the collisions and the parts.
-    """
+    """Log the recording of a joint trajectory of several robots."""
     stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)
@@ -75,7 +70,7 @@ def _log_curves(
 
 
 def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
-    """Return the legend; robots beyond the number of colours share colours."""
+    """Return the legend. Each colour is listed once, also if several robots share it."""
     robots = [(f"robot {i}", _shade(i)) for i in range(min(team.starts.size, len(ROBOTS)))]
     return [
         *robots,

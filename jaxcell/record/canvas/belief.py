@@ -1,6 +1,6 @@
-"""Possible cells of a robot as arrows, or as shaded squares if there are many cells.
+"""The belief of a robot: its possible cells, or the probabilities of positions as a heat map.
 
-A belief of probabilities is drawn as a heat map of the positions."""
+Possible cells are drawn as arrows, or as shaded squares if there are many."""
 
 from collections.abc import Sequence
 
@@ -22,32 +22,31 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
 
 def arrows(
-    cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
+    cells: CellSpace, where: Integer[np.ndarray, "arrows"]
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
-    """Return the origins and the vectors of arrows at cells, along the directions of the cells."""
+    """Return the origins and the vectors of arrows at cells, which point in their directions."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    return np.stack([x, y], axis=1), length * heading
+    return np.stack([x, y], axis=1), _length(cells) * heading
 
 
-def belief_length(cells: CellSpace) -> float:
-    """Return the length of the arrows of a belief, in metres."""
-    return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
+def _length(cells: CellSpace) -> float:
+    return max(0.42, 0.02 * max(cells.free.shape)) * cells.cell
 
 
 def robot_length(map: CellMap) -> float:
-    """Return the length of the arrow of a robot, in metres; the arrow begins at its centre."""
+    """Return the length, in metres, of the arrow that shows the heading of a robot."""
     return max(0.7 * map.cells.cell, 0.035 * map.extent)
 
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
-    """Log the style of the arrows of a belief, at `map/belief`."""
-    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
+    """Log the style of the arrows of a belief, at the entity `map/belief`."""
+    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=_length(cells) / 10, draw_order=20)
     stream.log("map/belief", style, static=True)
 
 
 def log_shades(stream: rr.RecordingStream) -> None:
-    """Log the meaning of the shades of squares, at `map/grid/belief`."""
+    """Log the meanings and colours of the shades, at the entity `map/grid/belief`."""
     shares = np.linspace(0.2, 1, _SHADES)
     classes = [PictureClass("the robot cannot be here", CLEAR)]
     classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]
@@ -57,7 +56,10 @@ def log_shades(stream: rr.RecordingStream) -> None:
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "positions"]:
-    """Return a shade per position by the share of possible directions; 0 if arrows show them."""
+    """Return the shade of each position, by the share of its directions that are possible.
+
+    All shades are 0 if there are few cells, because arrows show them.
+    """
     if where.size <= MAX_ARROWS:
         return np.zeros(cells.positions, np.uint8)
     count = np.bincount(where % cells.positions, minlength=cells.positions)
@@ -72,7 +74,7 @@ def log_beliefs(
     shown = np.where(size <= MAX_ARROWS, size, 0)
     few = [where for where in beliefs if where.size <= MAX_ARROWS]
     where = np.concatenate([*few, np.empty(0, np.int32)])
-    origins, vectors = arrows(cells, where, belief_length(cells))
+    origins, vectors = arrows(cells, where)
     times = np.arange(size.size)
     send_changing(stream, "map/belief", rr.Arrows2D, times, shown, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
@@ -98,5 +100,5 @@ def heat_scale() -> Scale:
 
 
 def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
-    """Return the classes of positions on the scale of [`heat_scale`][], from probabilities."""
-    return heat_scale().levels(np.maximum(share, _FAINT), {_UNLIKELY: share < _FAINT})
+    """Return the class of each probability on the scale of [`heat_scale`][]."""
+    return heat_scale().levels(share, {_UNLIKELY: share < _FAINT})

@@ -23,7 +23,7 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> None:
-    """Log a number at each time as a curve, with the style of [`log_curve_style`][]."""
+    """Log numbers as a curve; `style` has the arguments of [`log_curve_style`][]."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
@@ -39,7 +39,10 @@ def curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> rrb.TimeSeriesView:
-    """Log a curve over the timeline `step` by [`log_curve`][], and return a view of the curve."""
+    """Log a curve over the timeline `step`, and return a view of the curve.
+
+    `most` is that of [`curve_view`][], and `style` that of [`log_curve`][].
+    """
     log_curve(stream, path, values, times=times, **style)
     return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)
 
@@ -52,7 +55,7 @@ def log_curve_style(
     shape: Shape = "StepAfter",
     width: float = 2.0,
 ) -> None:
-    """Log the style of a curve, by default with steps that begin at the times."""
+    """Log the style of a curve, by default a step function that changes at the logged times."""
     names = None if name is None else [name]
     line = rr.SeriesLines(colors=color, widths=width, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
@@ -68,8 +71,9 @@ def curve_view(
 ) -> rrb.TimeSeriesView:
     """Make a view of the curves at a path, over the whole timeline.
 
-    `last` is `None` while the recording grows. `most` is the largest number on an axis from 0; for
-    an `int` the axis is long enough for the viewer to place ticks at whole numbers only.
+    `first` and `last` are the ends of the timeline; `last` is `None` while the recording grows.
+    `most` is the largest number on an axis from 0. For an `int` the axis is so long that the viewer
+    places ticks only at whole numbers.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

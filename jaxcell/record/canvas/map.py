@@ -31,7 +31,7 @@ _FINE, _MAX_FINE = 8, 2**22
 _CORNERS = 6
 _Numbers: TypeAlias = Float[np.ndarray, "states"]
 Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
-"""x, y and heading of each state of a robot, in metres and radians."""
+"""The x, the y and the heading of a robot at each time, in metres and radians."""
 
 
 class CellMap:
@@ -74,9 +74,9 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return the place of a label below the middle of a mark, and the colour behind the label.
+        """Return the place of a label below a mark at `place`, and the colour of the map there.
 
-        `gap` is the distance of the label from the middle, in metres.
+        `gap` is the distance of the label from the mark, in metres.
         """
         at = place - np.array([0, gap])
         # The viewer draws a label below its place.
@@ -109,7 +109,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log the class of each cell, as a picture of one direction at each time of a timeline."""
+        """Log the class of each cell, as a picture of one direction at each time in `shown`."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -128,9 +128,11 @@ class CellMap:
         width: float = 2.5,
         order: float = 30.0,
     ) -> None:
-        """Log frames around squares, or with times by [`send_changing`][] over the timeline `step`.
+        """Log frames around squares.
 
-        `half` is half the side of a frame, by default [`CellMap.frame`][].
+        With `times`, the frames change over the timeline `step`, and `lengths` is the number of
+        frames from each time on. `half` is half the side of a frame, by default
+        [`CellMap.frame`][].
         """
         path, centers = f"map/{name}", self.xy(cells)
         sizes = np.full(centers.shape, self.frame if half is None else half)
@@ -159,10 +161,11 @@ class CellMap:
 
         **Arguments:**
 
-        - `name`: the end of the names of the entities, which begin with `robot` and `trail`.
+        - `name`: the suffix of the names of the two entities, `robot` and `trail`.
         - `length`: the length of the arrow in metres, by default [`CellMap.arrow`][].
-        - `times`: the states to show; by default all.
-        - `trail_color`: by default the colour of the robot.
+        - `times`: the indices of the shown poses; by default all poses.
+        - `trail_color`: the colour of the trail, by default that of the robot.
+        - `corners`: the largest number of corners of the trail.
         - `middle`: the share of the arrow behind the centre of the robot; with 0.5, the centre of
             the arrow is at the centre of the robot.
         - `order`: the drawing order of the robot; the trail lies below it.
@@ -196,7 +199,7 @@ class CellMap:
 
     @functools.cached_property
     def _sticks_out(self) -> bool:
-        """True if walls cut squares, so that a free square may extend beyond the walls."""
+        """True if walls go through squares, so that free squares may extend beyond the walls."""
         cells = self.cells
         if cells.workspace is None:
             return False
@@ -225,9 +228,11 @@ class CellMap:
         return squares
 
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
-        """Return the side of fine squares in metres, and an array with 1 beyond the walls.
+        """Divide the map into fine squares, and find those beyond the walls.
 
-        If the map is an image, each pixel of the image consists of whole fine squares.
+        If the map is an image, each of its pixels consists of whole fine squares.
+
+        **Returns:** the side of a fine square in metres, and a picture with 1 beyond the walls.
         """
         cells = self.cells
         assert cells.workspace is not None
@@ -239,13 +244,14 @@ class CellMap:
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
-"""For each timeline: times, and the direction that is shown at each time."""
+"""For each timeline, its times, and the direction that a picture shows at each time."""
 
 
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
-    """Choose the shown directions: all over `direction`, and those of a robot over `step`.
+    """Choose the directions that pictures show over the timelines `direction` and `step`.
 
-    `path` has the cell of the robot at each step; without a path there is no timeline `step`.
+    The timeline `direction` has all directions, and `step` has the direction of a robot at each
+    step. `path` has the cells of the robot; without a path there is no timeline `step`.
     """
     every = np.arange(cells.directions)
     shown = {"direction": (every, every)}
@@ -259,7 +265,7 @@ def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = 
 def on_squares(
     cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
 ) -> UInt8[np.ndarray, "*pictures rows columns"]:
-    """Arrange the classes of positions as pictures, with 0 where not free; row 0 is lowest."""
+    """Arrange classes of positions as pictures. Squares that are not free get the class 0."""
     pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
     pictures[..., cells.square] = kind
     return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
@@ -274,7 +280,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or a picture per time; pictures with higher `order` are on top."""
+    """Log a picture of classes, or one per time. Pictures with a higher `order` are on top."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
@@ -285,7 +291,7 @@ def log_pictures(
 def log_classes(
     stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
 ) -> None:
-    """Log labels and colours of the classes of a picture, and the drawing order of the picture."""
+    """Log the labels and colours of the classes of a picture, and its drawing order."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
@@ -298,7 +304,7 @@ def send_pictures(
     timeline: str | Dated,
     times: Int[np.ndarray, "pictures"],
 ) -> None:
-    """Log a picture for each time of a timeline; log the classes by [`log_classes`][]."""
+    """Log one picture per time of a timeline; [`log_classes`][] logs the classes."""
     count, rows, columns = pictures.shape
     layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
     stream.send_columns(
@@ -309,12 +315,12 @@ def send_pictures(
 
 
 def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
-    """Return the transform of a picture to the map; pixels have the side `side`, in metres."""
+    """Return the transform of a picture to the map; `side` is the side of a pixel in metres."""
     return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
 
 
 def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:
-    """Return the edges of the environment, or of the free squares if there is no workspace."""
+    """Return the walls as lines: the edges of the environment, or else of the free squares."""
     if cells.workspace is not None:
         rings = shapely.get_rings(shapely.get_parts(cells.workspace.environment))
         return [shapely.get_coordinates(ring) for ring in rings]

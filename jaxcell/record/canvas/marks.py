@@ -16,14 +16,14 @@ from .stream import send_changing
 
 
 MAX_CORNERS = 100
-"""Largest number of corners of a trail; without a limit, n steps would need n^2 points."""
+"""Largest number of corners of a trail. Without a limit, n steps would need n^2 corners in all."""
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of invisible points with labels on a black ground."""
+"""The style of labels on a black background, whose points are too small to be seen."""
 
 
 def points(width: float) -> float:
-    """Convert a width in points of the screen to a radius that does not depend on the zoom."""
+    """Convert a width in points of the screen to a radius for Rerun."""
     return float(np.asarray(rr.Radius.ui_points(width)))
 
 
@@ -34,7 +34,7 @@ def log_labels(
     grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts at places; the viewer centres each text below its place.
+    """Log texts with their x and y; the viewer centres each text below this point.
 
     `grounds` is the colour behind each text, or one colour for all texts.
     """
@@ -55,7 +55,10 @@ def send_labels(
     ground: Color = FREE,
     **columns: Any,
 ) -> None:
-    """Log texts over the timeline `step`; `ground` is the colour behind them."""
+    """Log texts that change over the timeline `step`; `ground` is the colour behind them.
+
+    `times`, `lengths` and `columns` are those of [`send_changing`][].
+    """
     style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
     send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
@@ -93,7 +96,7 @@ def log_shares(
     level: Float[np.ndarray, "lines"],
     width: float,
 ) -> None:
-    """Log lines for numbers from 0 (thin and grey) to 1 (wide and yellow).
+    """Log lines whose width and colour show a number from 0 (thin, grey) to 1 (wide, yellow).
 
     `width` is half the width of the widest line, in units of the plane.
     """
@@ -123,10 +126,10 @@ def log_walker(
     width: float = 3.0,
     rim: float | None = None,
 ) -> None:
-    """Log a dot that moves from place to place over the timeline `step`, and its last steps.
+    """Log a dot that moves over the timeline `step`, and a line along its last steps.
 
-    `width` is the width of the line along the last steps, and `rim` that of a light rim of the
-    line, or `None` for no rim, in points of the screen.
+    `width` is the width of the line in points of the screen. The line has a light rim if `rim`, the
+    width of the line with its rim, is not `None`.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

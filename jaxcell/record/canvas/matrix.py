@@ -31,11 +31,11 @@ def log_matrix(
     unit: str,
     margin: float = 1.0,
 ) -> tuple[rrb.Spatial2DView, list[tuple[str, Color]]]:
-    """Log a heat map.
+    """Log a matrix as a heat map, with the names of its rows and columns.
 
     **Arguments:**
 
-    - `values`: the numbers, which are not negative, or NaN for missing numbers.
+    - `values`: numbers that are not negative, or NaN for missing numbers.
     - `unit`: the unit of the numbers, or an empty text.
     - `margin`: the space for the names of rows, in squares.
 

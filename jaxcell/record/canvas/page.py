@@ -22,7 +22,7 @@ _STRIPES = 8
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""The meaning and the colour of each row of a legend; classes of pictures may be rows too."""
+"""The meaning and the colour of each row; a row may be a `PictureClass` or a `Level`."""
 
 
 def log_tab(
@@ -41,10 +41,10 @@ def log_tab(
     **Arguments:**
 
     - `path`: the parent entity of the text and the legend; empty for the root.
-    - `views`: the views on the left; several views form a grid, with the legend in a free place.
+    - `views`: the views on the left. Several views form a grid, with the legend in a free place.
     - `text`: the text in Markdown; it may be empty if there is a legend.
-    - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time,
-        logged by [`log_legends`][], it is the number of rows.
+    - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time
+        and that [`log_legends`][] logs, the number of its rows.
     - `shares`: the shares of the width for the left and the right side.
     - `rows`: the shares of the height for the text and for the legend.
     """
@@ -68,7 +68,7 @@ def log_tab(
 
 
 def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb.Container:
-    """Log a text in Markdown, and return a view with a tab for each section."""
+    """Log a text in Markdown, and return a view of it with a tab for each section."""
     views = []
     for i, part in enumerate(_SECTION.split(text)):
         heading, _, _ = part.partition("\n")
@@ -118,7 +118,10 @@ def _swatches(
 ) -> tuple[
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
-    """Return the lines that draw a legend: one per colour, several per level of a colour bar."""
+    """Return the ends, colours and radii of the lines that draw the colours of a legend.
+
+    A colour is one line. A level of a colour bar consists of several lines.
+    """
     # Transparent colours get the colour of the ground, because they would be drawn black.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
     color = np.array([(*one, 255)[:4] for one in shown], float)

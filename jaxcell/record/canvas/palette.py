@@ -45,7 +45,7 @@ CATEGORIES: dict[str, Color] = {
 
 _ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
 ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
-"""The name and the colour of each robot, in order."""
+"""The name and the colour of each robot, by its number."""
 
 # The first angles avoid the colours of the robot and of the start; all avoid that of the goal.
 _ANGLES = ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
@@ -95,41 +95,42 @@ def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.nd
 
 
 def text_on(ground: Color) -> Color:
-    """Choose a colour for a label on a ground, which is legible in both themes of the viewer.
+    """Choose black or white for a label, so that it is legible in both themes of the viewer.
 
-    The viewer draws half of its own ground behind a label: dark in one theme, light in the other.
+    Behind a label, the viewer draws a half-transparent box over `ground`, the colour of the picture
+    there. The box is dark in the dark theme, and light in the light theme.
     """
     red, green, blue = ground[:3]
     return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
 
 
 def mix(color: Color, other: Color, share: float) -> Color:
-    """Mix a colour with a share of another colour."""
+    """Mix two colours; `share` is the share of the second colour."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(color, other, strict=True))
     return red, green, blue
 
 
 def tint(color: Color, share: float) -> Color:
-    """Mix a colour with a share of the colour of free space."""
+    """Mix a colour with the colour of free space; `share` is the share of free space."""
     return mix(color, FREE, share)
 
 
 class PictureClass(NamedTuple):
-    """A class of squares in a picture, with its label and colour; also an entry of a legend."""
+    """The label and the colour of a class in a picture; also an entry of a legend."""
 
     label: str
     color: Color
 
 
 class Level(NamedTuple):
-    """An entry of a legend for a level of a scale; neighbouring levels form a colour bar."""
+    """An entry of a legend for a level of a scale; adjacent levels form a colour bar."""
 
     label: str
     color: Color
 
 
 NOT_FREE = PictureClass("not free", CLEAR)
-"""The first class of a picture of a map."""
+"""Class 0 in pictures of a map: squares that are not free."""
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
@@ -141,7 +142,7 @@ def cycle_color(color: int) -> tuple[str, Color]:
 RANKED: list[Color] = [
     mix(color, (255, 255, 255), pale) for pale in (0.0, 0.6) for color in CATEGORIES.values()
 ]
-"""The colours of groups by rank: those of the categories, and their pale shades in turn."""
+"""The colours of the largest groups, by rank, and then the pale colours of all other groups."""
 
 
 def _group_classes() -> list[PictureClass]:
@@ -155,27 +156,27 @@ def _group_classes() -> list[PictureClass]:
 
 
 GROUP_CLASSES = _group_classes()
-"""The classes in pictures of groups. The first class is that of cells that are not free. Each
-group, in the order of its rank, has a class of the cells that lead to it, and a darker class of its
-own cells. Groups after the last rank are pale."""
+"""The classes in pictures of groups. Class 0 means squares that are not free. Each colour of
+[`RANKED`][] has two classes: a class of the cells that lead to a group, and a darker class of the
+cells of the group."""
 
 
 def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
-    """Return the rank of each size, 0 for the largest; equal sizes keep their order."""
+    """Return the rank of each size: 0 for the largest. Equal sizes are ranked in their order."""
     rank = np.empty(sizes.size, np.int64)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
     return rank
 
 
 def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
-    """Return the index in `RANKED` of the colour of each group."""
+    """Return the index of the colour of each group in [`RANKED`][], from the rank of the group."""
     count = len(CATEGORIES)
     return np.where(rank < count, rank, count + rank % count)
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
-    """Return the class of the cells that lead to each group, from the ranks of the basins.
+    """Return the class of the cells that lead to each group, from the rank of the group.
 
-    The class of the cells on the group is the next class.
+    The next class is that of the cells of the group.
     """
     return (1 + 2 * ranked(rank)).astype(np.uint8)

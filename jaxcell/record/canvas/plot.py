@@ -1,6 +1,6 @@
-"""Charts that are drawn in a plane, with bars and curves that do not depend on the time.
+"""Charts with bars and curves that do not depend on the time, drawn in a plane.
 
-The charts of the viewer itself have only one kind of mark, or only data over a timeline.
+The charts of the viewer itself show only data over a timeline, or only one kind of mark.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes with their titles and ticks; a mapping replaces numbers by names."""
+        """Log the axes, with ticks at `x` and `y`, and their titles. A mapping names the ticks."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -53,7 +53,7 @@ class Plot:
     def bars(
         self, name: str, heights: Float[np.ndarray, "bars"], last: float, color: Color
     ) -> None:
-        """Log bars of equal width, side by side from 0 to `last`."""
+        """Log adjacent bars of equal width, from 0 to `last` on the x axis."""
         # Bars are a picture, because the viewer does not fill boxes in a plane.
         level = (np.arange(_ROWS) + 0.5) / _ROWS * self.most_y
         picture = (heights > level[:, None]).astype(np.uint8)
@@ -68,8 +68,9 @@ class Plot:
         last: float,
         order: float = -10.0,
     ) -> None:
-        """Log a picture of classes as high as the chart, from 0 to `last`; its first row is the
-        lowest.
+        """Log a picture of classes, as high as the chart, from 0 to `last` on the x axis.
+
+        The first row of the picture is the lowest.
         """
         path, (rows, columns) = f"{self.path}/{name}", picture.shape
         log_pictures(self.stream, path, classes, picture[::-1], order=order)
@@ -85,13 +86,13 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve, over all wider curves. Values above the chart are drawn at its top."""
+        """Log a curve over all wider curves. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
 
     def marks(self, name: str, x: Sequence[float | int], color: Color) -> None:
-        """Log vertical lines at coordinates `x`."""
+        """Log vertical lines from the bottom to the top of the chart."""
         strips = [self.at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
         self._lines(name, strips, color, 1.0, 5.0)
 
@@ -119,7 +120,7 @@ def _names(ticks: Ticks) -> list[str]:
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:
-    """Return round numbers from 0 to `most`; `about` is their approximate number."""
+    """Return round numbers from 0 to `most`, approximately `about` of them."""
     size = 10.0 ** np.floor(np.log10(most / about))
     step = next(size * one for one in (1, 2, 5, 10) if size * one * about >= most)
     return [float(one) for one in np.arange(int(most / step + 1e-9) + 1) * step]

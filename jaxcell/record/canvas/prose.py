@@ -31,7 +31,7 @@ def describe(cells: CellSpace) -> str:
 
 
 def bouncing(bounce: float) -> str:
-    """Describe the motion of a robot with one bouncing angle, in radians."""
+    """Describe the motion of a robot with one bouncing angle; the argument is in radians."""
     return (
         f"A robot runs straight. Where it bumps it turns by **{degrees(bounce)}** "
         "(counter-clockwise), and runs on."
@@ -39,12 +39,12 @@ def bouncing(bounce: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Format an angle, given in radians, in degrees."""
+    """Format an angle in degrees; the argument is in radians."""
     return f"{math.degrees(angle):.6g}°"
 
 
 def made_with(spec: Spec, cells: CellSpace | None = None) -> str:
-    """Write the last section of a text: the parameters of the recording, and its map."""
+    """Write the section "Made with": the map, and a table of the parameters, if any."""
     given = [(key, value) for key, value in spec.items() if value is not None]
     parts = [] if cells is None else [describe(cells)]
     parts += [table(("parameter", "value"), given)] if given else []
@@ -73,13 +73,15 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """Write a table of quantities in Markdown, with their meanings or short names as heads.
+    """Write a table in Markdown with a column per quantity.
 
     **Arguments:**
 
     - `results`: one result, with a row per element along the dimension of the quantities; or
         several results of one class, with a row per result.
     - `names`: the quantities; a quantity that no result has is left out.
+    - `first`: columns before those of the quantities, by their heads.
+    - `most`: the largest number of rows.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
@@ -99,10 +101,10 @@ def described(
 
 
 def times(count: int) -> str:
-    """Write a frequency: `once`, `twice`, `3 times`."""
+    """Write a number of times: `once`, `twice`, `3 times`."""
     return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
 def counted(count: int, one: str) -> str:
-    """Write a number with its noun: `1 group`, `2,000 groups`."""
+    """Write a number with a noun in the singular or plural: `1 group`, `2,000 groups`."""
     return f"{count:,} {one}{'s' * (count != 1)}"

@@ -1,4 +1,4 @@
-"""Scales of colours: the classes of a picture, the class of each number, and the legend."""
+"""Scales of colours, which give the class of each number in a picture, and the legend."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -18,24 +18,24 @@ _LEGEND_ROWS = 5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scale:
-    """A scale of colours for levels of numbers, with additional special colours.
+    """A scale of colours for numbers, which are divided into levels.
 
-    Class 0 of a picture is the ground. Then follow the special classes, in their order, and one
-    class per level.
+    In a picture, class 0 is the background. The next classes are the special classes, which have
+    their own colours, in their order. Then follows one class per level.
     """
 
     bounds: Float[np.ndarray, "bounds"]
     "The ends of the levels, ascending; numbers outside belong to the first or the last level."
     label: Callable[[str], str] = "{}".format
-    'A function from a number or range, as text, to its meaning, such as `"{} h".format`.'
+    'A function that adds the meaning to a number or range, such as `"{} h".format`.'
     special: Mapping[str, Color] = dataclasses.field(default_factory=dict)
     "The meanings and colours of special classes, which are not levels."
     ground: str = "not free"
     digits: int = 3
     open: bool = False
-    "If true, the legend says that the last level includes all larger numbers."
+    "If true, the legend shows that the last level includes all larger numbers."
     whole: bool = False
-    "If true, a level contains whole numbers: from its bound to before the next bound."
+    "If true, numbers are whole, so a level ends one before the next bound."
 
     @classmethod
     def over(
@@ -49,13 +49,13 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """Make a scale over the range of some numbers, or between two ends.
+        """Make a scale over the range of some numbers.
 
         **Arguments:**
 
         - `values`: the numbers; infinite numbers and NaN are ignored.
         - `levels`: the number of levels.
-        - `least`, `most`: the ends; by default the least and the largest number.
+        - `least`, `most`: the ends of the range; by default the least and the largest number.
         - `spaced`: the spacing of the bounds, `numpy.linspace` or `numpy.geomspace`.
         - `label`, and further keywords: the other fields of the scale.
         """
@@ -77,7 +77,7 @@ class Scale:
         levels: int = _MOST_LEVELS,
         **about: Any,
     ) -> "Scale":
-        """Make a scale of the whole numbers from `least` to `most`, on at most `levels` levels.
+        """Make a scale of the whole numbers from `least` to `most`, with at most `levels` levels.
 
         The other arguments are those of [`Scale.over`][].
         """
@@ -102,9 +102,10 @@ class Scale:
         values: Num[np.ndarray, "*shape"],
         special: Mapping[str, Bool[np.ndarray, "*shape"]] | None = None,
     ) -> UInt8[np.ndarray, "*shape"]:
-        """Return the class of each number; NaN belongs to the last level, unless a mask has it.
+        """Return the class of each number.
 
-        `special` has masks of the special classes, by their meanings; later ones have precedence.
+        `special` has a mask for each special class, by its meaning. If masks overlap, the last mask
+        counts. A NaN outside of all masks gets the last level.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
         kind = 1 + len(self.special) + level
@@ -116,9 +117,9 @@ class Scale:
     def legend(
         self, rows: int = _LEGEND_ROWS, shown: Sequence[str] | None = None
     ) -> list[tuple[str, Color]]:
-        """Return the meanings of `rows` levels, the largest first, and of the special colours.
+        """Return at most `rows` levels, the largest first, and the special classes in `shown`.
 
-        `shown` selects the special colours; by default all are shown.
+        By default all special classes are shown.
         """
         colors = self.colors
         last = len(colors) - 1

@@ -20,9 +20,9 @@ from .palette import BLACK, Color
 
 @contextlib.contextmanager
 def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingStream]:
-    """Open a stream for a recording. The file is written only if the block ends without an error.
+    """Open a stream for a recording, and write the file if the block ends without an error.
 
-    In the block, Rerun raises errors for bad arguments.
+    In the block, Rerun raises errors for bad arguments instead of printing warnings.
     """
     if Path(path).suffix != ".rrd":
         raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
@@ -43,14 +43,14 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
 def new_stream(kind: str) -> rr.RecordingStream:
     """Make a stream with a new application identifier.
 
-    The viewer keeps one blueprint per application. If two recordings had the same application, the
-    viewer would show both with the blueprint of the second recording, with empty views.
+    The viewer keeps one blueprint, or layout, per application. If two recordings had the same
+    identifier, the viewer would show the first with the layout of the second, with empty views.
     """
     return rr.RecordingStream(f"jaxcell_{kind}_{uuid.uuid4().hex[:8]}")
 
 
 def recording_name(path: str | os.PathLike[str]) -> str:
-    """Return the name of a recording in the list of the viewer: folder and file name."""
+    """Return the name of a recording in the list of the viewer: its folder and its file name."""
     path = Path(path).absolute()
     return f"{path.parent.name}/{path.stem}"
 
@@ -67,7 +67,7 @@ class Dated:
 
 
 def time_columns(timeline: str | Dated, times: Int[np.ndarray, "times"]) -> list[rr.TimeColumn]:
-    """Make the column of a timeline; a dated timeline has a second column with dates."""
+    """Make the columns of a timeline: times, and for a dated timeline also dates."""
     if isinstance(timeline, str):
         return [rr.TimeColumn(timeline, sequence=times)]
     dates = timeline.start.astype("datetime64[ns]") + times * np.timedelta64(timeline.seconds, "s")
@@ -107,7 +107,7 @@ def send_changing(
 def send_blueprint(
     stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str | Dated, speed: float
 ) -> None:
-    """Send the layout of the viewer: tabs, and a timeline that plays `speed` units per second."""
+    """Send the layout of the viewer: tabs, and a timeline that plays `speed` times per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(
         timeline=timeline.name if isinstance(timeline, Dated) else timeline,
@@ -120,7 +120,7 @@ def send_blueprint(
 
 
 def pace(steps: int) -> float:
-    """Return a speed in steps per second that plays a run in about 20 seconds, within limits."""
+    """Return the steps per second that play a run in 20 seconds, at least 2 and at most 30."""
     return float(np.clip(steps / 20, 2, 30))
 
 
@@ -131,10 +131,14 @@ def plane(
     contents: Sequence[str] | None = None,
     ground: Color = BLACK,
 ) -> rrb.Spatial2DView:
-    """Make a view of a box in a plane: left, top, right, bottom, with y down.
+    """Make a view of a box in a plane with y down.
 
-    `ground` is the colour behind all entities. Labels on it are white. The viewer draws a
-    half-transparent ground behind labels: dark in its dark theme, light in its light theme.
+    **Arguments:**
+
+    - `origin`: the entity in whose coordinates the view is drawn.
+    - `box`: the left, top, right and bottom of the box.
+    - `contents`: the shown entities, by default all entities below `origin`.
+    - `ground`: the colour behind all entities.
     """
     left, top, right, bottom = box
     return rrb.Spatial2DView(
@@ -147,7 +151,7 @@ def plane(
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """Make a blueprint with a layout and a time panel, without automatic views."""
+    """Make a blueprint with a layout and a time panel, to which the viewer adds no views."""
     return rrb.Blueprint(
         layout,
         time,

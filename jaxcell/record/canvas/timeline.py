@@ -1,4 +1,4 @@
-"""Timelines along values of a parameter. The viewer needs whole numbers as times."""
+"""Timelines along the values of a parameter, which convert them to whole numbers as times."""
 
 from typing import NamedTuple
 
@@ -13,16 +13,17 @@ class Timeline(NamedTuple):
     """A timeline along the values of a parameter."""
 
     name: str
-    "The name of the timeline, which includes the factor between values and times."
+    "The name of the timeline, with the factor from values to times, such as `angle x 10`."
     times: Int[np.ndarray, "values"]
     meaning: str
-    "The meaning of a time, in words."
+    "The meaning of a time, such as `the value times 10`."
 
 
 def along_values(name: str, values: np.ndarray) -> Timeline:
-    """Choose a timeline whose slider shows the values of a parameter.
+    """Make the timeline along the values of a parameter.
 
-    If the values are texts, or not all different, the times are their indices.
+    A time is a value times a power of ten. If values are texts, or not all different, their indices
+    are the times.
     """
     times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)
     if digits is None:
@@ -35,10 +36,10 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Scale values to whole numbers by a power of ten. Returns the numbers and the exponent.
+    """Scale values to whole numbers by a power of ten; return the numbers and the exponent.
 
-    The numbers are exact if six digits suffice. Otherwise they are rounded to the smallest number
-    of digits, but at least four, for which the values remain different.
+    The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the least
+    number of digits that keeps the values different, but the largest value has at least five.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

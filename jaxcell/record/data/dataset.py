@@ -18,8 +18,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     """Convert a result to a labelled dataset, from the descriptions of its quantities.
 
     Each quantity becomes a variable with its meaning, units and kind as attributes. The names of
-    the variables of a part begin with the name of the part, except coordinates. Rows of different
-    lengths are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
+    the variables of a part begin with the name of the part, except coordinates. Arrays of Python
+    objects are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
     over `position`, `theta` over `direction`.
 
     **Arguments:**
@@ -98,8 +98,8 @@ def attributes_of(described: Quantity) -> dict[str, Any]:
 def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
     """Return the value of each check, for the attributes `check_<name>` of a dataset.
 
-    Checks are computed only from the arrays of the dataset, so they can be repeated on a saved
-    file. The limits are far above rounding errors, so only wrong or altered arrays exceed them.
+    A value above its limit raises `RuntimeError`. The limits are far above rounding errors, so only
+    wrong arrays exceed them.
     """
     for name, (value, limit) in checks.items():
         if not (value <= limit or limit == np.inf):
@@ -123,7 +123,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
 
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """Join the single numbers of several parts to arrays along a dimension."""
+    """Join the single numbers of several parts to arrays along the dimension `dim`."""
     rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (
@@ -144,7 +144,7 @@ def _checks(result: Result, prefix: str) -> Checks:
 
 
 def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
-    """Return the largest violation of the kind of each variable."""
+    """Return checks that the numbers of each variable are possible for its kind."""
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in dataset.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)

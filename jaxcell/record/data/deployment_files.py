@@ -13,10 +13,15 @@ from ...drift import SeaDrift
 def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     """Write deployment cells as CSV with a header and a line per drifter, or as GeoJSON (RFC 7946).
 
-    The columns, or properties of the points, are `number`, from 1; `lon` and `lat` in degrees;
-    `cell`; `purpose`, either `reach` (a cell of the deployment) or `view` (a cell from which the
-    sea bed is seen); `group` and `transient_group`, the persistent or the transient group of the
-    cell (one of them is empty); and `gained`, the number of cells that are reached first from it.
+    The columns, or properties of the points, are
+
+    - `number`: the number of the drifter, from 1;
+    - `lon`, `lat`, `cell`: its cell, with the position in degrees;
+    - `purpose`: `reach` for a cell of the deployment, or `view` for a cell from which the drifter
+        sees the sea bed;
+    - `group`, `transient_group`: the persistent or the transient group of the cell; the other
+        column is empty;
+    - `gained`: the number of cells of the group that no earlier drifter reaches.
 
     **Arguments:**
 

@@ -16,7 +16,7 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     **Arguments:**
 
     - `result`: the result of a study.
-    - `cells`: the cell space of the positions in the result; by default the cells of the result.
+    - `cells`: the cell space of the positions in the result; by default that of the result.
 
     **Returns:** an object for `json.dumps`.
 

@@ -25,7 +25,14 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make the tables of a result in a terminal: of single numbers, of arrays, and of parts."""
+    """Make the tables that a terminal shows: single numbers, arrays, and tables of the parts.
+
+    **Arguments:**
+
+    - `heading`: the title of the first table.
+    - `seconds`: the time of the computation, as the last row of the first table.
+    - `cells`: the cell space of the positions in the result; by default that of the result.
+    """
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:
@@ -55,19 +62,19 @@ def tables(
 
 
 def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    found = summarized(result)
-    return {name: found[name] for name in result.brief if name in found} or found
+    numbers = summarized(result)
+    return {name: numbers[name] for name in result.brief if name in numbers} or numbers
 
 
 def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]:
     described = summarized(result)
-    for dim, found in columns(result).items():
+    for dim, table in columns(result).items():
         if result.brief and dim not in result.brief:
             continue
         listed = {
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
-        several = found | listed
+        several = table | listed
         length = max((len(np.asarray(value)) for _, value in several.values()), default=0)
         # Meanings do not fit as heads of many columns.
         short = _MAX_LONG < len(several) <= length
@@ -90,9 +97,9 @@ def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> Iterator[Table]:
-    """Make a table of the numbers of several results of one kind, and the tables of each result.
+    """Make a table of the numbers of several results of one class, and the tables of each result.
 
-    Each result has a column, or a row if there are more than three.
+    In the first table each result has a column, or a row if there are more than three results.
     """
     across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}

@@ -27,10 +27,10 @@ axes; their labels are the two attractors."""
 
 
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
-    """Log attractors and basins.
+    """Log the recording of attractors and basins.
 
-    The pictures show the first two axes. The timeline `slice` moves along the third axis, if any;
-    on all further axes the pictures show the middle.
+    The pictures show a plane of the first two axes. The timeline `slice` moves the plane along the
+    third axis, if any. The plane is in the middle of all other axes.
     """
     names = np.arange(basins.attractors)
     count = basins.box.cells[2] if basins.box.dimensions > 2 else 1
@@ -64,7 +64,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
-    """Log attractors and basins for a range of parameters, over a timeline of the first one."""
+    """Log the recording of attractors and basins, with a timeline of the first parameter."""
     name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
     each = zip(branches.members, branches.label, strict=True)
@@ -106,7 +106,7 @@ def _heading(result: Basins | Continuation, spec: Spec) -> str:
 
 
 def _classes(attractors: int) -> list[PictureClass]:
-    """Return the classes: no attractor (0), and then the basin and the cells of each attractor."""
+    """Return the classes of a picture: no attractor, and the basin and cells of each attractor."""
     named = [PictureClass("out of the box", _OUT)]
     for k in range(attractors):
         color = category(k)
@@ -127,8 +127,11 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
 def _slices(
     basins: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells on planes of the first two axes, with rows along the second axis,
-    at indices along the third axis, and in the middle of the other axes."""
+    """Cut planes of the first two axes out of the box, with rows along the second axis.
+
+    `classes` has the class of each cell. The planes are at the indices `thirds` along the third
+    axis, and in the middle of all other axes.
+    """
     box = basins.box
     rest = [n // 2 for n in box.cells[3:]]
     cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(basins) else 0 for k in thirds]
@@ -137,16 +140,16 @@ def _slices(
 
 
 def _cut(basins: Basins, timeline: str = "") -> str:
-    """Describe the plane that is shown of a box with more than two axes."""
+    """Describe where the planes of [`_slices`][] cut a box with more than two axes."""
     if not _deep(basins):
         return ""
     cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
     at = [f"{name} = {ticks[ticks.size // 2]:.4g}" for name, ticks in cut]
-    said = f"\n\nThe maps go along {basins.names[0]} and {basins.names[1]}"
+    planes = f"\n\nThe maps go along {basins.names[0]} and {basins.names[1]}"
     if not timeline:
-        return f"{said}, at {', '.join(at)}."
+        return f"{planes}, at {', '.join(at)}."
     name, ticks = cut[0]
-    through = f"{said}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
+    through = f"{planes}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
     rest = f"; they are cut at {', '.join(at[1:])}" if at[1:] else ""
     return f"{through}, from {ticks[0]:.4g} to {ticks[-1]:.4g}{rest}."
 
@@ -158,7 +161,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells in pictures, at indices along the third axis."""
+    """Return pictures of the basins by [`_slices`][]; `names` has the numbers of attractors."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):
@@ -167,7 +170,7 @@ def _pictures(
 
 
 def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the attractors of a box in its first three axes, if it has at least three."""
+    """Log the attractors as points in the first three axes of the box."""
     each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
     if basins.attractors > _MAX_NAMED:
         each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])

@@ -12,11 +12,11 @@ from ..canvas.stream import plane
 
 
 SIDE = 10.0
-"""The side of the drawn box; it does not depend on the units of the axes."""
+"""The side of the drawn box, to which all axes are scaled."""
 
 
 def category(number: int) -> Color:
-    """Return the colour of an attractor or a set; further ones than colours are grey."""
+    """Return the colour of an attractor or a set, by its number; grey after the last colour."""
     return list(CATEGORIES.values())[number] if number < len(CATEGORIES) else PLAIN
 
 
@@ -29,7 +29,7 @@ def scaled(box: Box, points: Float[np.ndarray, "points axes"]) -> Float[np.ndarr
 def log_axes(
     stream: rr.RecordingStream, box: Box, names: tuple[str, ...], pictures: tuple[str, ...]
 ) -> None:
-    """Log the ends and the names of the drawn axes, and scale pictures of cells to the box."""
+    """Log the names and the ends of the drawn axes, and scale `pictures` of cells to the box."""
     columns, rows = (*box.cells[:2], 1)[:2]
     stretch = rr.Transform3D(translation=[0, SIDE, 0], scale=[SIDE / columns, -SIDE / rows, 1])
     for name in pictures:

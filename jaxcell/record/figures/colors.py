@@ -1,6 +1,7 @@
 """Colours for the numbers of a plot, with a legend or a colour bar."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,34 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_NONE = "none"
-
-
 def color_of(color: Color) -> tuple[float, ...]:
     """Convert a colour of recordings to a colour of matplotlib."""
     return tuple(channel / 255 for channel in color)
-
-
-@dataclasses.dataclass(frozen=True)
-class Colored:
-    """Numbers to draw as colours, with options for `imshow`, `pcolormesh` or `scatter`."""
-
-    values: np.ndarray
-    options: dict[str, Any]
-    label: str
-    names: dict[str, tuple[float, ...]] | None
-    "The colours by their meanings, for numbers that are labels; otherwise `None`."
-
-    def explain(self, ax: "Axes", image: Any) -> None:
-        """Add a legend for labels, and a colour bar for other numbers."""
-        from matplotlib.patches import Patch
-
-        if self.names is None:
-            ax.figure.colorbar(image, ax=ax, label=self.label)
-            return
-        patches = [Patch(color=color, label=name) for name, color in self.names.items()]
-        if patches:
-            ax.legend(handles=patches, loc="center left", bbox_to_anchor=(1, 0.5))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,16 +33,22 @@ class Drawn:
         kinds = {"share": "share", "distribution": "share", "count": "number"}
         return self.about.label or kinds.get(self.about.kind, "")
 
-    def colored(self) -> Colored:
-        """Choose colours for the numbers; indices and flags are labels, sorted by frequency."""
+    def show(self, ax: "Axes", draw: Callable[[np.ndarray, dict[str, Any]], Any]) -> None:
+        """Draw the numbers as colours, and add a colour bar or a legend.
+
+        `draw` gets an array of numbers or ranks, and the options of matplotlib for their colours.
+        Indices and flags have a legend, with the most frequent value first.
+        """
         from matplotlib.colors import ListedColormap
+        from matplotlib.patches import Patch
 
         if self.about.kind not in ("index", "flag") or self.about.units is not None:
             values = np.ma.masked_invalid(self.values.astype(float))
             if self.about.kind == "index":
                 values = np.ma.masked_less(values, 0)
             shades = ListedColormap(ramp(np.linspace(0, 1, 256)) / 255, "jaxcell")
-            return Colored(values, {"cmap": shades}, self.label, None)
+            ax.figure.colorbar(draw(values, {"cmap": shades}), ax=ax, label=self.label)
+            return
         labels, inverse, count = np.unique(self.values, return_inverse=True, return_counts=True)
         own = labels >= 0
         order = np.argsort(np.where(own, -count, 1), kind="stable")
@@ -77,11 +59,13 @@ class Drawn:
             palette[k % len(palette)] if own[label] else color_of(PLAIN)
             for k, label in enumerate(order)
         ]
-        words = {0: "no", 1: "yes"} if self.about.kind == "flag" else {-1: _NONE, -2: _NONE}
+        words = {0: "no", 1: "yes"} if self.about.kind == "flag" else {-1: "none", -2: "none"}
         names = {
             words.get(int(labels[label]), str(labels[label])): colors[k]
             for k, label in enumerate(order[: len(palette)])
         }
         options = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(colors) - 0.5}
-        values = np.ma.masked_array(rank[inverse].reshape(self.values.shape))
-        return Colored(values, options, self.label, names)
+        draw(np.ma.masked_array(rank[inverse].reshape(self.values.shape)), options)
+        if names:
+            patches = [Patch(color=color, label=name) for name, color in names.items()]
+            ax.legend(handles=patches, loc="center left", bbox_to_anchor=(1, 0.5))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ground(NamedTuple):
-    """A background with a place for each element along some dimensions of a quantity."""
+    """A background, on which each element along some dimensions of a quantity has a place."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."
@@ -47,11 +47,13 @@ def of(result: Result, about: Quantity) -> Ground | None:
 
 def _room(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
     """Draw the cells of a room, with its walls."""
-    free, colored = cells.free, drawn.colored()
-    squares = np.ma.masked_all(free.size)
-    squares[cells.square] = colored.values
-    style = colored.options | options
-    colored.explain(ax, _squares(ax, cells, squares.reshape(free.shape), style))
+
+    def draw(values: np.ndarray, style: dict[str, Any]) -> Any:
+        squares = np.ma.masked_all(cells.free.size)
+        squares[cells.square] = values
+        return _squares(ax, cells, squares.reshape(cells.free.shape), style | options)
+
+    drawn.show(ax, draw)
     _walls(ax, cells)
 
 
@@ -96,20 +98,22 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 def _plane(
     box: Box, labels: tuple[str, ...], ax: "Axes", drawn: Drawn, options: dict[str, Any]
 ) -> None:
-    """Draw the plane of the first two axes of a box, at the middle of the other axes."""
-    colored = drawn.colored()
+    """Draw the plane of the first two axes of a box, in the middle of all other axes."""
+
+    def draw(values: np.ndarray, style: dict[str, Any]) -> Any:
+        squares = values.reshape(box.cells)
+        while squares.ndim > 2:
+            squares = squares[..., squares.shape[-1] // 2]
+        extent = np.stack([box.lower, box.upper], axis=1)[:2].ravel()
+        layout = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+        return ax.imshow(squares.T, extent=extent, **(layout | style | options))
+
     names = labels or [f"x{axis}" for axis in range(box.dimensions)]
     if box.dimensions == 1:
         ax.plot(box.ticks(0), drawn.values, **options)
         ax.set_ylabel(drawn.label)
     else:
-        squares = colored.values.reshape(box.cells)
-        while squares.ndim > 2:
-            squares = squares[..., squares.shape[-1] // 2]
-        extent = np.stack([box.lower, box.upper], axis=1)[:2].ravel()
-        style = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
-        image = ax.imshow(squares.T, extent=extent, **(style | colored.options | options))
-        colored.explain(ax, image)
+        drawn.show(ax, draw)
         ax.set_ylabel(names[1])
     ax.set_xlabel(names[0])
 
@@ -119,10 +123,12 @@ def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> N
     lon, lat = (np.asarray(getattr(result, name)) for name in ("lon", "lat"))
     if drawn.about.kind == "index":
         drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))
-    colored = drawn.colored()
-    values = np.ma.masked_where(drawn.values == -2, colored.values)
-    image = ax.pcolormesh(lon, lat, values, shading="nearest", **(colored.options | options))
-    colored.explain(ax, image)
+
+    def draw(values: np.ndarray, style: dict[str, Any]) -> Any:
+        values = np.ma.masked_where(drawn.values == -2, values)
+        return ax.pcolormesh(lon, lat, values, shading="nearest", **(style | options))
+
+    drawn.show(ax, draw)
     ax.set_facecolor(color_of(PLAIN))
     ax.set_aspect(1 / max(0.1, np.cos(np.radians(np.nanmean(lat)))))
     ax.locator_params(nbins=5)
@@ -131,17 +137,16 @@ def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> N
 
 
 def _network(graph: "Graph", ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the vertices and edges of a graph; vertices without places are on a circle."""
+    """Draw the vertices and edges of a graph. Vertices without coordinates form a circle."""
     from matplotlib.collections import LineCollection
 
     turn = 2 * np.pi * np.arange(graph.vertices) / graph.vertices
     xy = graph.xy
     if xy is None:
         xy = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    colored = drawn.colored()
     ax.add_collection(LineCollection(list(xy[graph.edges]), colors=[color_of(PLAIN)]))
-    style = {"c": colored.values, "s": 120, "zorder": 2, **colored.options, **options}
-    colored.explain(ax, ax.scatter(*xy.T, **style))
+    dots = {"s": 120, "zorder": 2}
+    drawn.show(ax, lambda c, style: ax.scatter(*xy.T, c=c, **(dots | style | options)))
     ax.set_aspect("equal")
     if graph.xy is not None:
         ax.set_xlabel("x (m)")

@@ -17,10 +17,10 @@ _ROWS = 12
 
 
 def html(result: Result) -> str:
-    """Describe a result in HTML for a notebook, which needs neither files nor a kernel.
+    """Describe a result in HTML for a notebook; the HTML needs neither files nor a kernel.
 
-    The page has remarks, tables as a command prints them, the dimensions of arrays, and a picture
-    if the result has an array and matplotlib is installed.
+    It has the remarks, the tables that a command prints, a list of arrays, and a picture if the
+    result has an array and matplotlib is installed.
     """
     title = result.title or type(result).__name__
     body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]

@@ -26,7 +26,7 @@ def plot(
 
     A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
     as a map, and cells over time as a path. Other arrays are drawn as a curve or bars (one
-    dimension), or as lines or an image (two dimensions). Further dimensions show one entry.
+    dimension), or as lines or an image (two dimensions). Of other dimensions, one index is drawn.
 
     **Arguments:**
 
@@ -34,13 +34,13 @@ def plot(
     - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the picture of
         the class of the result, or the first quantity on a map.
     - `ax`: the axes to draw in; by default the axes of a new figure.
-    - `options`: the entry to draw of a dimension, such as `direction=3`; by default the last of
-        `bump`, `step` and `time`, and the first of others. Other options are for matplotlib.
+    - `options`: the index along a dimension, such as `direction=3`; by default the last index of
+        `bump`, `step` and `time`, otherwise the first. Other options are for matplotlib.
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` for a quantity that the result does not have, or that is a single
-    number; `IndexError` for an entry that does not exist; `ModuleNotFoundError` without matplotlib,
+    number; `IndexError` for an index that does not exist; `ModuleNotFoundError` without matplotlib,
     which `jaxcell[plot]` installs.
 
     The steps to the groups of a robot that bounces in a lab, as a map for one direction:
@@ -53,13 +53,13 @@ def plot(
     pyplot = import_module("matplotlib.pyplot")
     name = name or picture(result)
     if name is None:
-        raise ValueError(f"{type(result).__name__} has no array to draw; its numbers are in print")
+        raise ValueError(f"{type(result).__name__} has no array to draw; print shows its numbers")
     drawable = _drawable(result)
     owner, own_name, about = drawable.get(name, (result, "", None))
     value = getattr(owner, own_name, None)
     if about is None or value is None:
         names = ", ".join(drawable)
-        raise ValueError(f"{name}: this is no array of the result; expected one of {names}")
+        raise ValueError(f"{name}: not an array of the result; expected one of {names}")
     array, dims = np.asarray(value), list(about.dims)
     base = ground.of(result, about)
     kept = base.dims if base else tuple(dims[-2:])
@@ -95,9 +95,10 @@ def picture(result: Result) -> str | None:
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
     """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
 
-    Returns for each array its result or part, its name there, and its description.
+    For each array, return the result or part that has it, its name in this part, and its
+    description.
     """
-    found = {
+    arrays = {
         prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
         if about.dims
@@ -107,12 +108,12 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
     }
     for name, part in parts(result).items():
         if isinstance(part, Result):
-            found |= _drawable(part, f"{prefix}{name}_")
-    return found
+            arrays |= _drawable(part, f"{prefix}{name}_")
+    return arrays
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw a single row as a curve or bars, and several rows as lines with a legend."""
+    """Draw an array as a curve or bars, or an array of two dimensions as several lines."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
     if len(dims) == 2 and rows.shape[0] > rows.shape[1]:
@@ -134,7 +135,7 @@ def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, An
 
 
 def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
-    """Find the labels of a dimension, with angles in degrees, and the meaning of the labels."""
+    """Return the labels of a dimension, such as angles in degrees, and their meaning."""
     described = quantities(type(result)).items()
     labels = [(name, a) for name, a in described if a.dims == (dim,) and a.kind == "coordinate"]
     for name, about in sorted(labels, key=lambda label: label[1].units == "rad"):
@@ -145,12 +146,7 @@ def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
 
 
 def _draw_image(ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    colored = drawn.colored()
-    image = ax.imshow(
-        colored.values,
-        **{"aspect": "auto", "origin": "lower", "interpolation": "nearest"},
-        **(colored.options | options),
-    )
-    colored.explain(ax, image)
+    layout = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+    drawn.show(ax, lambda values, style: ax.imshow(values, **(layout | style | options)))
     ax.set_xlabel(drawn.dims[1].replace("_", " "))
     ax.set_ylabel(drawn.dims[0].replace("_", " "))

@@ -4,7 +4,7 @@ import rerun as rr
 
 from ...automata import Belief, BeliefState
 from ...space import CellSpace
-from ..canvas.belief import arrows, belief_length, heat, heat_scale
+from ..canvas.belief import arrows, heat, heat_scale
 from ..canvas.map import log_classes, on_squares
 from ..canvas.marks import points
 from ..canvas.palette import KNOWN
@@ -16,7 +16,7 @@ _FEW = 24
 
 @dataclasses.dataclass(eq=False)
 class BeliefHeat:
-    """The belief of a robot while it drives, as a heat map in its recording."""
+    """The belief of a robot, logged as a heat map while the robot drives."""
 
     belief: Belief
     cells: CellSpace
@@ -25,7 +25,7 @@ class BeliefHeat:
     def __post_init__(self) -> None:
         if self.belief.hidden.configurations > self.cells.size:
             raise ValueError(
-                f"belief: it is of {self.belief.hidden.configurations} cells, and the map has "
+                f"belief: it has {self.belief.hidden.configurations} cells, but the map has "
                 f"{self.cells.size}"
             )
         self.state = self.belief.start()
@@ -43,11 +43,11 @@ class BeliefHeat:
         stream.log("map/grid/heat", rr.SegmentationImage(picture))
         known = self.belief.estimate(self.state).cells
         known = known if known.size <= _FEW else known[:0]
-        origins, vectors = arrows(cells, known, belief_length(cells))
+        origins, vectors = arrows(cells, known)
         stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
 
     def log_style(self, stream: rr.RecordingStream) -> None:
-        """Log the classes and the style, which do not change."""
+        """Log the colours of the heat map and of the arrows, once per recording."""
         log_classes(stream, "map/grid/heat", heat_scale().classes)
         style = rr.Arrows2D.from_fields(colors=KNOWN, radii=points(2.0), draw_order=20)
         stream.log("map/credible", style, static=True)

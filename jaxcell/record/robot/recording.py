@@ -10,15 +10,7 @@ import rerun.blueprint as rrb
 
 from ...automata import Belief, Filter, Policy
 from ...space import CellSpace
-from ..canvas.belief import (
-    MAX_ARROWS,
-    arrows,
-    belief_length,
-    log_belief_style,
-    log_shades,
-    robot_length,
-    shades,
-)
+from ..canvas.belief import MAX_ARROWS, arrows, log_belief_style, log_shades, robot_length, shades
 from ..canvas.curves import curve_view, log_curve_style
 from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
@@ -44,11 +36,11 @@ class RobotRecording:
     """A Rerun recording of robots, written while they drive.
 
     This is a context manager. If the run is interrupted, even by a loss of power, the file has all
-    data except the last moments. Over the timelines `seconds` and `observation` the recording has
-    the true pose, the trail, the place by odometry and the observations of each robot, and the
-    possible cells of the filter of a robot.
+    data except the last moments. The timelines `seconds` and `observation` show the true pose, the
+    trail, the place by odometry and the observations of each robot, and the possible cells of its
+    filter.
 
-    In the block, set `jaxcell.robot.RunLog.on_event` to `event`, to record the events of the run.
+    To record the events of a run, set `jaxcell.robot.RunLog.on_event` to the method `event`.
 
     A robot that bumps into a wall:
 
@@ -81,8 +73,8 @@ class RobotRecording:
         - `cells`: the cell space of their map, or `None`.
         - `filter`: the localization filter or policy of the robot, or `None`.
         - `belief`: the belief of the robot, or `None`.
-        - `filter_of_cells`: `True` if the filter or belief is on `cells`, so that the map can show
-            its cells.
+        - `filter_of_cells`: `True` if `cells` are those of the filter or belief, so that the map
+            can show its cells.
         - `viewer`: a viewer that shows the run; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: the parameters, which the text shows.
 
@@ -101,7 +93,7 @@ class RobotRecording:
         self._of_filter = None if filter is None else known
         if filter is not None and known is not None and filter.uncertainty[0] != known.size:
             raise ValueError(
-                f"filter: it is of {filter.uncertainty[0]} cells, and the map has {known.size}"
+                f"filter: it has {filter.uncertainty[0]} cells, but the map has {known.size}"
             )
         self._heat = None if belief is None or known is None else BeliefHeat(belief, known)
         self._path, self._cells, self._filter = path, cells, filter
@@ -232,7 +224,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of the filter and its cells; the state `None` means a refuted filter."""
+        """Log a state of the filter and its cells. The state is `None` if the filter is refuted."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -241,7 +233,7 @@ class RobotRecording:
         if (cells := self._of_filter) is None:
             return
         few = robot.cells if robot.cells.size <= MAX_ARROWS else NOWHERE
-        origins, vectors = arrows(cells, few, belief_length(cells))
+        origins, vectors = arrows(cells, few)
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
         picture = on_squares(cells, shades(cells, robot.cells))
         self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
@@ -254,7 +246,7 @@ class RobotRecording:
         self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
 
     def _log_styles(self) -> None:
-        """Log the styles of marks and curves, which do not change."""
+        """Log the colours and sizes of marks and curves, once per recording."""
         self._stream.log("odometry", rr.Transform3D(scale=[1, -1, 1]), static=True)
         styles: list[tuple[str, Any, Color, float, float]] = []
         if self._of_filter is not None:
@@ -297,7 +289,7 @@ class RobotRecording:
         self._stream.log("log", rr.TextLog(who + text, level=level))
 
     def _set_time(self, seconds: float, observation: int) -> None:
-        """Set the times for the next data that this thread logs."""
+        """Set the time, on both timelines, of the data that this thread logs next."""
         self._stream.set_time("seconds", duration=float(seconds))
         self._stream.set_time("observation", sequence=int(observation))
 

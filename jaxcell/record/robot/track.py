@@ -27,13 +27,13 @@ class RecordedRobot:
     start: Sequence[float] | None = None
     "The start of the odometry: x and y in metres, the heading in radians; `None` if unknown."
     trace: Sequence[tuple[float, float, float, float]] | None = None
-    """Times in seconds and true poses, for example of an emulated robot, in a list that grows while
-    the robot drives; `None` if true poses are unknown."""
+    """Time in seconds, x, y and heading of each true pose, for example of an emulated robot. The
+    list grows while the robot drives; `None` if true poses are unknown."""
     radius: float = 0.0
     "The radius of the body in metres; with the radius 0 the body is not drawn."
     touches: Sequence[tuple[float, float, float]] | None = None
-    """Time in seconds, x and y of each touch of a wall, ordered by time, in a list that grows while
-    the robot drives; `None` if touches are unknown."""
+    """Time in seconds, x and y of each touch of a wall, ordered by time. The list grows while the
+    robot drives; `None` if touches are unknown."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -44,9 +44,9 @@ class Track:
     color: Color
     observed: int = 0
     read: int = 0
-    "The number of entries of the trace that were read."
+    "The number of entries of the trace that [`Track.follow`][] has read."
     last: tuple[float, float, float, float] | None = None
-    "The last read entry of the trace."
+    "The last entry that was read from the trace."
     logged: float = -math.inf
     "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
@@ -58,7 +58,11 @@ class Track:
     cells: Int32[np.ndarray, "belief"] = dataclasses.field(default_factory=lambda: NOWHERE)
 
     def follow(self) -> tuple[Float[np.ndarray, "poses 4"], Int32[np.ndarray, "poses"]]:
-        """Return the new poses to log, and the number of the observation of each pose."""
+        """Read new entries of the trace.
+
+        **Returns:** the poses to log, with their times, and for each pose the number of the
+        observation that ends its step.
+        """
         new = list(self.about.trace[self.read :]) if self.about.trace is not None else []
         self.read += len(new)
         if not new:
@@ -86,9 +90,9 @@ class Track:
     def touched(
         self, times: Float[np.ndarray, "poses"]
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
-        """Find the last touch of a wall in the interval before each time, if any.
+        """Find the last touch of a wall in the tenth of a second before each time, if any.
 
-        Returns the places of these touches, and the number of touches for each time, 0 or 1.
+        **Returns:** the places of these touches, and the number of touches at each time, 0 or 1.
         """
         touches = np.array(self.about.touches or (), float).reshape(-1, 3)
         last = np.searchsorted(touches[:, 0], times, side="right") - 1
@@ -96,7 +100,7 @@ class Track:
         return touches[last[there], 1:], there.astype(np.int32)
 
     def observe(self) -> None:
-        """Count an observation, and store the last pose of the robot as its place."""
+        """Count an observation, and store the place of the robot."""
         self.observed += 1
         self.place = None if self.last is None else np.array(self.last[1:3])
 
@@ -105,7 +109,7 @@ class Track:
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:
-        """Return the place by odometry; `estimate` is in metres ahead and to the left of start."""
+        """Convert an estimate in metres ahead and to the left of the start to coordinates."""
         x, y, theta = self.about.start or (0.0, 0.0, 0.0)
         place = complex(x, y) + complex(*estimate[:2]) * complex(math.cos(theta), math.sin(theta))
         return np.array([place.real, place.imag])
@@ -114,7 +118,7 @@ class Track:
 def longer_trail(
     old: Float[np.ndarray, "old 2"], new: Float[np.ndarray, "new 2"]
 ) -> Float[np.ndarray, "corners 2"]:
-    """Add places to a trail. Returns the corners of the longer trail."""
+    """Add places to a trail, and return its corners, at most the last `MAX_CORNERS`."""
     trail = np.concatenate([old, new])
     if len(trail) < 2:
         return trail

@@ -17,19 +17,19 @@ _MAX_LETTERS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A parameter of a sweep. A step of the axis has one value, or a few neighbouring values."""
+    """A parameter of a sweep. A step of the axis has one value, or several adjacent values."""
 
     name: str
     dimension: str
     timeline: str
-    "The name of the timeline, which includes the factor between values and times."
+    "The name of the timeline, with the factor from values to times, such as `angle x 10`."
     times: Int[np.ndarray, "steps"]
     labels: tuple[str, ...]
     "The value of each step; the first value if a step has several values."
     step: Int[np.ndarray, "places"]
-    "The step of each index along the dimension."
+    "The step of each member, by its index along the dimension."
     meaning: str
-    "The meaning of a time, in words."
+    "The meaning of a time, such as `the value times 10`."
 
     @property
     def steps(self) -> int:
@@ -37,19 +37,19 @@ class Axis:
 
     @property
     def number(self) -> bool:
-        """True if the values are only numbers of list members or samples."""
+        """True if the values are only the numbers of list members or samples."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-        """Return the step of each member; `place` is the index of the dimension in `shape`."""
+        """Return the step of each member of an array whose dimension `place` has this axis."""
         step = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
         return np.broadcast_to(step, shape)
 
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """List the axes of a sweep: the parameters, and the numbers of members of lists or samples.
+    """List the axes of a sweep: first its parameters, then the numbers of list members or samples.
 
-    An axis has at most `most` steps; with more values, neighbours share a step.
+    An axis has at most `most` steps. If there are more values, adjacent values share a step.
     """
     all_axes = [
         _axis(str(name), str(dimension), values.values, most)
@@ -61,10 +61,10 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 
 
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
-    """List at most `most` pairs of axes (across, up) for pictures; numbers of samples come last.
+    """List at most `most` pairs of axes for pictures; the first axis of a pair has more steps.
 
-    Both axes of a pair have at least two steps. The number of a sample is not paired with the
-    parameters of samples.
+    Both axes have at least two steps. The numbers of samples are not paired with a parameter of the
+    samples, because they have the same dimension. Pairs with numbers of samples are last.
     """
     spanned = [
         (a, b)
@@ -79,9 +79,10 @@ def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
 def statistics(
     values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
-    """Compute quantiles of the members of each step of an axis.
+    """Compute quantiles of the known values at each step of an axis.
 
-    **Returns:** the steps with members, their `QUANTILES`, and `True` if each has one member.
+    **Returns:** the steps with known values, their `QUANTILES`, and `True` if each step has only
+    one value.
     """
     members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
     rows = members.quantile([*QUANTILES.values()]).unstack()
@@ -95,7 +96,7 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """Compute the mean of the members of each pair of steps; NaN if there are none."""
+    """Compute the mean of the known values at each pair of steps; NaN if none is known."""
     across, up = pair
     square = up.along(places[1], values.shape) * across.steps
     square = (square + across.along(places[0], values.shape))[known]

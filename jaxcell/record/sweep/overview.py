@@ -24,7 +24,7 @@ _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
 PICTURE_BYTES = 16_000_000
-"""Largest size of all heat maps of a recording in bytes, with a byte per pixel."""
+"""Largest size of all heat maps of a recording in bytes; a pixel has one byte."""
 # Seconds in which the viewer plays a whole axis.
 _SECONDS = 30
 _MAX_BESIDE = 3
@@ -51,7 +51,8 @@ def log_sweep(
 
     For each numeric variable, curves show the least value, the quartiles and the greatest value of
     the members at each value of a parameter, and heat maps show the mean over pairs of parameters.
-    If a parameter has over a thousand values (fewer with many heat maps), neighbours share a step.
+    If a parameter has more than 1,000 values, adjacent values share a time of the timeline; with
+    many heat maps this limit is lower.
 
     **Arguments:**
 
@@ -111,7 +112,7 @@ def _log_variable(
     all_axes: Sequence[Axis],
     spanned: Sequence[tuple[Axis, Axis]],
 ) -> rrb.Container:
-    """Log the curves of a variable along each parameter, and its heat maps with a common scale."""
+    """Log the curves of a variable over each axis, and its heat maps, which have one scale."""
     name, values = str(variable.name), variable.values
     known = np.isfinite(values)
     place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
@@ -154,7 +155,7 @@ def _scale(means: np.ndarray, variable: xr.DataArray) -> Scale:
 
 
 def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> None:
-    """Log the ticks, the names and the sliders of all heat maps of two axes."""
+    """Log the ticks, names and sliders of two axes, for the heat maps of all variables."""
     plot = Plot(stream, path, float(across.steps), float(up.steps))
     ticks = [
         {i + 0.5: axis.labels[i] for i in _ticks(axis.steps, most)}
@@ -172,7 +173,7 @@ def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> 
 
 
 def _ticks(steps: int, most: int) -> range:
-    """Return at most `most` regularly spaced steps."""
+    """Return the indices of at most `most` ticks at regular distances."""
     strides = (scale * digit for scale in (1, 10, 100, 1000) for digit in (1, 2, 5))
     return range(0, steps, next(stride for stride in strides if stride * most >= steps))
 
@@ -240,7 +241,7 @@ def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _made(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return the fields of the specification, and the versions of the software."""
+    """Return the fields of the specification of a sweep, and the versions of the software."""
     made: dict[str, str] = {}
     for field, value in json.loads(attributes.get("spec", "{}")).items():
         inside = value if isinstance(value, dict) else {"": value}

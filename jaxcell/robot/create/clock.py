@@ -15,7 +15,7 @@ _TURNING = 0.69
 
 @runtime_checkable
 class Wheeled(Protocol):
-    """A robot for [`ByClock`][], such as a [`jaxcell.robot.Create`][]."""
+    """A robot that [`ByClock`][] can drive, such as a [`jaxcell.robot.Create`][]."""
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
         """Set the speeds of the wheels in m/s. Returns false if a bump has stopped the wheels."""
@@ -46,12 +46,11 @@ class ByClock:
         """**Arguments:**
 
         - `robot`: an armed robot, such as a [`jaxcell.robot.Create`][].
-        - `speed`, `turning`: the speeds in metres and radians per second, which
-            [`jaxcell.robot.Driver.drive`][] must not change.
-        - `clock`, `sleep`: the clock, which differs for an emulated robot.
+        - `speed`, `turning`: the speeds in metres and radians per second, among the speeds that
+            [`jaxcell.robot.Driver.drive`][] does not slow down.
+        - `clock`, `sleep`: functions that return the time and wait, in seconds. An emulated robot
+            has its own time.
         - `pause`: the seconds for which the robot stands still after each motion.
-
-        **Raises:** `ValueError` for a speed that is not positive, or that the wheels cannot reach.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
             if not 0 < value <= most:
@@ -60,13 +59,11 @@ class ByClock:
         self._clock, self._sleep, self._pause = clock, sleep, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         wheel = math.copysign(self._speed, distance)
         seconds, bumped = self._for(abs(distance) / self._speed, wheel, wheel, distance > 0)
         return Moved(wheel * seconds, 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise."""
         rate = math.copysign(self._turning, angle)
         wheel = rate * WHEEL_BASE / 2
         seconds, _ = self._for(abs(angle) / self._turning, wheel, -wheel, False)
@@ -75,7 +72,7 @@ class ByClock:
     def _for(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels for a time. Returns the time in seconds, and whether a bump ended it."""
+        """Turn the wheels for a time. Returns the elapsed time, and whether a bump ended it."""
         began = self._clock()
         free = True
         try:

@@ -29,11 +29,11 @@ _D = TypeVar("_D", bound="Driver")
 _UNARMED = "it is not armed"
 
 TICK = 0.1
-"""The seconds between two repetitions of the speeds by a driver."""
+"""The seconds after which a driver sends the speeds of the wheels again."""
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
-    """The error that reports that the driver has stopped the wheels, and why."""
+    """Raised because the driver has stopped the wheels; the message has the reason."""
 
 
 class Driver:
@@ -53,8 +53,8 @@ class Driver:
 
     **Arguments:**
 
-    - `port`: the open line at 115200 baud. It is closed together with the robot.
-    - `patience`: seconds, from 0.2 to 10.
+    - `port`: the open line at 115200 baud, which the driver closes at its end.
+    - `patience`: the longest silence that is allowed, from 0.2 to 10 seconds.
 
     **Raises:** `ValueError` for a `patience` outside of this range. The `with` statement raises
     `OSError` if the line fails, and `ConnectionError` if no robot answers.
@@ -86,10 +86,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot: a device, or an address of pySerial such as `socket://host:port`.
-
-        **Raises:** `OSError` if the line does not exist, or another process uses it.
-        """
+        """Open the line to a robot: a device, or a URL of pySerial such as `socket://host:port`."""
         return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
@@ -143,10 +140,7 @@ class Driver:
         raise RobotStopped("it does not go to mode Safe")
 
     def sensors(self) -> Reading:
-        """Get the latest reading.
-
-        **Raises:** [`RobotStopped`][] if it is older than `patience`.
-        """
+        """Get the latest reading. Raises [`RobotStopped`][] if it is older than `patience`."""
         with self._news:
             reading = self._reading
             if reading is None or self._now() - reading.time > self._patience:
@@ -164,8 +158,7 @@ class Driver:
 
         **Returns:** whether the robot drives: `False` after a bump.
 
-        **Raises:** [`RobotStopped`][] if the robot is not armed; `ValueError` for a speed out of
-        range.
+        **Raises:** [`RobotStopped`][] if the robot is not armed.
         """
         wheels = wheel_speeds(right=right, left=left)
         with self._news:
@@ -186,7 +179,7 @@ class Driver:
             self._write(_STILL)
 
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        """Wait for a newer reading. The caller will not change the speeds for `steady` seconds."""
+        """Wait for a newer reading. The speeds will not change for the next `steady` seconds."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
@@ -226,7 +219,7 @@ class Driver:
         )
 
     def _greet(self) -> bool:
-        """Open the interface in mode Passive, and start the stream. Returns true if it works."""
+        """Open the interface in mode Passive, and start the stream. Returns true if it arrives."""
         # The robot needs a moment to change its mode.
         for command in (_HALT + STOP, START):
             with self._news:
@@ -243,7 +236,7 @@ class Driver:
             return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
 
     def _wake(self) -> None:
-        """Pull the wake line (BRC) of the robot, on cables that connect it to RTS or DTR."""
+        """Wake the robot by a pulse on its pin BRC, if the cable connects it to RTS or DTR."""
         for line in ("rts", "dtr"):
             # A pseudo-terminal has no such lines, and raises OSError 25.
             with contextlib.suppress(OSError, AttributeError):

@@ -26,10 +26,10 @@ class Port(Protocol):
 
 
 def open_line(url: str) -> serial.SerialBase:
-    """Open a device such as `/dev/ttyUSB0`, or an address of pySerial such as `socket://host:port`.
+    """Open a device such as `/dev/ttyUSB0`, or a URL of pySerial such as `socket://host:port`.
 
-    If the adapter supports it, as the adapters of FTDI do, it passes bytes on at once, and does not
-    collect them for 16 ms.
+    Some adapters, such as those of FTDI, collect bytes for 16 ms by default. They are set to pass
+    on each byte at once.
 
     **Raises:** `OSError` if the line does not exist, or another process uses it.
     """
@@ -50,6 +50,6 @@ def open_line(url: str) -> serial.SerialBase:
 
 
 def plain(error: OSError) -> str:
-    """Get the text of an error of a line, without the numbers of the operating system."""
+    """Return the message of an error without the error numbers of the operating system."""
     text = re.sub(r"\[Errno -?\d+\] ", "", str(error))
     return re.sub(r"\(\d+, '(.*)'\)", r"\1", text)

@@ -23,13 +23,13 @@ class Moved(NamedTuple):
     """The measured result of a motion."""
 
     distance: float
-    "The distance of the centre of the body ahead of its start, in metres."
+    "The displacement of the centre of the body along the heading at the start, in metres."
     angle: float
     "The turn of the body, in radians counter-clockwise."
     bumped: bool
     "True if a bump ended the motion."
     left: float = 0.0
-    "The distance of the centre of the body to the left of its start, in metres."
+    "The displacement of the centre of the body to the left of this heading, in metres."
 
 
 class Create(Driver):
@@ -41,7 +41,7 @@ class Create(Driver):
         robot.forward(0.5)
     ```
 
-    [`jaxcell.robot.Driver`][] describes the constructor, and when the wheels stop.
+    [`jaxcell.robot.Driver`][] describes the constructor, and the events that stop the wheels.
     """
 
     speed: float = 0.2
@@ -55,11 +55,11 @@ class Create(Driver):
         tolerance: float = 0.005,
         timeout: float | None = None,
     ) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive.
+        """Drive straight by a distance in metres, backward if negative. A bump ends the drive.
 
-        The speed is in metres per second, at most 0.5, by default the speed of the robot. The
-        tolerance is the largest error by the encoders, in metres. The default of the timeout is
-        twice the expected time and 3 s.
+        `speed` is in metres per second, at most 0.5, by default the speed of the robot. `tolerance`
+        is the largest final error by the encoders, in metres. The default `timeout` is twice the
+        expected duration plus 3 s.
 
         **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped, or exceeds the
         timeout.
@@ -84,10 +84,10 @@ class Create(Driver):
         tolerance: float = math.radians(1),
         timeout: float | None = None,
     ) -> Moved:
-        """Turn in place by radians, counter-clockwise.
+        """Turn in place by an angle in radians, counter-clockwise.
 
-        A bump does not end the turn, because the bumper may be pressed already. The speed is in
-        radians per second, at most 4, and the tolerance in radians. The errors are those of
+        A bump does not end the turn, because the bumper may be pressed already. `speed` is in
+        radians per second, at most 4, and `tolerance` in radians. Raises the same errors as
         `forward`.
         """
 
@@ -109,10 +109,10 @@ class Create(Driver):
         tolerance: float,
         timeout: float | None,
     ) -> Moved:
-        """Drive until a quantity of the readings has changed by the target, and the wheels stand.
+        """Drive until a quantity of the readings has changed by `target`, and the wheels stand.
 
-        `wheels` computes the speeds of the right and the left wheel in m/s, from the rest of the
-        change and the turn so far in radians.
+        `wheels` computes the speeds of the right and the left wheel in m/s, from the remaining
+        change of the quantity and the turn so far in radians.
         """
         start = now = self.sensors()
         stop_on_bump = quantity == "distance" and target > 0
@@ -166,5 +166,5 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """Compute the velocity for the rest of a motion, between two speeds."""
+    """Compute the velocity of a motion, which slows down from `speed` to `slowest` near its end."""
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

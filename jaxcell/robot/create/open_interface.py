@@ -10,14 +10,14 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from .packets import chosen, codes, members, size
+from .packets import chosen, layout, members
 
 
 BAUD = 115200
-"""The bits per second of a Create 2 or Roomba 600, 8N1, without flow control."""
+"""The baud rate of a Create 2 or Roomba 600, with 8N1 and without flow control."""
 
 STREAM_PERIOD = 0.015
-"""The seconds from one frame of the stream to the next, and between readings of the sensors."""
+"""The period of the stream, and of the readings of the sensors by the robot, in seconds."""
 
 MAX_SPEED = 500
 """The largest speed of a wheel, in mm/s."""
@@ -49,10 +49,7 @@ _DATA_BYTES = {
 
 
 def drive_direct(*, right: int, left: int) -> bytes:
-    """Encode the command that sets the speed of each wheel, from -500 to 500 mm/s.
-
-    **Raises:** `ValueError` for a speed out of range.
-    """
+    """Encode the command that sets the speed of each wheel, from -500 to 500 mm/s."""
     for name, speed in (("right", right), ("left", left)):
         if not -MAX_SPEED <= speed <= MAX_SPEED:
             raise ValueError(f"{name} = {speed}: expected -{MAX_SPEED} to {MAX_SPEED}")
@@ -60,9 +57,9 @@ def drive_direct(*, right: int, left: int) -> bytes:
 
 
 def stream(ids: Sequence[int]) -> bytes:
-    """Write the command that requests a frame with these packets every 15 ms.
+    """Encode the command that requests a frame with these packets every 15 ms.
 
-    **Raises:** `ValueError` for an unknown number, for no number, or for a frame of more than 172
+    **Raises:** `ValueError` for an unknown packet, an empty list, or a frame of more than 172
     bytes, which the line cannot carry in 15 ms.
     """
     _FrameLayout.of(tuple(ids))
@@ -70,7 +67,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Write a frame of the stream with these packets, as the robot sends it."""
+    """Encode a frame of the stream with these packets, as the robot sends it."""
     layout = _FrameLayout.of(tuple(ids))
     known, free = layout.empty, layout.values.pack(*chosen(ids, values))
     frame = bytes(map(operator.or_, known, free))
@@ -85,7 +82,7 @@ class StreamParser:
     all values are within the ranges of their packets. Otherwise the search continues at the next
     byte. No input raises an exception.
 
-    The guarantee depends on the packets. For `jaxcell.robot.STREAM`, if a single byte of three
+    The protection depends on the packets. For `jaxcell.robot.STREAM`, if a single byte of three
     consecutive frames is changed, lost or doubled, at most two of these frames are lost, and only
     values that the robot sent are returned. This has two reasons. If a frame is read from a wrong
     position, at least two known bytes disagree. And the last packet has a byte that never equals
@@ -151,7 +148,7 @@ class Command:
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "The data. For a song, a stream or a list of queries, they begin with the bytes of the length."
+    "The bytes after the opcode, including the length of a song, a stream or a list of queries."
 
     @property
     def words(self) -> tuple[int, ...]:
@@ -164,14 +161,6 @@ class CommandParser:
 
     Like the robot, it waits for missing bytes of data, so that a truncated command takes the bytes
     of the next command. A byte that is not an opcode is skipped.
-
-    A command that arrives in two pieces:
-
-        >>> from jaxcell import robot
-        >>> from jaxcell.robot.create.open_interface import drive_direct
-        >>> parser, data = robot.CommandParser(), drive_direct(right=200, left=-100)
-        >>> parser.feed(data[:2]), [command.words for command in parser.feed(data[2:])]
-        ([], [(200, -100)])
     """
 
     def __init__(self) -> None:
@@ -210,7 +199,7 @@ def _command_size(buffer: bytearray) -> int | None:
 
 @dataclass(frozen=True)
 class _FrameLayout:
-    """The fixed bytes of a frame of the stream, and the places of the values."""
+    """The fixed bytes of a frame of the stream, and the positions of the values."""
 
     empty: bytes
     "A frame with the fixed bytes, and 0 for the values and the checksum."
@@ -223,7 +212,8 @@ class _FrameLayout:
     @functools.lru_cache
     def of(cls, ids: tuple[int, ...]) -> "_FrameLayout":
         members(ids)
-        sizes = [size([id_]) for id_ in ids]
+        layouts = [layout([id_]) for id_ in ids]
+        sizes = [each.size for each in layouts]
         length = sum(sizes) + len(ids)
         if not 0 < length <= 169:
             raise ValueError(
@@ -232,7 +222,7 @@ class _FrameLayout:
             )
         body = b"".join(bytes([id_, *[0] * n]) for id_, n in zip(ids, sizes, strict=True))
         known = b"".join(bytes([255, *[0] * n]) for n in sizes)
-        values = "".join(f"x{codes([id_])}" for id_ in ids)
+        values = "".join(f"x{each.format[1:]}" for each in layouts)
         return cls(
             bytes([HEADER, length]) + body + bytes(1),
             bytes([255, 255]) + known + bytes(1),

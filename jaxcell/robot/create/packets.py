@@ -4,7 +4,7 @@ import enum
 import functools
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 
@@ -15,7 +15,7 @@ METRES_PER_COUNT = math.pi * 0.072 / 508.8
 """The distance that a wheel of 72 mm rolls per encoder count, in metres."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The bits of packet 14 for the right and the left wheel; the other bits are for the brushes."""
+"""The mask of packet 14 (overcurrent) for the two wheels; the other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
@@ -46,7 +46,7 @@ class Packet:
     id: int
     "The number that requests the packet."
     name: str
-    "The key of the value in the result of `decode`."
+    "The name of the packet, which is the key of its value."
     size: int
     "The size of the packet in bytes."
     low: int
@@ -140,15 +140,12 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The numbers that request several packets at once."""
+"""The numbers of the packets in each group, by the number that requests the group."""
 
 
 @functools.lru_cache
 def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
-    """List the packets that the robot sends for the numbers of packets and groups, in order.
-
-    **Raises:** `ValueError` for a number that is neither a packet nor a group.
-    """
+    """List the packets in the answer to a request for packets and groups, in order."""
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -159,45 +156,24 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
     return tuple(packets)
 
 
-def size(ids: Iterable[int]) -> int:
-    """Count the bytes of data that the robot sends for the numbers of packets and groups."""
-    return sum(packet.size for packet in members(tuple(ids)))
-
-
-def codes(ids: Iterable[int]) -> str:
-    """Write the format of these bytes for the module `struct`, without the byte order."""
-    return "".join(packet.code for packet in members(tuple(ids)))
-
-
-def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
-    """Decode the answer of the robot to a request for `ids`. Returns the values by name.
-
-    Values out of the ranges of their packets are accepted.
-
-    **Raises:** `ValueError` for an unknown number, or a wrong length of `data`.
-    """
-    packets, layout = members(tuple(ids)), struct.Struct(">" + codes(ids))
-    if len(data) != layout.size:
-        raise ValueError(f"{len(data)} bytes of data; the packets {list(ids)} have {layout.size}")
-    return dict(zip((packet.name for packet in packets), layout.unpack(data), strict=True))
+def layout(ids: Iterable[int]) -> struct.Struct:
+    """Return the format of the data in the answer to a request for packets and groups."""
+    return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
-    """Encode the answer of the robot to a request for `ids`, the inverse of `decode`.
+    """Encode the answer of the robot to a request for the packets and groups `ids`.
 
-    Values of other packets are ignored.
+    `values` are by name; values of other packets are ignored.
 
     **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
     ids = tuple(ids)
-    return struct.pack(">" + codes(ids), *chosen(ids, values))
+    return layout(ids).pack(*chosen(ids, values))
 
 
 def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
-    """Choose the values of the packets that the robot sends for `ids`, in order.
-
-    The errors are those of `encode`.
-    """
+    """List the values in the answer to a request for `ids`, in order; see `encode`."""
     numbers = []
     for packet in members(tuple(ids)):
         if packet.name not in values:

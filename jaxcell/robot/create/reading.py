@@ -16,7 +16,7 @@ from .packets import (
 
 
 STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The packets of the stream. `StreamParser` explains why the mode, 35, is the last one."""
+"""The numbers of the streamed packets. `StreamParser` explains why the mode, 35, is the last."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Reading:
     encoders: tuple[int, int]
     "The counts of the left and the right encoder."
     place: complex
-    """The place of the centre of the body, in metres from its place when the driver connected: the
-    sum of the arcs between readings. The real part is ahead, the imaginary part to the left."""
+    """The position of the centre of the body, in metres from its position when the driver
+    connected. The real part is ahead, and the imaginary part to the left."""
 
     @classmethod
     def of(
@@ -62,13 +62,13 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Make a reading of the values of the packets in `STREAM`, by name.
+        """Make a reading from the values of the packets in `STREAM`, by name.
 
         Distances are computed from the encoders, because the distances of the robot (packets 19 and
         20) are wrong in most firmware. The encoders do not sense the direction in which a wheel
         turns. The robot assumes the last commanded direction, so that a robot that is pushed by
-        hand counts in a wrong direction. From the previous reading, the robot must have moved less
-        than 14 m. `first_mode` is the number of mode Off, 1 for some robots.
+        hand counts in a wrong direction. Since the previous reading, the robot must have moved less
+        than 14 m. `first_mode` is the number of mode Off: 0, or 1 for some robots.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0
@@ -140,4 +140,4 @@ class Reading:
 
 
 LOW_BATTERY = 0.1
-"""The fraction of its capacity below which the battery is low."""
+"""The battery is low if its charge is below this fraction of its capacity."""

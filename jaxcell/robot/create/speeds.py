@@ -6,13 +6,12 @@ from .open_interface import MAX_SPEED, RESET, START, STOP
 
 
 def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
-    """Choose the speeds in mm/s to send for wanted speeds in m/s, from -0.5 to 0.5.
+    """Convert speeds in m/s, from -0.5 to 0.5, to speeds in mm/s that are safe to send.
 
     If the line loses the opcode of a drive command, the robot takes its data for commands, and
-    might clean, dock, switch off or reset. Therefore a pair of speeds with such a byte is replaced
-    by the next slower pair on the same arc. A straight drive remains straight, and a turn on the
-    spot remains on its spot. The ratio of the speeds changes by at most half a mm/s of the slower
-    wheel.
+    might clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode
+    is replaced by the next slower pair on the same arc. A straight drive remains straight, and a
+    turn on the spot stays on the spot. On another arc, speeds are rounded by at most half a mm/s.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

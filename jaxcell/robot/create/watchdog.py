@@ -27,7 +27,7 @@ _GOODBYE = b"q"
 
 
 class Watchdog:
-    """A watchdog process, as its driver controls it.
+    """The handle by which a driver controls its watchdog process.
 
     The process runs `command`, which calls `watch`, and inherits the file descriptors `lines`.
 
@@ -67,12 +67,10 @@ class Watchdog:
 
     @classmethod
     def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
-        """Start a watchdog for a robot on a serial line, a file descriptor.
+        """Start a watchdog for a robot on a serial line; `line` is its file descriptor.
 
-        The watchdog writes `pause` whenever the driver is silent for `patience` seconds, and
-        `farewell` when the driver has ended.
-
-        **Raises:** `OSError` if the process does not start.
+        The watchdog writes the bytes `pause` whenever the driver is silent for `patience` seconds,
+        and `farewell` when the driver has ended.
         """
         command = (sys.executable, "-I", "-S", os.path.abspath(__file__))
         words = (str(line), pause.hex(), farewell.hex(), str(patience))
@@ -104,8 +102,8 @@ class Watchdog:
 def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: float) -> None:
     """Run the loop of the watchdog process.
 
-    `pause` is called whenever the driver is silent for `patience` seconds, and `farewell` when the
-    driver has ended.
+    `pause` and `farewell` stop the robot. `pause` is called whenever the driver is silent for
+    `patience` seconds, and `farewell` when the driver has ended.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -132,7 +130,7 @@ def _watch_line(line: int, pause: bytes, farewell: bytes, patience: float) -> No
 
 
 def _write(line: int, data: bytes) -> None:
-    """Write all of `data` to a line that may block, for at most one second."""
+    """Write `data` to a line that may block. Give up after one second."""
     end = time.monotonic() + 1
     while data and time.monotonic() < end:
         try:

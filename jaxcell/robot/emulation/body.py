@@ -23,19 +23,19 @@ _MIDDLE = math.radians(20.0)
 class Noise:
     """The errors of the motion of an emulated robot; all zero by default.
 
-    As on the real robot, the encoders do not measure these errors of the body.
+    The encoders do not measure the errors of the body, as on a real robot.
     """
 
     distance: float = 0.0
-    "The standard deviation of the relative error of a straight stretch, drawn per stretch."
+    "The standard deviation of the relative error of a straight drive, drawn once per drive."
     rotation: float = 0.0
-    "The standard deviation of the relative error of a turn in place, drawn per turn."
+    "The standard deviation of the relative error of a turn in place, drawn once per turn."
     veer: float = 0.0
-    "The standard deviation of the change of heading along a metre, in radians."
+    "The standard deviation of the random change of heading along a straight metre, in radians."
     encoder: float = 0.0
-    "The standard deviation of the relative error of the counts of an encoder, drawn per tick."
+    "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
-    """The turn toward the wall by a bump at 45 degrees, in radians, the same at each bump; see
+    """The angle by which a bump at 45 degrees turns the robot toward the wall, in radians; see
     [`jaxcell.space.Slip`][]."""
     bump_skid: float = 0.0
     "The distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
@@ -50,19 +50,19 @@ class Noise:
 def bumper_give(cell: float) -> float:
     """Choose the distance by which the bumper of an emulated robot can be pushed in, in metres.
 
-    A step that goes less deep into a wall is not a bump, unlike in the model of bouncing robots.
-    But with a rigid bumper, a robot within its tolerances would bump into corners that the robot of
-    the model grazes. A compromise is 2 cm for cells with a side of 1 m. It decreases with the
-    square of the side, down to half a millimetre.
+    If a step enters a wall by less than this distance, the emulated robot does not bump, although
+    the robot of the model does. With a rigid bumper, on the other hand, small errors of its place
+    would make it bump into corners that the robot of the model grazes. The compromise is 2 cm for
+    cells with a side of 1 m, and decreases with the square of the side, down to half a millimetre.
     """
     return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
 
 class Body:
-    """A differential drive with a bumper, among the walls of a map.
+    """The body of a robot with two driven wheels and a bumper, among the walls of a map.
 
-    The duration of a tick is arbitrary, and the body moves along the chord of the arc of its
-    wheels. At a wall the body and its wheels stop, so that the encoders count the true distance.
+    Time advances in steps of any length. In each step the body moves along the chord of the arc of
+    its wheels. At a wall the body and its wheels stop, so that encoders count the true distance.
     The half of the bumper on the side of the wall is pressed while the body is at the wall. The
     bumper faces forward, so that a body which backs into a wall stops without a bump.
     """
@@ -80,8 +80,6 @@ class Body:
 
         The radius of the body is the `robot_radius` of the map, 0 for a point. The bumper is pushed
         in by `give` metres before the wall stops the body.
-
-        **Raises:** `ValueError` if the body would be in a wall, or for a negative `give`.
         """
         if not (math.isfinite(give) and give >= 0):
             raise ValueError(f"give: expected a finite number from 0, got {give!r}")
@@ -108,43 +106,30 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """The seconds that may pass in one move: 0, because noise is drawn for each tick."""
+        """The seconds during which the motion is known: 0, because noise is drawn in each step."""
         return 0.0
 
     @classmethod
-    def in_cell(
-        cls,
-        cells: CellSpace,
-        cell: int,
-        error: float,
-        rng: np.random.Generator,
-        *,
-        give: float | None = None,
-    ) -> "Body":
-        """Put a body at the centre of a cell.
+    def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
+        """Put a body at the centre of a cell, with the `bumper_give` of the cells.
 
-        `error` is the `distance`, `rotation` and `veer` of its noise. The bumper is pushed in by
-        `give` metres, by default by `bumper_give` of the side of a cell.
+        `error` is the `distance`, `rotation` and `veer` of the noise.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
-        give = bumper_give(cells.cell) if give is None else give
-        return cls(cells.room, (x, y, theta), give=give, noise=noise, rng=rng)
+        return cls(cells.room, (x, y, theta), give=bumper_give(cells.cell), noise=noise, rng=rng)
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """The x and y in metres, and the heading in radians, which is not wrapped."""
         return self.x, self.y, self.theta
 
     @property
     def counts(self) -> tuple[int, int]:
-        """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = self.travelled.tolist()
         count = METRES_PER_COUNT
         return math.floor(left / count) % 65536, math.floor(right / count) % 65536
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Turn the wheels for a tick of some seconds, each at its speed in m/s."""
         # A new slip is drawn when the kind of the motion changes, but not when its speed changes.
         stretch = _sign(left + right), _sign(right - left)
         if stretch != self._stretch:
@@ -172,7 +157,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Go straight as far as the walls allow. Returns the covered share of the distance."""
+        """Go straight as far as the walls allow. Returns the covered share of `forward`."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)
@@ -225,7 +210,7 @@ class Body:
 # Consecutive bodies are often among the same walls.
 @functools.lru_cache(maxsize=1)
 def _felt(free: shapely.Geometry, give: float) -> shapely.Geometry:
-    """Compute the places of a body whose bumper may be pushed in by `give` metres."""
+    """Enlarge the free space of a body by the `give` of its bumper, in metres."""
     space = free.buffer(give, join_style="mitre")
     shapely.prepare(space)
     return space

@@ -10,16 +10,16 @@ _TICK, _TURN = 0.05, math.radians(15)
 
 
 class DirectBody:
-    """The body of an emulated robot, which moves without commands, frames, speeds or rounding.
+    """An emulated robot that a walker moves directly, without a driver and its serial commands.
 
-    It has the methods that a walker needs, and is faster than the driver with an emulated robot.
+    It is faster than [`SimulatedCreate`][jaxcell.robot.emulation.simulated.SimulatedCreate], and
+    its encoders do not round.
     """
 
     def __init__(self, body: Body) -> None:
         self.body = body
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
         ticks = max(1, math.ceil(abs(distance) / _TICK))
         before = self.body.travelled.copy()
         bumped = False
@@ -31,7 +31,6 @@ class DirectBody:
         return Moved(float((self.body.travelled - before).mean()), 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise."""
         ticks = max(1, math.ceil(abs(angle) / _TURN))
         wheel = angle / ticks * WHEEL_BASE / 2
         for _ in range(ticks):

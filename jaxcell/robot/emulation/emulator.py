@@ -46,23 +46,23 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """The seconds during which the body rolls freely if no speed changes; 0 if unknown."""
+        """The seconds during which the body rolls freely if its speeds stay; 0 if unknown."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Turn the wheels for a tick of some seconds, each at its speed in m/s."""
+        """Turn the left and the right wheel for some seconds, each at its speed in m/s."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Line:
-    """The serial line to an emulated robot, and the speed of the time of the robot."""
+    """The properties of the serial line to an emulated robot, and of the robot's clock."""
 
     latency: float = 0.0
     "The seconds from the arrival of a command to its effect."
     dropped: float = 0.0
     "The probability that a byte is lost, in both directions."
     speedup: float = 1.0
-    """The seconds of the robot per second of the clock. Above 1, the time of the robot stands still
-    until the host has read all bytes, so that a slow host does not miss any."""
+    """The emulated seconds per real second. Above 1, the emulated time stands still until the host
+    has read all bytes, so that a slow host does not miss any."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.latency) and self.latency >= 0):
@@ -78,11 +78,11 @@ class Emulator:
 
     An emulator is a context manager. Within its block, a thread runs the robot, and `port` is the
     name of a device that a host can open as a serial line. Two runs with one seed are similar but
-    not equal, because the host depends on the clock.
+    not equal, because the host depends on the real clock.
 
     The robot has the modes, the drive commands, the stream and the queries of a Create 2, and
-    accepts the other commands without effect. Packets without emulation are 0, such as the odometry
-    of the robot (19 and 20).
+    accepts the other commands without effect. Packets that are not emulated are 0, such as the
+    odometry of the robot (19 and 20).
 
     The centre of cell `z` of a map is the pose `CellSpace.centre(z)`. To follow the model, a host
     must drive from centre to centre; see [`jaxcell.robot.Walker`][].
@@ -91,7 +91,7 @@ class Emulator:
     port: str
     "The name of the device."
     contact: Contact
-    "The bits of packet 7 for wheels that hang in the air; may be changed."
+    "The wheels that hang in the air, as bits of packet 7; may be changed."
     cliffs: set[str]
     "The names of the cliff packets (`cliff_left`, ...) that sense no floor; may be changed."
     charger: bool
@@ -109,13 +109,13 @@ class Emulator:
         charge: float = 2000.0,
         seed: int = 0,
     ) -> None:
-        """Put a body on a line, by default without faults and in real time.
+        """Connect a body to a serial line, by default without faults and in real time.
 
         The charge of the battery is in mAh. With an empty battery the robot ignores all commands.
         The seed determines the lost bytes.
         """
         if not 0 < charge <= _CAPACITY:
-            raise ValueError(f"charge: expected above 0, to the capacity {_CAPACITY}, got {charge}")
+            raise ValueError(f"charge: expected more than 0 and at most {_CAPACITY}, got {charge}")
         self.line = line or Line()
         self.contact, self.cliffs, self.charger = Contact(0), set(), False
         self.overcurrent = 0
@@ -167,7 +167,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Advance the time of the robot, at most by a frame, and then receive the bytes of a host.
+        """Advance the time by at most one period of the stream, and receive the bytes of a host.
 
         Returns the bytes that the robot has sent.
         """
@@ -260,7 +260,7 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _known(self, ids: tuple[int, ...]) -> bool:
-        """Check that the packets make a frame, since a lost byte may have changed the request."""
+        """Check that the packets fit a frame, because a lost byte may have changed the request."""
         try:
             stream_frame(ids, self._values())
         except ValueError:

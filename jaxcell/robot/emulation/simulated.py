@@ -48,19 +48,19 @@ class _Wire:
 
 
 class SimulatedCreate(Create):
-    """An armed [`jaxcell.robot.Create`][] with an emulated robot, on the clock of this robot.
+    """An armed [`jaxcell.robot.Create`][] that drives an emulated robot in emulated time.
 
     The driver, its commands and the frames of the robot are the same as with a serial line. But
     there is no line, no thread and no watchdog process, and time passes only when the driver waits
-    for the robot. So a run does not depend on the machine, and all runs are equal. While a robot in
-    the physics engine rolls steadily, frames are skipped.
+    for the robot. So runs are reproducible on any machine. While a robot in the physics engine
+    rolls steadily, frames are skipped.
     """
 
     robot: Emulator
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Connect to an emulated robot at the speed of its line, or to a body at full speed."""
+        """Connect to an emulator, or to a body, which is emulated as fast as possible."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

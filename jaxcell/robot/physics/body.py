@@ -56,15 +56,12 @@ class PhysicsBody:
     ) -> None:
         """**Arguments:**
 
-        - `workspace`: the map. Its `robot_radius` has no effect, because the robot has its own.
+        - `workspace`: the map. Its `robot_radius` has no effect, because a Create 2 has `RADIUS`.
         - `pose`: x and y in metres, and the heading in radians.
-        - `physics`: the assumptions.
+        - `physics`: the assumptions about the robot, the floor and the walls.
         - `rng`: the random generator for the radii of the wheels.
-        - `leaps`: if true, a robot that rolls steadily away from walls is moved in closed form,
-            in place of many steps of the engine.
-
-        **Raises:** `ValueError` if the body would be in a wall; `ModuleNotFoundError` without
-        MuJoCo.
+        - `leaps`: if true, a robot that rolls steadily far from walls is moved in closed form,
+            instead of by many steps of the engine.
         """
         self.physics = physics or Physics()
         place, free = shapely.Point(pose[:2]), workspace.environment
@@ -96,34 +93,28 @@ class PhysicsBody:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """The x and y in metres, and the heading in radians, which is not wrapped."""
         x, y = self._data.qpos[:2].tolist()
         return x, y, self._turned
 
     @property
     def counts(self) -> tuple[int, int]:
-        """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = self._data.qpos[ROLL].tolist()
         count = WHEEL / METRES_PER_COUNT
         return math.floor(left * count) % 65536, math.floor(right * count) % 65536
 
     @property
     def bump_left(self) -> bool:
-        """True if the left half of the bumper is pressed."""
         return self._pressed(1)
 
     @property
     def bump_right(self) -> bool:
-        """True if the right half of the bumper is pressed."""
         return self._pressed(-1)
 
     @property
     def glide(self) -> float:
-        """The seconds during which the body rolls freely if no speed changes; 0 if unknown."""
         return 0.0 if self._rate is None else self._free_seconds
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Turn the wheels for a tick of some seconds, each toward its speed in m/s."""
         self._owed += seconds
         step = self.physics.time_step
         steps = math.floor(self._owed / step + 1e-9)
@@ -166,7 +157,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The rate at which wheels approach their commanded speeds; `None` soon after a change."""
+        """The result of `lag_rate`; `None` soon after a change of the commanded speeds."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 
@@ -180,7 +171,7 @@ class PhysicsBody:
     def _look(self) -> None:
         """Measure the free space around the shell, and keep only the near walls in the engine.
 
-        The other walls would take a third of its time.
+        The far walls would take a third of the time of the engine.
         """
         self._looked = self.pose[:2]
         begin, end = self._walls[:, 0], self._walls[:, 1]

@@ -17,12 +17,12 @@ RADIUS = 0.17425
 WHEEL = 0.036
 """The radius of a wheel, in metres."""
 LATENCY = 0.015
-"""The seconds from a command to its effect: a time slot of the robot."""
+"""The seconds from a command to its effect: one period of the sensors of the robot."""
 DAMPING = 60.0
 """The damping of the springs of the bumper, in N s/m."""
 
-# The distance in metres by which the shell can be pushed in from the front, until the chassis stops
-# it; from the sides half of it.
+# The distance in metres by which the shell can be pushed in from the front until the chassis stops
+# it. From the sides it is half of this.
 _TRAVEL = 0.008
 # Half the thickness of a wall in metres. The side toward the robot lies on the map.
 _THIN = 1e-4
@@ -40,7 +40,7 @@ class Physics:
     "The stiffness of the springs of the bumper, in N/m."
     threshold: float = 0.004
     """The distance by which the bumper must be pushed in at 45 degrees to the left or to the right
-    until a switch closes, in metres. By the default stiffness, this takes a force of 2 N."""
+    until a switch closes, in metres. With the default stiffness, this takes a force of 2 N."""
     acceleration: float = 1.8
     "The largest acceleration of the wheels, in m/s²."
     wheels: float = 0.0
@@ -134,7 +134,7 @@ def robot_model(
 
 
 def _wall(ends: Float[np.ndarray, "2 2"]) -> str:
-    """Describe a wall by its two ends in metres; the free space lies to the left."""
+    """Write a wall for MuJoCo, from its two ends in metres; the free space lies to the left."""
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
     length, angle = float(np.hypot(*way)), math.atan2(way[1], way[0])
     x, y = middle + _THIN * np.array([math.sin(angle), -math.cos(angle)])

@@ -1,4 +1,4 @@
-"""Move a robot that rolls steadily in closed form, in place of many steps of the engine."""
+"""Closed-form motion of a robot that rolls steadily, instead of many steps of the engine."""
 
 import cmath
 import math
@@ -11,9 +11,9 @@ from .model import DAMPING, WHEEL
 
 
 BODY, ROLL, SHELL = slice(3), slice(7, 9), slice(9, 11)
-"""The indices of the body, the wheels, and the bumper among the positions of the model."""
+"""The slices of the positions of the model, `qpos`, for the body, the wheels, and the bumper."""
 SPIN, SLIDE = slice(6, 8), slice(8, 10)
-"""The indices of the wheels and the bumper among the velocities of the model."""
+"""The slices of the velocities of the model, `qvel`, for the wheels and the bumper."""
 
 # The range of the slow rate per second at which the lag of the motors decays.
 _RATES = 3.0, 6.0
@@ -54,18 +54,18 @@ def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
 def roll_on(
     data: Any, speeds: tuple[float, float], seconds: float, *, rate: float, stiffness: float
 ) -> float:
-    """Let a robot roll straight or on the spot for a time, without a wall in its reach.
+    """Advance a robot that rolls straight or turns on the spot, with no wall in its reach.
 
-    The lag of both wheels decays at one rate, which determines their turns. The velocity of the
+    The lags of both wheels decay at one rate, which determines their turns. The velocity of the
     body is the velocity of its wheels, plus a small slip that is proportional to their speed.
 
     **Arguments:**
 
     - `data`: the state of the engine, which is changed.
     - `speeds`: the commanded speeds of the left and the right wheel, in m/s.
-    - `seconds`: the time.
-    - `rate`: the rate of `lag_rate`.
-    - `stiffness`: the stiffness of the springs of the bumper in N/m, which swings back.
+    - `seconds`: the time to advance.
+    - `rate`: the result of `lag_rate`.
+    - `stiffness`: the stiffness in N/m of the springs that push the bumper back.
 
     **Returns:** the turn of the body, in radians.
     """

@@ -3,10 +3,10 @@
 This package has not been tested on a robot, but with a substitute for `rclpy` and the messages,
 whose fields and types follow the definitions. By the documentation of the Create 3:
 
-- The actions `drive_distance` and `rotate_angle` end by the odometry of the robot. A robot that
+- The robot measures the actions `drive_distance` and `rotate_angle` by its odometry. A robot that
     bumps keeps pushing, so this package cancels a goal as soon as `hazard_detection` has a bump.
-- By default the robot backs away from a bump by itself, and backs up by a few centimetres only. A
-    run needs other settings: `ros2 param set /motion_control reflexes.REFLEX_BUMP false` and
+- By default the robot backs away from a bump, and drives only a few centimetres backward. A run
+    needs other settings: `ros2 param set /motion_control reflexes.REFLEX_BUMP false` and
     `ros2 param set /motion_control safety_override backup_only`. Because the cliff sensors look
     ahead, the floor must have no edge behind the robot.
 - A cliff, a stall and a dropped wheel end a goal. Here they stop the robot until it is armed again.

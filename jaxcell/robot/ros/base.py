@@ -24,7 +24,7 @@ class Base(RosRobot):
     the bumper is pressed. A short node can publish it by a contact sensor, or by a laser that sees
     a wall close ahead.
 
-    [`jaxcell.robot.ros`][] describes what stops the base.
+    [`jaxcell.robot.ros`][] describes the events that stop the base.
     """
 
     kind, contact = "base", "bumper"
@@ -68,9 +68,10 @@ class Base(RosRobot):
         tolerance: float,
         speed: float,
     ) -> Moved:
-        """Call `roll` for each message of the odometry until a quantity of the motion is reached.
+        """Drive until a quantity of the motion has reached `target`.
 
-        `roll` sends speeds for the rest of the quantity and the turn so far, in radians.
+        At each odometry message, `roll` sends speeds that depend on the rest of the quantity and on
+        the turn so far, in radians.
         """
         stop_on_bump = quantity == "distance" and target > 0
         end = time.monotonic() + 2 * abs(target) / speed + 5

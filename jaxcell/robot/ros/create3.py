@@ -20,7 +20,7 @@ _DANGERS = {2: "there is a cliff", 3: "a wheel is blocked", 4: "a wheel hangs in
 
 
 class Create3(RosRobot):
-    """An iRobot Create 3, or a TurtleBot 4 on one, by its actions and hazards.
+    """An iRobot Create 3, or a TurtleBot 4 on top of it, which is driven by ROS actions.
 
     ```python
     with Create3(remap=["__ns:=/robot1"]) as robot:
@@ -28,7 +28,7 @@ class Create3(RosRobot):
         robot.forward(0.5, tolerance=0.005)
     ```
 
-    [`jaxcell.robot.ros`][] describes what stops the robot, and two settings that it needs.
+    [`jaxcell.robot.ros`][] describes the events that stop the robot, and two necessary settings.
     """
 
     kind, contact = "create3", "hazard_detection"
@@ -99,7 +99,7 @@ class Create3(RosRobot):
         return moved(start, now, bumped)
 
     def _known(self, future: Any) -> Any:
-        """Let the end of a future wake the waiting thread."""
+        """Make the end of a future wake the waiting thread, and return the future."""
         future.add_done_callback(self._notice)
         return future
 

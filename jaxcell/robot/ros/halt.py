@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """Make a function that cancels all goals of a Create 3, and returns the futures."""
+    """Make a function that cancels all goals of a Create 3, and returns futures of the answers."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 
@@ -22,9 +22,9 @@ def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
 
 
 def speed_type(node: Any) -> str | None:
-    """Find the type of speeds to which a robot subscribes: `Twist`, `TwistStamped`, or `None`.
+    """Find the message type of speeds to which a robot subscribes, or `None`.
 
-    `Twist` is preferred.
+    Returns `"Twist"`, which is preferred, or `"TwistStamped"`.
     """
     topic = node.resolve_topic_name("cmd_vel")
     types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
@@ -35,7 +35,7 @@ def speed_type(node: Any) -> str | None:
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
     """Make a function that sets the speeds of a base, in metres and radians per second.
 
-    `kind` is the type of the messages, by [`speed_type`][jaxcell.robot.ros.halt.speed_type].
+    `kind` is the message type that [`speed_type`][jaxcell.robot.ros.halt.speed_type] returns.
     """
     messages = import_module("geometry_msgs.msg")
     publisher = node.create_publisher(getattr(messages, kind), "cmd_vel", 1)

@@ -29,7 +29,7 @@ _STILL, _STILL_TURN = 5e-4, 1e-3
 
 
 class Odometry(NamedTuple):
-    """The pose in a message of the odometry."""
+    """The pose in an odometry message."""
 
     place: complex
     "The position in metres, with x as the real part and y as the imaginary part."
@@ -38,7 +38,7 @@ class Odometry(NamedTuple):
 
 
 class RosRobot(abc.ABC):
-    """A robot on ROS 2 for a [`jaxcell.robot.Walker`][], which uses the odometry of the robot.
+    """A robot on ROS 2 that a [`jaxcell.robot.Walker`][] drives by the odometry of the robot.
 
     A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
     thread, and the robot can drive after `arm`. The wheels stop at the end of the block, even if
@@ -48,7 +48,7 @@ class RosRobot(abc.ABC):
     """
 
     kind: ClassVar[str]
-    "The name of the kind of robot for the watchdog process."
+    "The kind of the robot, by which the watchdog process chooses how to stop it."
     contact: ClassVar[str]
     "The topic of the bumper."
     greeting: float = 10.0
@@ -59,7 +59,8 @@ class RosRobot(abc.ABC):
     def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
 
-        - `remap`: rules of ROS for names, such as `__ns:=/robot1` or `cmd_vel:=/base/cmd_vel`.
+        - `remap`: ROS rules that rename topics, such as `__ns:=/robot1` or
+            `cmd_vel:=/base/cmd_vel`.
         - `patience`: the longest silence of the odometry and the bumper, in seconds.
         """
         self._remap, self._patience = remap, patience
@@ -129,7 +130,7 @@ class RosRobot(abc.ABC):
         """Create the publishers and the other subscriptions of the node."""
 
     def _connect_speeds(self) -> str:
-        """Return the type of the messages of speeds, `Twist` or `TwistStamped`."""
+        """Prepare to send speeds. Returns their message type, `Twist` or `TwistStamped`."""
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
@@ -141,14 +142,14 @@ class RosRobot(abc.ABC):
 
     @abc.abstractmethod
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by metres, backward if negative. A bump ends a forward drive."""
+        """Drive straight by a distance in metres, backward if negative. A bump ends the drive."""
 
     @abc.abstractmethod
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by radians, counter-clockwise. A bump does not end the turn."""
+        """Turn in place by an angle in radians, counter-clockwise. A bump does not end the turn."""
 
     def arm(self) -> None:
-        """Let the robot drive.
+        """Allow the robot to drive.
 
         **Raises:** [`jaxcell.robot.RobotStopped`][] if the robot is in danger, its bumper does not
         report, or a Create 3 does not offer its actions.
@@ -176,7 +177,7 @@ class RosRobot(abc.ABC):
             raise RobotStopped(self._reason)
 
     def _stop(self, reason: str) -> None:
-        """Stop the wheels, and refuse motions for a reason."""
+        """Stop the wheels, and refuse motions for this reason until the robot is armed again."""
         if self._reason is None:
             self._reason = reason
             self._halt()
@@ -266,7 +267,7 @@ class RosRobot(abc.ABC):
         return self._odometry
 
     def _settle(self) -> Odometry:
-        """Wait until three messages in a row say that the robot stands, or for 30 messages."""
+        """Wait until the robot stands still in three consecutive messages, or for 30 messages."""
         now, still = self._after(self._messages), 0
         for _ in range(30):
             before, now = now, self._after(self._messages)

@@ -12,7 +12,7 @@ def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
     """Stop a robot whenever its driver is silent for `patience` seconds, and when the driver ends.
 
     `kind` is the kind of the robot, such as `"create3"`, `speeds` is the ROS type of its velocity
-    messages, and `arguments` are the arguments for ROS.
+    messages, and `arguments` are command-line arguments for ROS.
     """
     rclpy = import_module("rclpy")
     handlers = import_module("rclpy.signals").SignalHandlerOptions.NO

@@ -1,6 +1,7 @@
 import dataclasses
 import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,66 +12,35 @@ from ..anywhere import AnywhereSettings
 from .task import Task, angles, common_fields, write_task
 
 
-KIND = "anywhere"
-
-
 @dataclasses.dataclass(frozen=True)
 class AnywhereTask(Task):
-    """The task of a robot that starts anywhere, and is localized or comes to a goal."""
+    """The task of a robot that starts at an unknown pose, to localize itself or reach a goal."""
 
-    workspace: Workspace
-    bounces: tuple[float, ...]
-    "The angles to choose from, in radians."
+    kind = "anywhere"
     headings: int | None
-    "The number of headings that the robot may start with; `None` for any heading."
-    slices: int
-    "The number of slices of headings of the filter."
-    errors: Errors
-    counted: float
-    "The length of the steps that the robot counts, in metres; 0 if it measures its runs."
-    known: float
-    "The radius of the possible places within which the robot is localized, in metres."
-    goal: tuple[float, float] | None
-    "The centre of the goal region in metres; `None` without a goal."
-    goal_radius: float
-    "The radius of the goal region, in metres."
-    aim: Aim
-    ahead: int
-    "The number of bumps that the choice of an angle looks ahead."
+    "The number of equally spaced headings that are possible at the start; `None` for any heading."
+    build: Callable[[], AnywhereSettings]
+    "A function that builds the settings, which may take seconds."
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
-        """The filter of the room, the bouncing angles and the goal of the robot."""
-        filter = WallFilter.of(
-            self.workspace,
-            headings=self.headings,
-            slices=self.slices,
-            errors=self.errors,
-            step=self.counted,
-        )
-        homing = None
-        if self.goal is not None:
-            homing = Homing(filter, self.goal, self.goal_radius, self.bounces)
-        return AnywhereSettings(filter, self.bounces, self.known, homing, self.aim, self.ahead)
+        """The settings of this task for [`jaxcell.robot.run_anywhere`][]."""
+        return self.build()
 
     @property
     def strides(self) -> None:
         return None
 
-    @property
-    def header(self) -> dict[str, Any]:
-        return {"kind": KIND, **super().header}
-
 
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
-    """Write the task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
+    """Write the task of a robot that starts at an unknown pose to a file.
 
     `fields` are `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
     `counted_m` and `known_m`; with a goal `goal_m` and `goal_radius_m`, else `aim` and `ahead`.
     """
     write_task(
         path,
-        KIND,
+        AnywhereTask.kind,
         boundary=workspace.boundary.tolist(),
         obstacles=[ring.tolist() for ring in workspace.obstacles],
         robot_radius_m=workspace.robot_radius,
@@ -80,38 +50,34 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts anywhere.
-
-    **Raises:** `ValueError`, with the file and the field.
-    """
+    """Read the task of a robot that starts at an unknown pose."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
-    errors, bounces = fields.get("errors"), angles(path, fields, "bounces_deg", "anywhere", 1)
-    goal = values.get("goal_m")
+    boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")
+    bounces = angles(path, fields, "bounces_deg", "anywhere", 1)
+    headings = fields.whole("headings", 2, 10_000) if values.get("headings") is not None else None
+    slices, counted = fields.whole("slices", 2, 100_000), fields.number("counted_m", 0.0)
+    goal = None
+    if values.get("goal_m") is not None:
+        x, y = fields.numbers("goal_m", (2,), whole=False).tolist()
+        goal = (x, y), fields.number("goal_radius_m", 0.0)
+    obstacles, name = fields.get("obstacles") or (), str(values.get("name", ""))
     try:
-        workspace = Workspace(
-            fields.numbers("boundary", (-1, 2), whole=False),
-            fields.get("obstacles") or (),
-            common["radius"],
-            str(values.get("name", "")),
-        )
+        workspace = Workspace(boundary, obstacles, common["radius"], name)
         if not isinstance(errors, dict):
             raise refused("errors", "an object of bounds", errors)
         bounds = Errors(**{name: float(value) for name, value in errors.items()})
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
-    headings = values.get("headings")
-    return AnywhereTask(
-        **common,
-        workspace=workspace,
-        bounces=bounces,
-        headings=None if headings is None else fields.whole("headings", 2, 10_000),
-        slices=fields.whole("slices", 2, 100_000),
-        errors=bounds,
-        counted=fields.number("counted_m", 0.0),
-        known=fields.number("known_m", 0.0),
-        goal=None if goal is None else tuple(fields.numbers("goal_m", (2,), whole=False).tolist()),
-        goal_radius=0.0 if goal is None else fields.number("goal_radius_m", 0.0),
-        aim="worst" if values.get("aim") == "worst" else "mean",
-        ahead=fields.whole("ahead", 1, 3) if "ahead" in values else 1,
-    )
+    radius = fields.number("known_m", 0.0)
+    aim: Aim = "worst" if values.get("aim") == "worst" else "mean"
+    ahead = fields.whole("ahead", 1, 3) if "ahead" in values else 1
+
+    def build() -> AnywhereSettings:
+        filter = WallFilter.of(
+            workspace, headings=headings, slices=slices, errors=bounds, step=counted
+        )
+        homing = None if goal is None else Homing(filter, *goal, bounces)
+        return AnywhereSettings(filter, bounces, radius, homing, aim, ahead)
+
+    return AnywhereTask(**common, headings=headings, build=build)

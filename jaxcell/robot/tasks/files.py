@@ -2,16 +2,16 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, decode_json, read_text
 from ...space.cells import MAX_CELLS
 from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
-from ..team import KIND as TEAM, MemberTask, read_member
-from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
-from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
+from ..team import MemberTask, read_member
+from .anywhere_task import AnywhereTask, read_anywhere
+from .patrol_task import PatrolTask, read_patrol
 from .task import Task, angles, common_fields, digest as digest
 
 
@@ -19,6 +19,7 @@ from .task import Task, angles, common_fields, digest as digest
 class FilterTask(Task):
     """The task of a robot that runs a localization filter."""
 
+    kind = "filter"
     filter: Filter
     bounce: float
     "The bouncing angle of the filter, in radians."
@@ -29,10 +30,10 @@ class FilterTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
+        return {**super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
-        """Put the filter at its start."""
+        """Make a follower of the filter, without observations."""
         return FilterFollower(self.filter, until)
 
 
@@ -40,37 +41,35 @@ class FilterTask(Task):
 class _Choice(Task):
     """A task in which the robot chooses among bouncing angles."""
 
-    kind: ClassVar[str]
     bounces: tuple[float, ...]
-    "The angles to choose from, in radians."
+    "The bouncing angles to choose from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
-        angles = [math.degrees(bounce) for bounce in self.bounces]
-        return {"kind": self.kind, **super().header, "bounces_deg": angles}
+        return {**super().header, "bounces_deg": [*map(math.degrees, self.bounces)]}
 
 
 @dataclasses.dataclass(frozen=True)
 class PolicyTask(_Choice):
     """The task of a robot that runs a localization policy."""
 
-    kind: ClassVar[str] = "policy"
+    kind = "policy"
     policy: Policy
 
     def follower(self) -> Follower:
-        """Put the policy at its start."""
+        """Make a follower of the policy, without observations."""
         return PolicyFollower(self.policy)
 
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """The task of a robot that slips, and is localized by a belief with one or more angles."""
+    """The task of a slipping robot that is localized by a belief."""
 
-    kind: ClassVar[str] = "belief"
+    kind = "belief"
     belief: Belief
 
     def follower(self) -> Follower:
-        """Put the belief at its start."""
+        """Make a follower of the belief, without observations."""
         return BeliefFollower(self.belief)
 
 
@@ -78,6 +77,7 @@ class BeliefTask(_Choice):
 class PlanTask(Task):
     """The task of a robot that follows a navigation plan."""
 
+    kind = "plan"
     start: int
     "The cell where the plan starts."
     actions: tuple[float, ...]
@@ -91,11 +91,11 @@ class PlanTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
+        return {**super().header, "start": self.start, "actions": self.actions}
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
-"""A task of a robot."""
+"""Any task that [`load_task`][] returns."""
 
 
 def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask:
@@ -104,6 +104,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Arguments:**
 
     - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
+        `anywhere.json` of `jaxcell localize` or `navigate` with `--anywhere --out`, the
         `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
         `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: the number of the robot in a team or patrol, by default the first robot.
@@ -113,7 +114,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Raises:** `ValueError`, with the file and the field, if the file is not a task or has no such
     robot or no plan; `FileNotFoundError`.
 
-    The part of a robot of a team:
+    The task of the only robot of a team:
 
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot
@@ -134,14 +135,14 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         )
     values = _json(path) if path.suffix == ".json" else {}
     kind = values.get("kind") if values.get("format") == "jaxcell-robot-task" else None
-    if kind == TEAM:
+    if kind == MemberTask.kind:
         return read_member(path, values, robot or 0)
-    if kind == PATROL:
+    if kind == PatrolTask.kind:
         return read_patrol(path, values, robot or 0)
-    if kind == ANYWHERE:
+    if kind == AnywhereTask.kind:
         return read_anywhere(path, values)
     if robot is not None:
-        raise ValueError(f"{path}: it is for one robot, so that robot {robot} cannot be chosen")
+        raise ValueError(f"{path}: the task is for one robot, and has no robot {robot}")
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
     if path.suffix == ".jxb":

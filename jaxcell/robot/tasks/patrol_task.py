@@ -14,24 +14,22 @@ from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields, write_task
 
 
-KIND = "patrol"
-
-
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
     """The task of a robot that patrols the cells of a map by a random walk."""
 
+    kind = "patrol"
     robot: int
-    "The number of the robot."
+    "The index of this robot."
     robots: int
-    "The number of robots."
+    "The number of robots on patrol."
     cells: CellSpace
     "The squares of the map, with the four directions in which the robot drives."
     closed: tuple[tuple[int, int], ...]
     "The steps that a wall between two free squares blocks: a position, and 0 East to 3 South."
     image: Int[np.ndarray, "branches states"]
-    """The possible next states of each state. A state is a position; or for a robot with memory a
-    state of the memory and a position, in which the position varies fastest."""
+    """The possible next states of each state. A state is a position or, for a robot with memory,
+    `memory * positions + position`."""
     probability: Float[np.ndarray, "branches states"]
     "The probability of each next state."
     start: int
@@ -46,7 +44,7 @@ class PatrolTask(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {"kind": KIND, **super().header, "robot": self.robot, "start": self.start}
+        return {**super().header, "robot": self.robot, "start": self.start}
 
 
 def save_patrols(
@@ -57,14 +55,13 @@ def save_patrols(
     reach: float,
     **about: Any,
 ) -> None:
-    """Write the walks of robots on a map, for [`jaxcell.robot.load_task`][].
+    """Write the random walks of robots on a map to a file for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 
     - `path`: the file, which is replaced if it exists.
     - `cells`: the cell space of a map; its directions have no effect.
-    - `walks`: the `image` and `probability` of the chain of each robot, as of a
-        `jaxcell.mapping.Chain`, on positions, or on pairs as in
+    - `walks`: the `image` and `probability` of the walk of each robot, as in
         [`PatrolTask`][jaxcell.robot.PatrolTask].
     - `starts`: the position of each robot at the start.
     - `reach`: the range of sight of a robot, in metres.
@@ -87,7 +84,7 @@ def save_patrols(
     way, position = np.nonzero(open_ != grid)
     write_task(
         path,
-        KIND,
+        PatrolTask.kind,
         **about,
         cell_m=cells.cell,
         directions=4,
@@ -109,10 +106,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read the task of a robot from the file of a patrol.
-
-    **Raises:** `ValueError` that names the field.
-    """
+    """Read the task of a robot from the file of a patrol."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     common = common_fields(path, fields)

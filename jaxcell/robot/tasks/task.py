@@ -4,7 +4,7 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +20,9 @@ _MAX_DIRECTIONS = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """The task of a robot from a file, with the sizes of its map."""
+    """Base class of the tasks of robots, which are read from files."""
 
+    kind: ClassVar[str]
     path: Path
     cell: float
     "The side of a cell, in metres."
@@ -34,7 +35,7 @@ class Task:
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
-        """The ends of steps; see [`jaxcell.robot.cell_strides`][]. `None` without cells."""
+        """The [`jaxcell.robot.cell_strides`][] of the map; `None` for a task without cells."""
         return cell_strides(self.directions, self.cell, self.step)
 
     @property
@@ -50,8 +51,9 @@ class Task:
 
     @property
     def header(self) -> dict[str, Any]:
-        """The header of the log of a run of this task."""
+        """The description of the task in the header of a log."""
         return {
+            "kind": self.kind,
             "file": str(self.path.absolute()),
             "sha256": digest(self.path),
             "cell_m": self.cell,
@@ -97,10 +99,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Get the fields of a robot in the file of several robots.
-
-    **Raises:** `ValueError` if the file has no such robot.
-    """
+    """Get the fields of a robot in the file of several robots."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")

@@ -14,7 +14,7 @@ from ..study import Say, numbers, radians
 _DEGREE = math.pi / 180
 # The factors from the numbers of `errors` to metres, shares and radians.
 _ERRORS = {"run": 1.0, "distance": 1.0, "late": 1.0, "displacement": 1.0}
-_ERRORS |= {"turn": _DEGREE, "heading": _DEGREE}
+_ERRORS |= {"turn": _DEGREE, "bump_turn": _DEGREE, "heading": _DEGREE}
 # The number of starts whose plans of cells are compared.
 _PLANS = 20
 _ANYWHERE = Only(anywhere=True)
@@ -35,7 +35,8 @@ class AnywhereStudy(MapStudy):
     """Bounds of the errors: of the length of a run, as a share of it (run=0.02) and in metres
     (distance=0.05); of a turn and of the first heading, in degrees (turn=1 heading=2); of the
     distance driven before a bump is felt (late=0.01), and of the distance between the wall and the
-    start of a run (displacement=0.03), in metres."""
+    start of a run (displacement=0.03), in metres. With bump_turn=2, a bump also turns the robot
+    toward the wall, by 2 degrees at 45 degrees of incidence."""
     measured: Annotated[bool, _ANYWHERE] = False
     """Let the robots measure the length of each run instead of counting steps."""
     robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
@@ -58,7 +59,7 @@ class AnywhereStudy(MapStudy):
         for text in self.errors:
             name, _, value = text.partition("=")
             if name not in _ERRORS:
-                raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}, with =")
+                raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}")
             expected = "a number after ="
             bounds[name] = numbers("errors", value, 1, expected)[0] * _ERRORS[name]
         return walls.Errors(**bounds)
