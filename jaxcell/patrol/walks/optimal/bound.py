@@ -14,9 +14,11 @@ from .pursuit import Pursuit
 _BEGINS = 6
 # Largest number of variables of the linear program for the probabilities of attacks.
 _MOST = 500_000
-# Largest number of moves times the longest attack for which cuts are made; the largest number of
-# cuts; and the largest product of the two numbers, without symmetries.
-_PROMISES, _CUTS, _WORK = 1500, 1500, 240_000
+CUTS = 1500
+"""Largest number of cuts per test."""
+# Largest number of moves times the longest attack for which cuts are made, and the largest product
+# of this number and the number of cuts, without symmetries.
+_PROMISES, _WORK = 1500, 240_000
 
 
 def capture_bound(
@@ -25,10 +27,8 @@ def capture_bound(
     *,
     travel_times: Any = None,
     robots: int = 1,
-    stay: bool = False,
     captured: float = 0.0,
     tests: int = 0,
-    cuts: int | None = None,
 ) -> float:
     """Compute an upper bound on the least probability of capture by robots with any memory.
 
@@ -45,11 +45,10 @@ def capture_bound(
 
     **Arguments:**
 
-    - `graph`, `attack_time`, `travel_times`, `robots`, `stay`: as in
+    - `graph`, `attack_time`, `travel_times`, `robots`: as in
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `captured`: the least capture of a known walk; the bound cannot be lower.
     - `tests`: number of tests; each halves the range above `captured` in which the bound may be.
-    - `cuts`: largest number of cuts per test; by default up to 1,500, and fewer on larger graphs.
 
     **Returns:** the bound, at most 1.
 
@@ -61,8 +60,7 @@ def capture_bound(
         0.333333
     """
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    if not stay:
-        delays = delays * (1 - np.eye(graph.vertices, dtype=np.int32))
+    np.fill_diagonal(delays, 0)
     visits = _Visits(delays, attack)
     apart = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     begins = np.argsort(-apart.sum(axis=1), kind="stable")[:_BEGINS].tolist()
@@ -78,10 +76,9 @@ def capture_bound(
         return bound
     ends = [int(end) for end in np.unravel_index(apart.argmax(), apart.shape)]
     pursuit = Pursuit(delays, attack, ends)
-    if cuts is None:
-        # Vertices that symmetries exchange share their cuts.
-        models = len(set(pursuit.models.values()))
-        cuts = min(_CUTS, _WORK * graph.vertices // (size * models))
+    # Vertices that symmetries exchange share their cuts.
+    models = len(set(pursuit.models.values()))
+    cuts = min(CUTS, _WORK * graph.vertices // (size * models))
     return pursuit.bound(captured, bound, tests, cuts)
 
 
@@ -99,8 +96,7 @@ class _Visits:
         self.attack, self.end = attack, int(attack.max())
         first, second = np.nonzero(self.head[:, None] == self.tail)
         self.first, self.second = first, second
-        # A second move that waits, or returns, ends at a vertex that the pair has already visited.
-        self.waits = self.head[second] == self.head[first]
+        # A second move that returns ends at a vertex that the pair has already visited.
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
@@ -109,7 +105,7 @@ class _Visits:
         The first move of the pair ends at `time`, in steps since the attack began.
         """
         # The first move of a walk begins before the attack, so a return to its start counts.
-        again = self.waits | (self.returns & (time > self.lasts[self.first]))
+        again = self.returns & (time > self.lasts[self.first])
         in_time = time + self.lasts[self.second] <= self.attack[self.head[self.second]]
         return (in_time & ~again).astype(float)
 
