@@ -116,11 +116,17 @@ def check_reach(
     attack: Int[np.ndarray, "vertices"],
     names: Sequence[str] | None = None,
     unit: float = 1.0,
+    *,
+    stay: bool = False,
 ) -> None:
-    """Raise if an attack is too short for a robot to come from any vertex, or to return."""
+    """Raise if an attack is too short for a robot to come from any vertex, or to return.
+
+    If robots may `stay` at a vertex, they return after a time of 1.
+    """
     needed = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     same = np.eye(len(delays))
-    np.fill_diagonal(needed, 2 * np.where((delays > 0) & (same == 0), delays, np.inf).min(axis=1))
+    away = 2 * np.where((delays > 0) & (same == 0), delays, np.inf).min(axis=1)
+    np.fill_diagonal(needed, 1.0 if stay else away)
     # Of equal lacks of time, the first between two vertices is named.
     start, end = np.unravel_index(np.argmax(needed - attack - 0.5 * same), needed.shape)
     if needed[start, end] > attack[end]:

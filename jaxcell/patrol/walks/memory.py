@@ -75,6 +75,7 @@ def memory_patrol(
     matrices: Float[np.ndarray, "robots vertices vertices"],
     *,
     travel_times: Any = None,
+    stay: bool = False,
     tests: int = 8,
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
@@ -83,7 +84,7 @@ def memory_patrol(
 
     **Arguments:**
 
-    - `graph`, `attack_time`, `travel_times`: as in
+    - `graph`, `attack_time`, `travel_times`, `stay`: as in
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `memory`: the largest number of states of the memory of a robot.
     - `matrices`: the transition matrix of each robot without memory.
@@ -103,12 +104,12 @@ def memory_patrol(
         >>> dict(zip(found.patrol, found.least_capture.round(2).tolist(), strict=True))
         {'memory 1': 0.44, 'memory 2': 0.53, 'tour': 0.0}
     """
-    given: dict[str, Any] = {"travel_times": travel_times, "robots": len(matrices)}
+    given: dict[str, Any] = {"travel_times": travel_times, "stay": stay}
     sizes, walks = [1], [matrices]
     while sizes[-1] < memory:
         sizes.append(min(2 * sizes[-1], memory))
         say(f"seeking a walk with {sizes[-1]} states of memory")
-        options = {"memory": sizes[-1], "throw": False, **given}
+        options = {"robots": len(matrices), "memory": sizes[-1], "throw": False, **given}
         walks.append(maximin_capture(graph, attack_time, **options).matrices)
     patrols, captured = [f"memory {size}" for size in sizes], []
     for walk in walks:
@@ -126,7 +127,8 @@ def memory_patrol(
         captured.append((tour.min(axis=0), tour.mean(axis=0)))
         patrols.append("tour")
     say("bounding the capture with any memory")
-    bound = capture_bound(graph, attack_time, captured=max(least), tests=tests, **given)
+    given |= {"robots": len(matrices), "captured": max(least), "tests": tests}
+    bound = capture_bound(graph, attack_time, **given)
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
         patrol=patrols,

@@ -63,11 +63,11 @@ def test_known_optima_from_the_default_start(graph, attack, optimum):
 
 def test_no_chain_of_another_solver_is_better():
     attack = np.array([5, 6, 5, 7])
-    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4)
+    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4, stay=True)
     delays = delays_of(KITE, TIMES)
     least = by_walks(found.matrices[0], delays, attack).min()
     assert found.value == pytest.approx(least, rel=1e-9)
-    among = ChainPolytope.on(KITE)
+    among = ChainPolytope.on(KITE, stay=True)
     arguments = on_device(*whole_numbers(KITE, attack, TIMES))
     sums, sides = among.equalities()
     equal = {"type": "eq", "fun": lambda x: sums @ x[:-1] - sides}
@@ -123,6 +123,12 @@ def test_wrong_arguments_are_refused(arguments, message):
 def test_an_attack_before_a_return_is_refused():
     with pytest.raises(ValueError, match="needs 2 from vertex 0 to vertex 0, where an att"):
         maximin_capture(Graph([[0, 1]]), 1)
+
+
+def test_a_robot_that_may_stay_captures_in_one_step_where_it_is():
+    """On a triangle it goes on to each vertex, or stays, with equal probabilities."""
+    triangle = Graph([[0, 1], [1, 2], [2, 0]])
+    assert maximin_capture(triangle, 1, stay=True).value == pytest.approx(1 / 3)
 
 
 def test_wrong_matrices_are_refused():

@@ -85,7 +85,7 @@ def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
 def test_a_robot_that_acts_alike_in_symmetric_positions_against_all_walks():
     graph, memory, attack = grid(2, 3), 8, 4
     frames = symmetries(delays_of(graph, 1), ["corner", "side", "corner"] * 2)
-    steps = SymmetricSteps.of(capture._with_memory(graph, memory), frames)
+    steps = SymmetricSteps.of(capture._with_memory(graph, memory, False), frames)
     assert len(frames) == 4
     logits = np.random.default_rng(0).normal(size=(1, *steps.own.image.shape))
     chance = steps.chances(logits, 0.0)

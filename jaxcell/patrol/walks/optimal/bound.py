@@ -27,6 +27,7 @@ def capture_bound(
     *,
     travel_times: Any = None,
     robots: int = 1,
+    stay: bool = False,
     captured: float = 0.0,
     tests: int = 0,
 ) -> float:
@@ -45,7 +46,7 @@ def capture_bound(
 
     **Arguments:**
 
-    - `graph`, `attack_time`, `travel_times`, `robots`: as in
+    - `graph`, `attack_time`, `travel_times`, `robots`, `stay`: as in
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `captured`: the least capture of a known walk; the bound cannot be lower.
     - `tests`: number of tests; each halves the range above `captured` in which the bound may be.
@@ -60,7 +61,8 @@ def capture_bound(
         0.333333
     """
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    np.fill_diagonal(delays, 0)
+    if not stay:
+        delays = delays * (1 - np.eye(graph.vertices, dtype=np.int32))
     visits = _Visits(delays, attack)
     apart = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     begins = np.argsort(-apart.sum(axis=1), kind="stable")[:_BEGINS].tolist()
@@ -96,7 +98,8 @@ class _Visits:
         self.attack, self.end = attack, int(attack.max())
         first, second = np.nonzero(self.head[:, None] == self.tail)
         self.first, self.second = first, second
-        # A second move that returns ends at a vertex that the pair has already visited.
+        # A second move that waits, or returns, ends at a vertex that the pair has already visited.
+        self.waits = self.head[second] == self.head[first]
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
@@ -105,7 +108,7 @@ class _Visits:
         The first move of the pair ends at `time`, in steps since the attack began.
         """
         # The first move of a walk begins before the attack, so a return to its start counts.
-        again = self.returns & (time > self.lasts[self.first])
+        again = self.waits | (self.returns & (time > self.lasts[self.first]))
         in_time = time + self.lasts[self.second] <= self.attack[self.head[self.second]]
         return (in_time & ~again).astype(float)
 

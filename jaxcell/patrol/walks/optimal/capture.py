@@ -76,6 +76,7 @@ def maximin_capture(
     *,
     travel_times: Any = None,
     robots: int = 1,
+    stay: bool = False,
     memory: int = 1,
     starts: int = 8,
     seed: int = 0,
@@ -100,6 +101,7 @@ def maximin_capture(
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
     - `robots`: number of robots.
+    - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
         number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
         the robot acts in the same way in symmetric positions, which makes the search faster.
@@ -129,12 +131,12 @@ def maximin_capture(
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
         check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    whole = _with_memory(graph, memory)
-    among = ChainPolytope.on(whole)
-    check_reach(delays, attack)
+    whole = _with_memory(graph, memory, stay)
+    among = ChainPolytope.on(whole, stay=stay)
+    check_reach(delays, attack, stay=stay)
     delays = np.tile(delays, (memory, memory))
     arguments = on_device(delays, attack)
-    if travel_times is None and np.ptp(attack) == 0:
+    if travel_times is None and not stay and np.ptp(attack) == 0:
         frames = _frames(delays, memory)
         # On small graphs a step is quick, and more starts improve the result more than more steps.
         quick = _QUICK * len(frames) / whole.vertices**2
@@ -171,13 +173,17 @@ def maximin_capture(
     return MaximinCapture(*_without_rare_moves(matrices, arguments), certificate)
 
 
-def _with_memory(graph: Graph, memory: int) -> Graph:
+def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
     """Make the graph of all pairs of a memory state and a vertex; the vertex varies fastest.
 
-    A move may change the state of the memory to any state.
+    A move or a wait may change the state of the memory to any state.
     """
     pairs = np.array(list(itertools.product(range(memory), repeat=2)))
     edges = graph.edges + graph.vertices * pairs[:, None]
+    if stay:
+        here = np.arange(graph.vertices)[:, None]
+        waits = here + graph.vertices * pairs[pairs[:, 0] < pairs[:, 1], None]
+        edges = np.concatenate([edges.reshape(-1, 2), waits.reshape(-1, 2)])
     return Graph(edges.reshape(-1, 2), memory * graph.vertices)
 
 
