@@ -29,7 +29,7 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells of its group that each cell leads to, and that no earlier cell leads to."
+    "The number of cells that each cell leads to in its group, and that no earlier cell leads to."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     the longest absorption time to the shortest, and in the order of their numbers if times are
     equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
     the dissertation chooses the cell that leads to the most other cells; in a map without
-    disturbances such cells lead to equally many.
+    disturbances these cells lead to equal numbers of cells.
 
     Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
@@ -118,11 +118,12 @@ def _first_ancestor(
     sources: Int[np.ndarray, "sources"],
     same: Bool[np.ndarray, "phases cells"],
 ) -> Int[np.ndarray, "transients"]:
-    """Find the place in `order` of the first source that leads to each cell within its part.
+    """For each cell in `order`, find the first source that leads to it within its transient group.
 
-    Shortest paths begin at an additional node: an edge to a source costs the place of the source in
-    `order`, and edges within a part cost nothing. A cell is reached at any phase at which it is in
-    the `same` part as at phase 0. If no source leads to a cell, its number exceeds all places.
+    Sources, like the result, are places in `order`; the result exceeds all places if no source
+    leads to a cell. Shortest paths begin at an additional node: an edge to a source costs its
+    place, and edges within a group, the matrix `within`, cost nothing. A cell is reached at any
+    phase at which it is in the `same` group as at phase 0.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -274,7 +275,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Raise `ValueError` if cameras do not see their own cells, or there are too many views."""
+    """Raise `ValueError` if cameras do not see all of their own cells, or for too many cells."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "

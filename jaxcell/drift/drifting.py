@@ -30,7 +30,7 @@ def drifted(
 
     **Arguments:**
 
-    - `x`, `y`: the points, in cells.
+    - `x`, `y`: the points, in columns and rows of the grid.
     - `start`, `end`: the times, in seconds as in `Flow.time`.
     - `longest`: the longest Runge-Kutta step, in seconds.
     - `key`: a key of `jax.random`, for the diffusivity of the flow; without a key drifters do
@@ -48,7 +48,7 @@ def drifted(
 
 
 def squares(water: Water) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sides of all squares, and the masks of those that are open or off the map."""
+    """Return the sides of the squares in metres, and the masks `~water.closed` and `water.gone`."""
     return np.stack([water.dx, water.dy]), ~water.closed, water.gone
 
 
@@ -62,7 +62,10 @@ def _drifted(flow, grid, x, y, key, start, length, moves):  # type: ignore[no-un
 
 
 def moved(flow, grid, place, start, length, steps, key=None, turn=None):  # type: ignore[no-untyped-def]
-    """Move the drifters that have not left a grid of `squares`; `turn` may change their drifts."""
+    """Move the drifters at `place` for `length` seconds, unless they have left the map.
+
+    `grid` is from [`squares`][], and `turn` may replace the end points before diffusion.
+    """
     sides, wet, gone = grid
     on = on_grid(wet.shape, flow.wraps, *place)
     on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
@@ -83,9 +86,9 @@ def diffuse(
     y: Float[Array, "points"],
     duration: Float[Array, ""] | float,
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Move points by the random walk of the flow's diffusivity for a time.
+    """Move points by a random walk with the diffusivity of the flow.
 
-    A point that would go ashore stays where it was.
+    A point that would enter a square outside the mask `wet` stays in its place.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
@@ -97,7 +100,7 @@ def diffuse(
 
 
 def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
-    """Find the row and column of the square that contains each point, or is nearest to it."""
+    """Find the row and column of the square of the grid that is nearest to each point."""
     rows, columns = shape
     row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
     column = column % columns if wraps else jnp.clip(column, 0, columns - 1)

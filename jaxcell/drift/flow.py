@@ -53,13 +53,13 @@ class Flow:
         diffusivity: float | int = 0.0,
         coast: str = "hold",
     ) -> "Flow":
-        """Take the flow of one layer.
+        """Convert the velocities of one layer to a flow.
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
-        - `record`: number of the record to take as steady; by default all records.
+        - `record`: index of the only record, for a steady flow; by default all records.
         - `diffusivity`: diffusivity of unresolved motion, in m²/s.
         - `coast`: the rule at a coast, as for [`Water.of`][].
 
@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the repeated first one."""
+        """The rate at each record, without the last one of a periodic flow, a copy of the first."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
@@ -198,10 +198,9 @@ def between(
     x: Float[Array, "*points"],
     y: Float[Array, "*points"],
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Interpolate the flow at points of the grid bilinearly from its rate in the squares.
+    """Interpolate the flow at points bilinearly, from its rate in the squares.
 
-    Points off the grid have the flow of the nearest point of the grid. Columns that go round the
-    Earth have no end.
+    Points off the grid have the flow of the nearest point of the grid.
     """
     rows, columns = flow.rate.shape[2:]
     left, right, across = _neighbours(x, columns, flow.wraps)
@@ -222,7 +221,7 @@ def between(
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
-    """Return the number of steps of some duration whose total is nearest to a time, at least 1."""
+    """Return the number of steps whose total duration is nearest to `seconds`, at least 1."""
     return max(1, round(seconds / duration))
 
 

@@ -14,7 +14,7 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
     **Arguments:**
 
     - `chain`: the chain.
-    - `start`: a cell, several, or a mask over the cells.
+    - `start`: a cell, several cells, or a mask over the cells.
 
     **Returns:** a mask over the cells.
 

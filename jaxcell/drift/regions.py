@@ -36,7 +36,7 @@ _share = functools.partial(derived, "region to_region", kind="share", listed=Tru
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """The exchange of drifters between regions of the surface; they begin uniformly in each region.
+    """The exchange of drifters, which are released uniformly in each region, between the regions.
 
     A strait of six cells, in which water moves by one cell per step to the East:
 
@@ -58,11 +58,11 @@ class Exchange(Result):
     chain: Chain | ChainSequence
     "The map of the surface."
     hours: float | int
-    "The duration of a step."
+    "The duration of a step, in hours."
     steps: int
     "The number of steps between release and arrival."
     arrived: Int[np.ndarray, "regions regions"] | None = None
-    "The number of simulated drifters from each region in each region at arrival."
+    "The number of simulated drifters from each region (row) that arrive in each region (column)."
     released: int = 0
     "The number of simulated drifters from each region."
 
@@ -74,7 +74,7 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Prepare the exchange by the map of a layer, for a time rounded to whole steps."""
+        """Make the exchange by the drift map of a layer, after `seconds` rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 

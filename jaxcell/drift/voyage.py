@@ -31,8 +31,8 @@ class Voyage:
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. All other
-    arrays over cells are for a start at phase 0."""
+    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. Arrays
+    without phases are for drifters that begin at phase 0."""
     chain: Chain
     """The map of a drifter that follows the actions and stays in the goal. Its states are the cells
     at each phase, phase after phase."""

@@ -45,7 +45,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Write the shares of drifters in nearly closed sets and off the map, at the time asked."""
+    """Write the shares in nearly closed sets and off the map at the time of interest."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
@@ -71,7 +71,7 @@ def _gathering(drift: "SeaDrift") -> str:
 def _leaving(drift: "SeaDrift") -> str:
     """Write the shares that left by the times of comparison, by simulated drifters and the map.
 
-    At times within the first step of the map, only drifters are known.
+    At times within the first step of the map, only simulated drifters have a share.
     """
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [

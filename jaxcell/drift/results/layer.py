@@ -86,7 +86,7 @@ class Compared(Ends):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
-    """One layer of the sea: its water, its current, and where drifters end.
+    """One layer of the sea: its water, its current, and the long-term behaviour of drifters.
 
     The surface of the bundled sea at its first record:
 
@@ -131,8 +131,9 @@ class Layer(LayerEnds, Compared):
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
-        By default the map is made from the flow itself if it is periodic, and else from the mean of
-        its records; `made` is the map and its distance from drifters, if already computed.
+        The map is made from the flow `by`: by default the flow itself if it is periodic, and
+        otherwise the mean of its records. `made` is the map and its distance from drifters, if
+        they are known. `asked` is the time of interest in hours.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))
@@ -145,7 +146,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step, for each of `EXITS`."""
+        """The probability of leaving the map in a step by each of the `EXITS`."""
         return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
@@ -169,9 +170,9 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """The best of a few other durations and methods, with the distance of its map.
+        """The best of a few other durations and methods, in words, and the distance of its map.
 
-        `None` if this map is not far from drifters, or no other map is nearer.
+        `None` if this map is not far from drifters, or if no other map is nearer.
         """
         if self.compared.worst <= FAR or self._large:
             return None

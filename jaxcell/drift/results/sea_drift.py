@@ -46,7 +46,7 @@ _SQUARES = "layer y x"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaDrift(SeaCurrents):
-    """The ends of drifters in some layers of the sea, where to drop them, and their voyages.
+    """The long-term behaviour of drifters in layers of the sea, with deployments and voyages.
 
     The surface of the bundled sea at its first record:
 
@@ -100,10 +100,9 @@ class SeaDrift(SeaCurrents):
     backward: bool = False
     "True if drifters go backward in time."
     notices: tuple[str, ...] = ()
-    "Notes on what was computed otherwise than requested."
+    "Notes on differences between the request and the computation."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the parts have different cells or layers."""
         super().__post_init__()
         surface = self.waters[0].cells
         if self.start is not None and not 0 <= self.start < surface:
@@ -139,7 +138,7 @@ class SeaDrift(SeaCurrents):
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
         - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration must be 0.001 to
             1000 times the [`jaxcell.drift.crossing_time`][] of the slowest layer, and is changed to
             fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
@@ -152,7 +151,7 @@ class SeaDrift(SeaCurrents):
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
         - `until`: the time of interest, in hours; by default [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
-        - `say`: called with each stage of the computation.
+        - `say`: a function that is called with the name of each stage of the computation.
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
@@ -171,7 +170,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration; return the step, and the maps if they were made already."""
+            """Choose the duration; return the step, and its maps and distances or `None`."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -278,8 +277,10 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """Two masks of the cells that drifters from the start may visit, if they change their layer
-        only at the start, and if they change it at any time; `None` without a start."""
+        """The masks of the cells that drifters from the start may visit, or `None`.
+
+        In the first mask they change their layer only at the start; in the second, at any time.
+        """
         if self.start is None:
             return None
         return reachable_by_layer(self.sea, self.start), reachable_at_depth(self.sea, self.start)
@@ -291,8 +292,10 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """The fewest cells from which all cells of the surface may be visited; in a periodic
-        current, the cells of a greedy search."""
+        """The fewest cells from which all cells of the surface may be visited.
+
+        In a periodic current they are found by a greedy search, and may not be the fewest.
+        """
         chain = self.layers[0].behaviour.chain
         if isinstance(chain, Chain):
             return minimum_deployment(chain)

@@ -35,8 +35,8 @@ def ftle(
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
-    - `duration`: in seconds; negative for backward in time. Ridges of the exponent repel the water
-        if the duration is positive, and attract it otherwise.
+    - `duration`: the duration in seconds, negative to go backward in time. Ridges of the exponent
+        repel the water if the duration is positive, and attract it otherwise.
     - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
 
     **Returns:** the exponents, per second.
@@ -84,9 +84,9 @@ def ridges(
 ) -> Bool[np.ndarray, "cells"]:
     """Find the cells on a ridge of some values, such as [`ftle`][].
 
-    A cell is on a ridge if its value is among the highest, and not below the values of its two
-    neighbours across the ridge: those in the direction, of four, of the strongest downward
-    curvature. Cells at a coast or the edge of the grid are on no ridge.
+    A cell is on a ridge if its value is among the highest, and not below the values of the two
+    neighbours across the ridge. The direction across is the one of four directions in which the
+    values curve downward most. Cells at a coast or the edge of the grid are on no ridge.
 
     **Arguments:**
 

@@ -56,12 +56,13 @@ def simulate_drifters(
 
     - `key`: a key of `jax.random`.
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
-    - `cells`: a cell, several, or a mask; drifters are released uniformly in them.
+    - `cells`: a cell, several cells, or a mask of the cells in which drifters are released
+        uniformly.
     - `duration`: seconds per step.
     - `steps`: number of steps.
     - `drifters`: number of drifters.
-    - `rho`: the probability that a drifter follows the flow in a step; else its drift is turned by
-        45 degrees to either side, the disturbance of `spread="turned"`.
+    - `rho`: the probability that a drifter follows the flow in a step; otherwise its drift is
+        turned by 45 degrees to either side, the disturbance of `spread="turned"`.
     - `start`: the time of release, in seconds as in `Flow.time`.
     - `substeps`: steps of the Runge-Kutta method in each step.
 
@@ -151,12 +152,12 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compare a drift map with simulated drifters, from the release of the drifters on.
+    """Compare a drift map with simulated drifters that were released at phase 0.
 
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map, from phase 0 on, whose steps are as long as the steps of the drifters.
+    - `chain`: the map, whose steps are as long as the steps of the drifters.
     - `drifted`: the drifters.
     - `hours`: the times of the comparison, rounded to whole steps.
 
@@ -199,7 +200,7 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation of two distributions; off the map is a further outcome."""
+    """Compute the total variation of two distributions, in which leaving the map is an outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 

@@ -32,8 +32,8 @@ def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: S
     """Log where observed drifters end.
 
     Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
-    and observations. Over days, or shorter units, a tab shows the distribution of drifters that
-    were released uniformly in all cells.
+    and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
+    drifters that were released uniformly in all cells.
     """
     maps = log_maps(stream, found, ObservedMap)
     tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
@@ -51,7 +51,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and at the time of the answer."""
+    """Log the distribution of drifters after each step, and at the time of interest."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])

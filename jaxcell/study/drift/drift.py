@@ -67,11 +67,11 @@ class Drift(SeaStudy):
     spread: Literal["turned", "all", "sampled"] | None = None
     """Ends of a step: along the current, or along the current turned by 45 degrees to either side
     (turned); the cell at the end and all cells around it (all); or the cells to which sample points
-    of the cell drift (sampled). By default turned with --method source, and else sampled."""
+    of the cell drift (sampled). By default turned with --method source, and otherwise sampled."""
     edge: Literal["uniform", "exit"] | None = None
     """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
     cell, as in the dissertation (uniform), or drift like all others and may leave the map (exit).
-    By default uniform with --method source, and else exit."""
+    By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they are held at the coast until the current carries them
     off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
@@ -208,7 +208,7 @@ class Drift(SeaStudy):
 
     @property
     def _step(self) -> "drift.DriftStep":
-        """The step of the method, with the options that were given."""
+        """The step of the chosen method, with the chosen duration and rules."""
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
         step = drift.METHODS[self.method]
@@ -230,7 +230,7 @@ class Drift(SeaStudy):
             return int(water.cell(*place))
 
     def _goal(self, waters: "list[drift.Water]") -> int | None:
-        """Return the number of the goal among the cells of all layers."""
+        """Return the number of the goal among the cells of all layers, or `None`."""
         if (place := self._place("goal")) is None:
             return None
         lon, lat, depth = place

@@ -1,8 +1,8 @@
 """ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
 
 `u` is on the western and eastern sides of a cell and `v` on the southern and northern sides, along
-the axes of the grid, which may be turned against East and North. The levels divide the water column
-by a coordinate `s` from -1 at the sea bed to 0 at the surface.
+the axes of the grid, which may be turned against East and North. The levels are at fixed values of
+a coordinate `s`, from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ _Cells: TypeAlias = Float[np.ndarray, "y x"]
 _Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 
 ALONE = 0.1
-"""The distance in s within which a single level counts as the surface or the sea bed."""
+"""The distance in `s` within which a single level counts as the surface or the sea bed."""
 
 
 def to_centres(
@@ -137,7 +137,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
 
 
 def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values"]:
-    """Read the values of the first existing variable or global attribute."""
+    """Read the values of the first of `names` that is a variable or global attribute."""
     for name in names:
         if name in file.dataset.variables:
             return file.read(file.dataset[name]).reshape(-1)
