@@ -17,11 +17,7 @@ from .water import NEIGHBORS, Water
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
     """Mark the cells that have land beside them. An open edge of the map is no coast.
 
-    **Arguments:**
-
-    - `water`: the cells of a layer.
-
-    **Returns:** a mask over the cells.
+    **Arguments:** the water of a layer. **Returns:** a mask over its cells.
 
     A sea of two cells with land at one end:
 

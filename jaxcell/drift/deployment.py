@@ -66,11 +66,8 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
 
     Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
-    **Arguments:**
-
-    - `behaviour`: from [`jaxcell.drift.long_term_behaviour`][].
-
-    **Returns:** [`Deployment`][jaxcell.drift.Deployment].
+    **Arguments:** the result of [`jaxcell.drift.long_term_behaviour`][]. **Returns:** the cells and
+    their groups.
 
     Cells 2 and 3 are persistent groups, and cell 0 leads to all other cells:
 
@@ -147,11 +144,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     cell may end in another group. To put a drifter in each group, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
-    **Arguments:**
-
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
-
-    **Returns:** the smallest cell of each such component, in order.
+    **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain. **Returns:** the
+    smallest cell of each such component, in order.
 
     From cell 0 a drifter may come anywhere:
 
@@ -172,12 +166,9 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
     (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
 
-    **Arguments:**
-
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
-        for drifters that are dropped at phase 0 and may visit cells at any phase.
-
-    **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
+    **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of
+    chains, for drifters that are dropped at phase 0 and may visit cells at any phase. **Returns:**
+    the cells in which drifters are dropped, and the numbers of cells that they may visit.
 
     Two separate cells, the second of which leads to a third:
 

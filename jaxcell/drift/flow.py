@@ -246,12 +246,7 @@ def crossing_time(water: Water, flow: Flow) -> float:
     cell" but does not name the cell. In the time to cross the fastest cell nearly all other cells
     are their own images; in the time to cross the slowest, drifters in fast cells cross the map.
 
-    **Arguments:**
-
-    - `water`: the cells.
-    - `flow`: the flow of the same layer.
-
-    **Returns:** the time, more than 0.
+    **Arguments:** the water and the flow of a layer. **Returns:** the time, more than 0.
 
     At a mean speed of 0.54 m/s a drifter crosses a cell of a kilometre in half an hour:
 

@@ -30,7 +30,7 @@ from ..water import Water
 from .ends import Ends, LayerEnds
 
 
-_compared = functools.partial(derived, "compared", listed=True)
+_at_times = functools.partial(derived, "compared", listed=True)
 
 
 class Compared(Ends):
@@ -60,11 +60,11 @@ class Compared(Ends):
     def map_left(self) -> float:
         return float(self._mean([distance.map_left[-1] for distance in self._distances]))
 
-    @_compared("times after which the map is compared with drifters", "h", kind="time")
+    @_at_times("times after which the map is compared with drifters", "h", kind="time")
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
-    @_compared("drifters that the map has in a wrong cell after these times", kind="share")
+    @_at_times("drifters that the map has in a wrong cell after these times", kind="share")
     def distance_by_time(self) -> Float[np.ndarray, "times"]:
         return np.max([distance.total_variation for distance in self._distances], axis=0)
 
@@ -216,13 +216,11 @@ class Layer(LayerEnds, Compared):
     self_image_share = from_part(
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
-    compared_distance = from_part(
-        "compared.total_variation",
-        "compared",
-        "drifters that the map has in a wrong cell",
-        kind="share",
-        listed=True,
-    )
+
+    @_at_times("drifters that the map has in a wrong cell", kind="share")
+    def compared_distance(self) -> Float[np.ndarray, "times"]:
+        return self.compared.total_variation
+
     warning = from_part("diagnosis.warning", "", "warning")
 
     @derived("remedy", "parameters that may help", listed=True)

@@ -8,8 +8,10 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Int
 
+from ...base import memory
 from ...base.quantities import derived, from_part
 from ...mapping import Chain
+from ...space import estimates
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
 from ..deployment import (
@@ -31,7 +33,6 @@ from ..voyage import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
 from .answer import answer
 from .layer import Layer
-from .planned import too_large
 from .sea_currents import SeaCurrents
 from .sea_layers import positions
 from .sea_voyage import SeaVoyage
@@ -42,6 +43,8 @@ _MAX_FOR_CURVE = 20_000
 # The largest number of remarks that are shown.
 _MAX_REMARKS = 4
 _SQUARES = "layer y x"
+_index = functools.partial(from_part, kind="index")
+_count = functools.partial(from_part, kind="count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -184,9 +187,8 @@ class SeaDrift(SeaCurrents):
                 "together they take more memory than there is."
             )
         chosen, made = planned()
-        if by is not means and (
-            why := too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
-        ):
+        phases = by[0].phases(chosen.duration or 0)
+        if by is not means and (why := _too_large(waters, phases, cls.largest)):
             notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
             by = means
             chosen, made = planned()
@@ -318,53 +320,37 @@ class SeaDrift(SeaCurrents):
             surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
-    @derived("", "drifters of the deployment, which may visit each cell", kind="count")
-    def drifter_count(self) -> int:
-        return self.deployment.cells.size
-
-    @derived("", "fewest cells found from which each cell may be visited", kind="count")
-    def fewest_count(self) -> int:
-        return self.minimum.size
-
-    deployment_cell = from_part(
-        "deployment.cells", "drifter", "cell to drop a drifter in", kind="index"
+    drifter_count = _count(
+        "deployment.cells.size", "", "drifters of the deployment, which may visit each cell"
     )
+    fewest_count = _count(
+        "minimum.size", "", "fewest cells found from which each cell may be visited"
+    )
+
+    deployment_cell = _index("deployment.cells", "drifter", "cell to drop a drifter in")
     deployment_lon, deployment_lat = positions("deployment_cell", "drifter")
-    deployment_group = from_part(
-        "deployment.group", "drifter", "persistent group, -1 if transient", kind="index"
+    deployment_group = _index("deployment.group", "drifter", "persistent group, -1 if transient")
+    deployment_transient_group = _index(
+        "deployment.transient_group", "drifter", "transient group, -1 if persistent"
     )
-    deployment_transient_group = from_part(
-        "deployment.transient_group", "drifter", "transient group, -1 if persistent", kind="index"
+    deployment_gained = _count(
+        "deployment.gained", "drifter", "cells of its group that are reached first from it"
     )
-    deployment_gained = from_part(
-        "deployment.gained",
-        "drifter",
-        "cells of its group that are reached first from it",
-        kind="count",
-    )
-    minimum_cell = from_part("minimum", "fewest", "cell of the smallest deployment", kind="index")
+    minimum_cell = _index("minimum", "fewest", "cell of the smallest deployment")
     minimum_lon, minimum_lat = positions("minimum_cell", "fewest")
-    curve_cell = from_part(
-        "curve.cells", "drifters", "cell to drop the first, second, ... drifter in", kind="index"
+    curve_cell = _index("curve.cells", "drifters", "cell to drop the first, second, ... drifter in")
+    curve_covered = _count(
+        "curve.covered", "drifters", "cells visited by this and earlier drifters", listed=True
     )
-    curve_covered = from_part(
-        "curve.covered",
-        "drifters",
-        "cells visited by this and earlier drifters",
-        kind="count",
-        listed=True,
-    )
-    views_cell = from_part(
-        "views.cover", "view", "cell from which the sea bed is seen", kind="index"
-    )
+    views_cell = _index("views.cover", "view", "cell from which the sea bed is seen")
     views_lon, views_lat = positions("views_cell", "view")
 
     @derived("view", "whether a drifter is dropped there", kind="flag")
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:
         return None if self.views is None else np.isin(self.views.cover, self.views.cells)
 
-    views_least = from_part("views.least", "", "lower bound of the number of views", kind="count")
-    start_cell = from_part("start", "", "cell where the drifter is dropped", kind="index")
+    views_least = _count("views.least", "", "lower bound of the number of views")
+    start_cell = _index("start", "", "cell where the drifter is dropped")
 
     @derived(_SQUARES, "reached by drifters that keep their depth", kind="flag")
     def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
@@ -389,3 +375,19 @@ class SeaDrift(SeaCurrents):
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
+
+
+def _too_large(waters: list[Water], phases: int, largest: int) -> str | None:
+    """Explain why the maps of all phases are too large; return `None` if they are not."""
+    cells = [phases * water.cells for water in waters]
+    needed, available = estimates.drift(cells), memory.free()
+    if sum(cells) > largest:
+        limit = f"and {largest:,} are as many as take minutes"
+    elif available is not None and needed > available:
+        limit = (
+            f"which need about {memory.gigabytes(needed)} of memory, and "
+            f"{memory.shortage(available)}"
+        )
+    else:
+        return None
+    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ...mapping import Chain, ChainSequence, persistent_groups
+from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
-from ...markov import absorption_times
+from ..behaviour import long_term_behaviour
 from ..flow import Flow, crossing_time, steps_in
 from ..maps import diffused_cells, drift_maps
 from ..step import DriftStep
@@ -230,11 +230,7 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
     It is the median time until drifters from a transient cell are in a persistent group or off the
     map, rounded up to whole days, from 1 to 30.
 
-    **Arguments:**
-
-    - `chains`: the map of each layer.
-    - `seconds`: the duration of their steps.
-
+    **Arguments:** the map of each layer, and the duration of their steps in seconds.
     **Returns:** the time.
 
     Drifters leave the map in ten steps of six hours on average:
@@ -244,13 +240,9 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
         >>> drift.asked_hours([mapping.Chain.from_scipy(np.array([[0.9]]))], 6 * 3600)
         72.0
     """
-    times = []
-    for chain in chains:
-        whole = chain.unrolled if isinstance(chain, ChainSequence) else chain
-        groups = persistent_groups(whole)
-        steps = np.asarray(absorption_times(whole, groups, throw=False).value)
-        times.append(steps[: chain.cells][np.asarray(groups.group)[: chain.cells] < 0])
-    return whole_days(np.concatenate(times) * seconds / 3600)
+    begins = [long_term_behaviour(chain, seconds).begins for chain in chains]
+    hours = [np.asarray(one.hours)[np.asarray(one.groups.group) < 0] for one in begins]
+    return whole_days(np.concatenate(hours))
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
