@@ -47,7 +47,7 @@ def stream(tmp_path_factory):
     return file
 
 
-def test_velocities_and_grid_may_be_in_separate_files(capsys, stream, tmp_path):
+def test_velocities_and_grid_may_be_in_separate_files(stream, tmp_path):
     with xr.open_dataset(stream, decode_times=False) as whole:
         positions = whole[["lon", "lat"]]
         bare = whole.drop_vars(["lon", "lat"]).rename(u="east", v="north")
@@ -58,14 +58,6 @@ def test_velocities_and_grid_may_be_in_separate_files(capsys, stream, tmp_path):
     apart = Drift(file=(tmp_path / "e*.nc", tmp_path / "north.nc"), grid=grid, variables=names)
     found, expected = apart.currents(), drift.open_currents(stream)
     xr.testing.assert_equal(found, expected)
-    assert found.attrs["source"] == "east.nc, north.nc"
-    assert "lon, lat: from grid.nc" in found.attrs["notes"]
-    files = [tmp_path / "east.nc", tmp_path / "north.nc"]
-    args = ("--grid", grid, "--variables", "east", "south")
-    status, _, error = run(capsys, "drift", *files, *args)
-    assert status == 2
-    line = f"jaxcell drift: {files[0]}, {files[1]}: variables: 'south' is not in the file, which "
-    assert error == f"{line}has east, north\n"
 
 
 def test_a_goal_upstream_has_no_answer(capsys, stream):
@@ -96,14 +88,6 @@ def test_a_step_that_is_too_short_causes_a_warning(capsys):
     # Enough for a terminal, and where the rest is.
     assert len(captured.out.splitlines()) <= 40
     assert "The rest is in the files of --out, and in --json." in captured.out
-
-
-def test_advice_omits_options_that_are_already_on(capsys):
-    args = ("--duration", "900", "--time", "0", "--depths", "0", "--spread", "sampled")
-    assert main(["drift", str(GYRES), *args]) == 0
-    error = capsys.readouterr().err
-    assert "; take a longer duration.\n" in error
-    assert "the spread" not in error
 
 
 def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):

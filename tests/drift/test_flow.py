@@ -252,6 +252,7 @@ def test_layers_have_cells_of_their_own():
     ("call", "message"),
     [
         (lambda c: Water.of(c, 1), "layer 1 does not exist; there are 1"),
+        (lambda c: Water.of(c.assign(water=c.water & False)), "layer 0 has no water"),
         (lambda c: Flow.of(c, 0, 3), "record 3 does not exist; there are 1"),
         (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, steps=0), "steps: expected 1 or more"),
         (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, method="leap"), "got 'leap'"),
@@ -265,20 +266,3 @@ def test_bad_input_is_refused(call, message):
     nothing = np.zeros((3, 3))
     with pytest.raises(ValueError, match=message):
         call(sea(nothing, nothing))
-
-
-def test_a_layer_without_water_is_refused():
-    nothing = np.zeros((2, 2))
-    with pytest.raises(ValueError, match="layer 0 has no water"):
-        Water.of(sea(nothing, nothing, np.zeros((2, 2), bool)))
-
-
-def test_a_stage_of_a_method_gathers_what_one_of_another_does():
-    flow = Flow(jnp.ones((1, 2, 4, 5)), jnp.zeros(1))
-    x = jnp.ones(7)
-
-    def gathers(method):
-        moved = jax.jit(lambda x: advect(flow, x, x, 1.0, method=method, steps=2))
-        return moved.lower(x).compile().as_text().count(" gather(")
-
-    assert 0 < gathers("rk4") <= gathers("euler")

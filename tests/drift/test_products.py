@@ -16,8 +16,10 @@ def reads(currents, u, v):
     assert currents.water.values.all()
 
 
-EARTH = ["uo vo", "ugos vgos", "utotal vtotal", "ucur vcur", "UCUR VCUR", "EWCT NSCT",
-         "water_u water_v"]  # fmt: skip
+EARTH = [
+    *("uo vo", "ugos vgos", "utotal vtotal", "ucur vcur", "UCUR VCUR", "EWCT NSCT", "EVEL NVEL"),
+    *("water_u water_v", "u_eastward v_northward", "u_sur_eastward v_sur_northward"),
+]
 BY_DIMS = ["u v", "uos vos", "ssu ssv", "vozocrtx vomecrty", "sozocrtx somecrty", "ug vg"]
 
 

@@ -127,10 +127,12 @@ def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Silence warnings about several fill values, other calendars, and Zarr metadata."""
+    """Silence warnings about several fill values, calendars, Zarr metadata, and closed files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xr.SerializationWarning)
         warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
+        # Values are copied, but garbage may refer to the memory map of a classic file.
+        warnings.filterwarnings("ignore", "Cannot close a netcdf_file opened with mmap=True")
         yield
 
 
