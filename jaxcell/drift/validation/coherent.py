@@ -58,8 +58,8 @@ def ftle(
         carried(flow, x + right, y + up, duration, start, method, steps) for right, up in middles
     ]
     east, west, north, south = np.array(ends)
-    square = nearest_square(sides.shape[1:], water.wraps, *(east + west) / 2)
-    began, ended = water.sides, sides[(slice(None), *map(np.asarray, square))]
+    row, column = map(np.asarray, nearest_square(sides.shape[1:], water.wraps, *(east + west) / 2))
+    began, ended = water.sides, sides[:, row, column]
     a, c = (east - west) * ended / began[0]
     b, d = (north - south) * ended / began[1]
     # The singular values of the gradient of the drift, [[a, b], [c, d]], are half the sum and half
