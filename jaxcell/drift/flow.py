@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the last one of a periodic flow, a copy of the first."""
+        """The rate at each record, without the copy of the first at the end of a periodic flow."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 

@@ -28,7 +28,7 @@ _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
-"""The exits: the places to which drifters leave the map."""
+"""The exits by which drifters leave the map."""
 # An unused slot; -1 is the sink.
 _NONE = -2
 

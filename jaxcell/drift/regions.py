@@ -36,7 +36,7 @@ _share = functools.partial(derived, "region to_region", kind="share", listed=Tru
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """The exchange of drifters, which are released uniformly in each region, between the regions.
+    """The exchange of drifters between regions, after a uniform release in each region.
 
     A strait of six cells, in which water moves by one cell per step to the East:
 
@@ -56,7 +56,7 @@ class Exchange(Result):
     inside: Bool[np.ndarray, "regions cells"]
     "The mask of the cells of each region."
     chain: Chain | ChainSequence
-    "The map of the surface."
+    "The drift map of the layer, or the sequence of maps of a periodic current."
     hours: float | int
     "The duration of a step, in hours."
     steps: int
@@ -64,7 +64,7 @@ class Exchange(Result):
     arrived: Int[np.ndarray, "regions regions"] | None = None
     "The number of simulated drifters from each region (row) that arrive in each region (column)."
     released: int = 0
-    "The number of simulated drifters from each region."
+    "The number of simulated drifters that are released in each region."
 
     @classmethod
     def of(

@@ -73,7 +73,7 @@ class DriftStep:
                 raise ValueError(f"{name}: expected 1 or more, got {value}")
 
     def lasting(self, duration: float | int | None) -> "DriftStep":
-        """Return this step with a duration in seconds."""
+        """Return this step with another duration, in seconds."""
         return dataclasses.replace(self, duration=duration)
 
     def seconds(self, water: Water, flow: Flow) -> float:

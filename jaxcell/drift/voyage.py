@@ -34,8 +34,8 @@ class Voyage:
     """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. Arrays
     without phases are for drifters that begin at phase 0."""
     chain: Chain
-    """The map of a drifter that follows the actions and stays in the goal. Its states are the cells
-    at each phase, phase after phase."""
+    """The chain of a drifter that follows the actions and stays in the goal. Its states are the
+    cells at each phase, phase after phase."""
     probability: Float[Array, "cells"]
     "The probability of ever arriving."
     time: Float[Array, "cells"]

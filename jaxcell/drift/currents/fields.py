@@ -92,7 +92,7 @@ class FieldReader:
 
     @functools.cached_property
     def surface(self) -> str | None:
-        """The variable of the height of the sea surface; `None` if levels do not follow it."""
+        """The variable with the height of the sea surface; `None` if levels do not follow it."""
         if self.layers.s_levels is None:
             return None
         return find(self.file.dataset, "surface", map(str, self.file.dataset.variables))
@@ -240,7 +240,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Make the error for a file whose mask seems to exchange land and water."""
+        """Make the error for a mask in which land and water seem to be exchanged."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(

@@ -74,7 +74,7 @@ def fill_gaps(
 ) -> None:
     """Interpolate the missing values of the marked `cells` in time, in place.
 
-    Before its first and after its last known value a cell has this value.
+    A gap at the beginning or at the end gets the nearest known value of the cell.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     for cell in zip(*np.nonzero(cells), strict=True):

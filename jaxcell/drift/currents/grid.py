@@ -37,7 +37,7 @@ class OceanGrid:
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of the cells of the smallest block with all cells within `bounds`."""
+    """Read the positions of cells in the smallest block that has all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)

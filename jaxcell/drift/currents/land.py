@@ -97,7 +97,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read a file; results are cached until its time or size, the `version`, changes."""
+    """Read land from a file, or from the cache if the `version`, its time and size, is the same."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any

@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the western and southern bounds of all observations, and the columns and rows."""
+    """Return the western and southern bounds of all observations, and the numbers of boxes."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -288,7 +288,7 @@ def located(
 
 
 def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
-    """Find the observation of the same drifter one lag after each observation; -1 if none is."""
+    """Find the observation of the same drifter one lag after each observation, or -1."""
     time = seen.time - seen.time.min(initial=np.inf)
     # Keys of different drifters are farther apart than the lag.
     key = time + seen.drifter * (time.max(initial=0.0) + 2 * lag)

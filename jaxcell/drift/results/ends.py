@@ -184,7 +184,10 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step by each exit; here there is one exit."""
+        """The probability of leaving the map in a step by each exit.
+
+        A layer without a current has one exit.
+        """
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property
@@ -316,7 +319,7 @@ class LayerEnds(Ends):
         )
 
     def checks(self) -> Checks:
-        """Checks of relations between the chain, its groups, and the ends of drifters.
+        """Return checks of the relations between the chain, its groups, and the ends of drifters.
 
         The residual of times has no limit, because no solve is accurate if cells almost trap
         drifters.

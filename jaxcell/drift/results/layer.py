@@ -195,7 +195,7 @@ class Layer(LayerEnds, Compared):
         return best if best[1].worst < self.compared.worst else None
 
     def tested(self, sets: Int[np.ndarray, "cells"], first: int = 0) -> MarkovTest:
-        """Test the map on sets of cells, at the times and by the drifters of the comparison.
+        """Test the map on sets of cells, with the times and the drifters of `compared`.
 
         **Arguments:**
 

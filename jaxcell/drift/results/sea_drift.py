@@ -91,7 +91,7 @@ class SeaDrift(SeaCurrents):
     exchange: Exchange | None = None
     "The exchange of drifters between regions of the surface."
     beaching: Stranded | None = None
-    "The drifters at the surface that strand on coasts."
+    "The stranding of drifters at the surface."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     sets_listed: bool = True

@@ -207,7 +207,7 @@ class SeaLayers(Ends):
         return self.sea.drift.to_scipy().tocoo()
 
     def checks(self) -> Checks:
-        """The worst value of each check over the layers."""
+        """Return the worst value of each check over the layers."""
         of_layers = [layer.checks() for layer in self.layers]
         return {
             name: (np.max([checks[name][0] for checks in of_layers]).item(), limit)

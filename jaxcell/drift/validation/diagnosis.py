@@ -65,7 +65,7 @@ class Diagnosis:
         """Return the names of the parameters of a step that may remove the warning, if any.
 
         A longer `duration` may help if the mean drift is less than two cells, and the `spread`
-        `"sampled"` may help in place of another one.
+        `"sampled"` if it is not the spread already.
         """
         if self.warning is None:
             return ()
@@ -78,7 +78,7 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 
     **Arguments:**
 
-    - `water`, `flow`, `step`: as for the map.
+    - `water`, `flow`, `step`: the arguments with which the map was made.
     - `groups`: the persistent groups of the map.
 
     **Returns:** [`Diagnosis`][].

@@ -104,7 +104,7 @@ class Drift(SeaStudy):
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
     """Seconds in which half of the drifters on a beach float again; by default they never do."""
     range: Length | None = None
-    """Distance in metres within which a drifter sees the sea bed; finds views of the whole bed."""
+    """Distance in metres at which drifters see the sea bed, to find drifters that see all of it."""
     search: Annotated[Duration | None, Only(range=True)] = None
     """Seconds to search for the fewest views; by default views are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
@@ -216,7 +216,7 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        """`True` if the mean of the records carries drifters."""
+        """True if drifters move with the mean of the records."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:

@@ -20,11 +20,11 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The levels that follow the sea bed, to interpolate between; `None` for fixed depths."
+    "The levels that follow the sea bed, if depths are interpolated between them; or `None`."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the highest level; `None` if it is among `places`, or if it is not needed."
+    "The index of the highest level if it is not among `places`; or `None`."
     note: str = ""
     "A note for the user on the source of the depths; may be empty."
 

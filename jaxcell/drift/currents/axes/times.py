@@ -208,7 +208,7 @@ def _is_index(value: Any) -> bool:
 
 
 def time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """Find the variable with the times along a dimension, or a single time if `dim` is `None`."""
+    """Find the variable with the times along a dimension, or with a single time if it is `None`."""
     variables = file.dataset.variables
     names = next(table("time")).names
     if dim is None:

@@ -44,9 +44,9 @@ class SLevels:
     stretching: Float[np.ndarray, " levels"]
     "The value of the stretching curve C(s) at each level, from -1 to 0."
     critical_depth: float
-    "The parameter h_c, in metres."
+    "The parameter h_c of the formula for the heights of levels, in metres."
     transform: int
-    "The parameter Vtransform, 1 or 2."
+    "The number of this formula (Vtransform), 1 or 2."
     places: Int[np.ndarray, " levels"]
     "The number of each level in the file."
 
@@ -69,7 +69,7 @@ class SLevels:
         return np.where(np.isfinite(heights), heights, np.nan)
 
     def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
-        """Compute the distance of heights above the highest level or below the lowest level.
+        """Compute how far heights are above the highest level or below the lowest level.
 
         Levels are the middles of layers, so the levels of a complete file cover all heights from
         the sea bed to the surface.
@@ -106,7 +106,7 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
 
 
 def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
-    """Interpolate values at a height linearly between the levels of each cell.
+    """Interpolate values at the `wanted` heights, linearly between the levels of each cell.
 
     Above the highest and below the lowest level, the value of this level is taken.
     """
