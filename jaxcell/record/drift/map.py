@@ -97,7 +97,7 @@ class SeaMap:
         "The radius of a mark: most of a cell, but enough to be visible on a large map."
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Choose a place for a label: of the cells farthest from the edge of the set, the middle."""
+        """Choose a place for a label: the middle of the cells farthest from the edge of the set."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
