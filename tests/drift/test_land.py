@@ -87,17 +87,14 @@ def test_a_better_coastline_replaces_that_of_natural_earth(tmp_path, suffix):
         ("land.geojson", "{", "cannot be read as GeoJSON or a shapefile"),
         ("land.geojson", '{"type": "Point", "coordinates": [0, 0]}', "expected polygons of land"),
         ("land.shp", "x", "cannot be read as GeoJSON or a shapefile"),
+        ("land.geojson", shapely.to_geojson(shapely.box(3e5, 3e6, 4e5, 4e6)),
+         "longitudes and latitudes in degrees"),
     ],
-)
+)  # fmt: skip
 def test_a_file_without_land_is_refused(tmp_path, name, text, message):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
-        currents_where(SEEN[0], land=path)
-    metres = shapely.to_geojson(shapely.box(3e5, 3e6, 4e5, 4e6))
-    path = tmp_path / "metres.geojson"
-    path.write_text(metres)
-    with pytest.raises(ValueError, match="longitudes and latitudes in degrees"):
         currents_where(SEEN[0], land=path)
 
 
