@@ -4,6 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
+import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Result, derived
@@ -80,16 +81,11 @@ def beaching(
 def _with_beaches(
     chain: Chain, cell: Int[np.ndarray, "coast"], strands: float, floats: float
 ) -> Chain:
-    beach = chain.cells + np.arange(cell.size, dtype=np.int32)
-    image, probability = (
-        np.pad(np.asarray(slots), ((0, 1), (0, cell.size)))
-        for slots in (chain.image, chain.probability)
-    )
-    probability[:, cell] *= 1 - strands
-    image[-1], image[-1, cell], probability[-1, cell] = np.arange(image.shape[1]), beach, strands
-    image[:, beach], probability[:, beach] = beach, 0
-    image[0, beach], probability[0, beach], probability[-1, beach] = cell, floats, 1 - floats
-    return Chain(image, probability)
+    ashore = scipy.sparse.eye_array(chain.cells, format="csc")[:, cell]
+    afloat = scipy.sparse.diags_array(1 - strands * ashore.sum(axis=1)) @ chain.to_scipy()
+    stay = (1 - floats) * scipy.sparse.eye_array(cell.size)
+    blocks = [[afloat, strands * ashore], [floats * ashore.T, stay]]
+    return Chain.from_scipy(scipy.sparse.block_array(blocks))
 
 
 _DRY = "NaN: no water"

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import correlate1d, distance_transform_edt
 
 from ..base.precision import require_x64
 from .currents.sphere import turned
@@ -155,22 +155,13 @@ def _extended(
         # The flow along x comes from water above and below, and the flow along y from water left
         # and right, so that no water crosses the coast.
         for axis, across in ((0, -2), (1, -1)):
-            wraps = water.wraps and across == -1
-            total = _beside(np.where(wet, rate[:, axis], 0.0), across, wraps)
-            count = _beside(wet.astype(float), across, wraps)
+            edge = "wrap" if water.wraps and across == -1 else "constant"
+            total, count = (
+                correlate1d(values, [1.0, 0.0, 1.0], axis=across, mode=edge)
+                for values in (np.where(wet, rate[:, axis], 0.0), wet.astype(float))
+            )
             rate[:, axis] = np.where(water.land, total / np.maximum(count, 1), rate[:, axis])
     return rate
-
-
-def _beside(
-    values: Float[np.ndarray, "*records rows columns"], axis: int, wraps: bool
-) -> Float[np.ndarray, "*records rows columns"]:
-    """Add the values of the two neighbours of each square along an axis, with 0 off the grid."""
-    width = [(0, 0)] * values.ndim
-    width[axis] = 1, 1
-    padded = np.pad(values, width, mode="wrap" if wraps else "constant")
-    size = values.shape[axis]
-    return padded.take(range(size), axis) + padded.take(range(2, size + 2), axis)
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:

@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +7,6 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
-from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
 from ..markov.decision import DecisionModel, Optimum, policy_chain, value_iteration
@@ -195,43 +193,26 @@ def simulate_voyages(
         >>> tracks.cell[:, 0].tolist(), tracks.time.tolist()
         ([2, 5, 4, 3, 0, 0], [4.0])
     """
-    require_x64("simulate_voyages")
     check_steps(steps)
     if drifters < 1:
         raise ValueError(f"drifters: expected 1 or more, got {drifters}")
-    cells = voyage.goal.size
-    chosen = np.pad(start_distribution(cells, start), (0, voyage.chain.cells - cells))
-    cell = np.asarray(_drift(key, voyage.chain, chosen, drifters, steps))
-    cell = np.where(cell < 0, np.int32(-1), cell % cells)
+    cells, random = voyage.goal.size, np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    image, probability = np.asarray(voyage.chain.image), np.asarray(voyage.chain.probability)
+    total, likeliest = probability.cumsum(axis=0), probability.argmax(axis=0)
+    # A draw beyond the sum of all branches goes to the sink; if the cell has no sink, the cause is
+    # rounding, and the draw goes to the likeliest branch.
+    past = np.where(voyage.chain.can_leave, -1, image[likeliest, np.arange(likeliest.size)])
+    state = random.choice(cells, drifters, p=start_distribution(cells, start))
+    places = [state.astype(np.int32)]
+    for _ in range(steps):
+        within = random.random(drifters) < total[:, state]
+        moved = np.where(within.any(axis=0), image[within.argmax(axis=0), state], past[state])
+        state = np.where(state < 0, -1, moved)
+        places.append(np.where(state < 0, -1, state % cells).astype(np.int32))
+    cell = np.stack(places)
     in_goal = np.asarray(voyage.goal)[cell] & (cell >= 0)
     time = np.where(in_goal.any(axis=0), in_goal.argmax(axis=0), np.inf)
     return Tracks(jax.device_put(cell), jax.device_put(time))
-
-
-@functools.partial(jax.jit, static_argnames=("drifters", "steps"))
-def _drift(
-    key: jax.Array, chain: Chain, start: Float[Array, "cells"], drifters: int, steps: int
-) -> Int[Array, "{steps}+1 {drifters}"]:
-    placing, moving = jax.random.split(key)
-    begin = jax.random.choice(placing, chain.cells, (drifters,), p=start).astype(jnp.int32)
-    total = jnp.cumsum(chain.probability, axis=0)
-    # A draw beyond the sum of all branches goes to the sink; if the cell has no sink, the cause is
-    # rounding, and the draw goes to the likeliest branch.
-    likeliest = jnp.take_along_axis(
-        chain.image, jnp.argmax(chain.probability, axis=0)[None], axis=0
-    )[0]
-    past = jnp.where(chain.leaving > 0, jnp.int32(-1), likeliest)
-
-    def step(cell, key):  # type: ignore[no-untyped-def]
-        drawn = jax.random.uniform(key, cell.shape, total.dtype)
-        within = drawn[None] < total[:, cell]
-        moved = chain.image[jnp.argmax(within, axis=0), cell]
-        later = jnp.where(jnp.any(within, axis=0), moved, past[cell])
-        later = jnp.where(cell < 0, jnp.int32(-1), later)
-        return later, later
-
-    _, cells = jax.lax.scan(step, begin, jax.random.split(moving, steps))
-    return jnp.concatenate([begin[None], cells])
 
 
 def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]:

@@ -85,21 +85,14 @@ def simulate_drifters(
     released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
     begin = start + np.arange(steps) * duration
-    choice, off = map(np.asarray, _release(key, released.size, drifters))
-    x, y = centre[:, choice] + off
+    random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    choice = random.integers(released.size, size=drifters)
+    x, y = centre[:, choice] + random.uniform(-0.5, 0.5, (2, drifters))
     # If no drift is turned, no random numbers are drawn for turns.
     turning = float(rho) if rho < 1 else None
     xs, ys = _paths(key, flow, squares(water), x, y, begin, duration, turning, substeps)
     cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
     return Drifters(xs, ys, cell, duration)
-
-
-@functools.partial(jax.jit, static_argnames="drifters")
-def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
-    """Draw a square for each drifter, and its offset from the centre, both uniformly."""
-    choosing, placing = jax.random.split(jax.random.fold_in(key, 0))
-    choice = jax.random.randint(choosing, (drifters,), 0, squares)
-    return choice, jax.random.uniform(placing, (2, drifters), jnp.float64, -0.5, 0.5)
 
 
 @functools.partial(jax.jit, static_argnames="substeps")
