@@ -155,7 +155,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
         [0]
     """
     label, matrix = _components(chain)
-    return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
+    _, smallest = np.unique(label, return_index=True)
+    return np.sort(smallest[_sources(matrix)]).astype(np.int32)
 
 
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
@@ -180,7 +181,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         ([1, 0], [2, 3])
     """
     label, matrix = _components(chain)
-    smallest = _smallest(label)
+    _, smallest = np.unique(label, return_index=True)
     covered = np.zeros(chain.cells, bool)
     cell = np.arange(label.size) % chain.cells
     inside = scipy.sparse.csr_array(
@@ -318,10 +319,3 @@ def _components(
 def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
     """Find the components to which no other component leads."""
     return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
-
-
-def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
-    """Find the smallest cell of each component."""
-    smallest = np.full(label.max() + 1, label.size)
-    smallest[label[::-1]] = np.arange(label.size)[::-1]
-    return smallest

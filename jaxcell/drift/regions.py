@@ -115,7 +115,7 @@ class Exchange(Result):
         matrix = self.chain.to_scipy()
         phases = as_sequence(self.chain).phases
         times = [
-            _leaving_times(matrix, np.tile(region, phases))[: region.size][region].mean()
+            _leaving_times(matrix, np.tile(region, phases))[: region.sum()].mean()
             for region in self.inside
         ]
         return np.array(times) * self.hours
@@ -220,13 +220,13 @@ def read_regions(
 
 def _leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
-) -> Float[np.ndarray, "states"]:
-    """Compute the expected steps to leave a set; `inf` if a drifter may stay in it forever."""
-    part = np.flatnonzero(inside)
-    inner = matrix[part][:, part].tocsr()
+) -> Float[np.ndarray, "inside"]:
+    """Compute the expected steps to leave a set, from its states in order.
+
+    The number is `inf` for a state from which a drifter may stay in the set forever.
+    """
+    inner = matrix[inside][:, inside].tocsr()
     stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))
     time = np.where(stuck, np.inf, 0.0)
     time[~stuck], _ = leaving_times(inner, ~stuck)
-    times = np.zeros(inside.size)
-    times[part] = time
-    return times
+    return time
