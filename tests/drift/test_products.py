@@ -65,15 +65,6 @@ def test_rtofs_is_read(tmp_path):
     assert float(currents.lon.max()) < 180
 
 
-@pytest.mark.parametrize("lon", [np.arange(0, 360, 60.0), np.arange(-180, 180, 60.0)])
-def test_whole_globes_go_round(lon):
-    currents = open_currents(products.regular("ugos", "vgos", lon=lon))
-    assert Water.of(currents).wraps
-    order = np.argsort((lon + 180) % 360)
-    u, v = products.numbers()
-    reads(currents, u[..., order], v[..., order])
-
-
 # Radar.
 
 
