@@ -100,7 +100,7 @@ def test_bad_flags_of_a_radar_are_gaps(tmp_path):
     del named.a.attrs["flag_values"]
     unheeded = open_currents(named)
     assert unheeded.water[0, 0, 0]
-    assert "a: its values have no flag_meanings, and are not heeded" in unheeded.attrs["notes"]
+    assert "a: its values have no flag_meanings; the flag is ignored" in unheeded.attrs["notes"]
 
 
 # Calendars.

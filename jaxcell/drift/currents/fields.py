@@ -149,7 +149,7 @@ class FieldReader:
             filled = "left out of the mean" if mean else "interpolated in time"
             notes.append(
                 f"{int(gaps.sum())} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the "
-                f"{records} records, and are water: what is missing is {filled}"
+                f"{records} records, and are water: their gaps are {filled}"
             )
         water = always | gaps
         kept = self._with_water(water, moving)

@@ -36,7 +36,7 @@ class Flag:
     def note(self) -> str:
         """A note on the values that are left out, or the reason why all values are used."""
         if not self.bad:
-            return f"{self.name}: its values have no flag_meanings, and are not heeded"
+            return f"{self.name}: its values have no flag_meanings; the flag is ignored"
         words = ", ".join(f"{value:g} ({meaning})" for value, meaning in self.bad.items())
         return f"{self.name}: values with {words} are left out"
 

@@ -92,7 +92,8 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
     for dim in others:
         if array.sizes[dim] > 1:
             raise file.error(
-                name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
+                name,
+                f"dimension {dim} of length {array.sizes[dim]}: the velocity has no such dimension",
             )
     if absent := [dim for dim in block if dim not in array.dims]:
         raise file.error(

@@ -108,7 +108,8 @@ class ObservedDrift(SeaLayers):
     def remarks(self) -> tuple[str, ...]:
         remarks = self.layers[0].remarks
         if self.after is None and not self._of_cells(self.spread.value, 2).any():
-            remarks += ("In the long run all drifters have left the map; --after asks earlier.",)
+            earlier = "--after chooses an earlier time."
+            remarks += (f"In the long run all drifters have left the map; {earlier}",)
         if self.seen.drogued is not None and self.drogued_share not in (0.0, 1.0):
             remarks += (
                 f"{1 - self.drogued_share:.0%} of the observations are of drifters that had lost "

@@ -164,8 +164,8 @@ class SeaDrift(SeaCurrents):
         if backward:
             flows = [flow.reversed() for flow in flows]
             notices.append(
-                "Drifters go backward in time, from the last record on: they end where drifters "
-                "came from that are in a cell then."
+                "Time runs backward from the last record: drifters end where the drifters that are "
+                "in their cells at the last record came from."
             )
         flows = [flow.repeated() for flow in flows]
         means = [flow.mean() for flow in flows]
@@ -183,13 +183,13 @@ class SeaDrift(SeaCurrents):
 
         if (records := currents.attrs.get("mean_of", 1)) > 1:
             notices.append(
-                f"The current is the mean of {records} records, and so is what drifters go with: "
-                "together they take more memory than there is."
+                f"Maps and simulated drifters are for the mean of {records} records, because all "
+                "records together exceed the memory."
             )
         chosen, made = planned()
         phases = by[0].phases(chosen.duration or 0)
         if by is not means and (why := _too_large(waters, phases, cls.largest)):
-            notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
+            notices.append(f"{why}; these maps are for the mean of the records.")
             by = means
             chosen, made = planned()
         if step.duration is not None and not np.isclose(chosen.duration or 0, step.duration):
@@ -257,13 +257,13 @@ class SeaDrift(SeaCurrents):
             remarks.append(
                 f"At {self.depths[0]:g} m: by the centres of cells alone there are "
                 f"{self._counts[1, 1]} persistent groups in place of {self._counts[0, 1]}: their "
-                "number depends on the grid; that of nearly closed sets does so less."
+                "number depends on the grid; nearly closed sets depend on it less."
             )
         voyages = [voyage for voyage in (self.voyage, self.surest) if voyage is not None]
         if not all(voyage.policy_certified and voyage.times_certified for voyage in voyages):
             remarks.append(
-                "What is not certified of the voyages is beyond 64-bit numbers somewhere: an eddy "
-                "holds drifters almost forever. It may be right elsewhere, or by another duration."
+                "Results of voyages that are not certified exceed 64-bit numbers in some cells, "
+                "because an eddy holds drifters almost forever; another duration may avoid this."
             )
         if not self.answered:
             remarks.append("No policy brings a drifter from the start to the goal.")

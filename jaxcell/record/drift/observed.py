@@ -70,7 +70,7 @@ def _log_errors(map: ObservedMap) -> rrb.Container:
     for title, label, values, most in (
         ("In a persistent group", "{} % of draws".format, share, 100.0),
         ("Error of the time to the end", "{} h".format, hours, _most(hours)),
-        ("Error of how many come to be there", "{} x".format, more, _most(more)),
+        ("Error of the number of drifters", "{} x".format, more, _most(more)),
     ):
         scale = Scale.over(values, label, least=0, most=most, open=values is not share)
         views.append(map.numbers(f"errors_{len(views)}", title, scale, values))
@@ -109,7 +109,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
     ways = np.split(place[shown], np.flatnonzero(new[shown]))
     ways = [way for way in ways if len(way) > 1]
     log_lines(map.stream, "map/ways", ways, DRIFTER, 1.0)
-    title = f"Ways of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
+    title = f"Tracks of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
     views = [known, map.view(title, ["ways"])]
     text = f"""# What was observed
 
@@ -117,7 +117,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
 takes {found.step / 86400:.3g} days, and ends where the same drifter was then. Where few begin,
 answers are not sure.
 """
-    legend = [*scale.legend(), ("the way of a drifter", DRIFTER)]
+    legend = [*scale.legend(), ("the track of a drifter", DRIFTER)]
     return map.tab("observations", "Observations", views, text, legend)
 
 
