@@ -38,7 +38,7 @@ def drifted(
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
     times = float(start), (end - start) / moves, moves
-    grid = squares(water)
+    grid = np.stack([water.dx, water.dy]), ~water.closed, water.gone
 
     def move(first: int, x: np.ndarray, y: np.ndarray) -> tuple[Array, Array]:
         chunk = None if key is None else jax.random.fold_in(key, first)
@@ -47,33 +47,21 @@ def drifted(
     return in_chunks(move, x, y)
 
 
-def squares(water: Water) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sides of the squares in metres, and the masks `~water.closed` and `water.gone`."""
-    return np.stack([water.dx, water.dy]), ~water.closed, water.gone
-
-
 @jax.jit
 def _drifted(flow, grid, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
+    sides, wet, gone = grid
+
     def move(number, place):  # type: ignore[no-untyped-def]
-        drawn = None if key is None else jax.random.fold_in(key, number)
-        return moved(flow, grid, place, start + number * length, length, _SUBSTEPS, drawn)
+        on = on_grid(wet.shape, flow.wraps, *place)
+        on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
+        now = start + number * length
+        after = advect(flow, *place, length, start=now, method="rk4", steps=_SUBSTEPS)
+        if key is not None and flow.diffusivity:
+            drawn = jax.random.fold_in(key, number)
+            after = diffuse(drawn, flow, sides, wet, *after, length)
+        return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
     return jax.lax.fori_loop(0, moves, move, (x, y))
-
-
-def moved(flow, grid, place, start, length, steps, key=None, turn=None):  # type: ignore[no-untyped-def]
-    """Move the drifters at `place` for `length` seconds, unless they have left the map.
-
-    `grid` is from [`squares`][], and `turn` may replace the end points before diffusion.
-    """
-    sides, wet, gone = grid
-    on = on_grid(wet.shape, flow.wraps, *place)
-    on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
-    after = advect(flow, *place, length, start=start, method="rk4", steps=steps)
-    after = after if turn is None else turn(after)
-    if key is not None and flow.diffusivity:
-        after = diffuse(key, flow, sides, wet, *after, length)
-    return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
 
 @jax.jit

@@ -1,9 +1,7 @@
 import dataclasses
-import functools
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
@@ -11,7 +9,8 @@ from jaxtyping import Array, Float, Int
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
-from ..drifting import moved, nearest_square, squares
+from ..currents.sphere import turned
+from ..drifting import drifted, nearest_square
 from ..flow import Flow
 from ..step import DriftStep
 from ..water import Water
@@ -64,7 +63,7 @@ def simulate_drifters(
     - `rho`: the probability that a drifter follows the flow in a step; otherwise its drift is
         turned by 45 degrees to either side, the disturbance of `spread="turned"`.
     - `start`: the time of release, in seconds as in `Flow.time`.
-    - `substeps`: steps of the Runge-Kutta method in each step.
+    - `substeps`: least number of steps of the Runge-Kutta method in each step.
 
     **Returns:** [`Drifters`][], whose first row has the places of release.
 
@@ -84,46 +83,24 @@ def simulate_drifters(
         )
     released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
-    begin = start + np.arange(steps) * duration
     random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     choice = random.integers(released.size, size=drifters)
-    x, y = centre[:, choice] + random.uniform(-0.5, 0.5, (2, drifters))
-    # If no drift is turned, no random numbers are drawn for turns.
-    turning = float(rho) if rho < 1 else None
-    xs, ys = _paths(key, flow, squares(water), x, y, begin, duration, turning, substeps)
-    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
-    return Drifters(xs, ys, cell, duration)
-
-
-@functools.partial(jax.jit, static_argnames="substeps")
-def _paths(key, flow, grid, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
-    """Return the places of drifters at the beginning and after every step."""
-    sides, _, _ = grid
-    keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
-
-    def step(place, now):  # type: ignore[no-untyped-def]
-        key, start = now
-        row, column = nearest_square(sides.shape[1:], flow.wraps, *place)
-        turn = None
-        if rho is not None:
-            turn = functools.partial(_turned, key, rho, sides[:, row, column], place)
-        drawn = jax.random.fold_in(key, 1)
-        place = moved(flow, grid, place, start, duration, substeps, drawn, turn)
-        return place, place
-
-    _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
-    return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
-
-
-def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
-    """Turn the drift by 45 degrees to either side, except for the share `rho` of drifters."""
-    (x, y), (dx, dy) = place, side
-    right, up = (end[0] - x) * dx, (end[1] - y) * dy
-    drawn = jax.random.uniform(key, x.shape, x.dtype)
-    to = jnp.where(drawn < (1 + rho) / 2, 1.0, -1.0)
-    angle = jnp.where(drawn < rho, 0.0, to * jnp.pi / 4)
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return x + (right * cos - up * sin) / dx, y + (right * sin + up * cos) / dy
+    places = [centre[:, choice] + random.uniform(-0.5, 0.5, (2, drifters))]
+    longest, turns = abs(duration) / substeps, np.array([0.0, np.pi / 4, -np.pi / 4])
+    for number in range(steps):
+        begin, drawn = start + number * duration, None
+        if flow.diffusivity:
+            drawn = jax.random.fold_in(key, number)
+        end = np.stack(drifted(water, flow, *places[-1], begin, begin + duration, longest, drawn))
+        if rho < 1:
+            square = nearest_square(water.dx.shape, water.wraps, *places[-1])
+            sides = np.stack([water.dx, water.dy])[:, *map(np.asarray, square)]
+            angle = random.choice(turns, drifters, p=[rho, (1 - rho) / 2, (1 - rho) / 2])
+            end = places[-1] + np.stack(turned(*(end - places[-1]) * sides, angle)) / sides
+        places.append(end)
+    x, y = np.stack(places, axis=1)
+    cell = water.landing(x, y, origin=released[choice], exits=True)
+    return Drifters(jax.device_put(x), jax.device_put(y), cell, duration)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
