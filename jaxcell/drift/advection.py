@@ -53,11 +53,11 @@ def advect(
 
     A uniform and steady flow to the East, of a tenth of a cell per second:
 
-        >>> import numpy as np
+        >>> import jax.numpy as jnp
         >>> from jaxcell import drift
-        >>> rate = np.stack([np.full((3, 5), 0.1), np.zeros((3, 5))])[None]
-        >>> flow = drift.Flow(rate, np.zeros(1))
-        >>> x, y = drift.advect(flow, np.array([1.0]), np.array([2.0]), 20.0)
+        >>> rate = jnp.stack([jnp.full((3, 5), 0.1), jnp.zeros((3, 5))])[None]
+        >>> flow = drift.Flow(rate, jnp.zeros(1))
+        >>> x, y = drift.advect(flow, jnp.array([1.0]), jnp.array([2.0]), 20.0)
         >>> x.round(6).tolist(), y.tolist()
         ([3.0], [2.0])
     """

@@ -175,10 +175,10 @@ def exit_shares(
 
     One cell with an open edge, whose water moves by half a cell to the East in a step:
 
-        >>> import numpy as np
+        >>> import jax.numpy as jnp
         >>> from jaxcell import drift, examples
         >>> water = examples.water([[1]])
-        >>> flow = drift.Flow(np.array([0.5, 0.0]).reshape(1, 2, 1, 1), np.zeros(1))
+        >>> flow = drift.Flow(jnp.array([0.5, 0.0]).reshape(1, 2, 1, 1), jnp.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
         >>> chain = drift.drift_maps(water, flow, step)
         >>> drift.exit_shares(water, flow, step, chain).round(1).tolist()
