@@ -24,7 +24,7 @@ class Velocity:
     along: Literal["earth", "grid"]
     "The directions of the components: East and North, or x and y of the grid."
     why: str
-    "The reason for these directions, in words."
+    "The reason for the choice of directions, in words."
     u_axes: Axes
     v_axes: Axes
 

@@ -139,8 +139,7 @@ class Layer(LayerEnds, Compared):
         step = step.lasting(step.seconds(water, by))
         duration = float(step.duration or 0)
         chain, distance = made or (drift_maps(water, by, step), None)
-        # If cells almost trap drifters, times are inaccurate, but all other results are useful.
-        behaviour = long_term_behaviour(chain, duration, throw=False)
+        behaviour = long_term_behaviour(chain, duration)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
 

@@ -88,15 +88,16 @@ def simulate_drifters(
     places = [centre[:, choice] + random.uniform(-0.5, 0.5, (2, drifters))]
     longest, turns = abs(duration) / substeps, np.array([0.0, np.pi / 4, -np.pi / 4])
     for number in range(steps):
-        begin, drawn = start + number * duration, None
+        (x, y), begin, drawn = places[-1], start + number * duration, None
         if flow.diffusivity:
             drawn = jax.random.fold_in(key, number)
-        end = np.stack(drifted(water, flow, *places[-1], begin, begin + duration, longest, drawn))
+        end = np.stack(drifted(water, flow, x, y, begin, begin + duration, longest, drawn))
         if rho < 1:
-            square = nearest_square(water.dx.shape, water.wraps, *places[-1])
-            sides = np.stack([water.dx, water.dy])[:, *map(np.asarray, square)]
+            row, column = map(np.asarray, nearest_square(water.dx.shape, water.wraps, x, y))
+            sides = np.stack([water.dx[row, column], water.dy[row, column]])
             angle = random.choice(turns, drifters, p=[rho, (1 - rho) / 2, (1 - rho) / 2])
-            end = places[-1] + np.stack(turned(*(end - places[-1]) * sides, angle)) / sides
+            right, up = (end - places[-1]) * sides
+            end = places[-1] + np.stack(turned(right, up, angle)) / sides
         places.append(end)
     x, y = np.stack(places, axis=1)
     cell = water.landing(x, y, origin=released[choice], exits=True)

@@ -46,7 +46,7 @@ class SLevels:
     critical_depth: float
     "The parameter h_c of the formula for the heights of levels, in metres."
     transform: int
-    "The number of this formula (Vtransform), 1 or 2."
+    "The number of the formula for the heights of levels (Vtransform), 1 or 2."
     places: Int[np.ndarray, " levels"]
     "The number of each level in the file."
 
