@@ -40,7 +40,6 @@ from jaxcell.patrol.perimeter import (
     hitting_law,
     maximin,
     mean_hitting_times,
-    simulate,
 )
 
 from ..shared.data import GRAPHS
@@ -139,11 +138,10 @@ def walkers(chain: Chain, robots: int, runs: int, key: jax.Array) -> Iterator[Ro
 def guards(robots: int, movement: Movement, runs: int, key: jax.Array) -> Row:
     """Compute the row of a model on the cycle."""
     ring, p = perimeter(robots, movement)
-    segment = np.arange(runs, dtype=np.int32) % ring.distance
-    # With probability 1 - 10^-10, a simple random walk leaves d segments within 5 d^2 steps.
-    times = np.asarray(simulate(ring, p, segment, 5 * ring.distance**2, key))
-    times = np.where(segment == 0, 0.0, times)
-    return Row(robots, movement.name, p, on_perimeter(ring, p), times)
+    chain = ring.chain(p)
+    segments = np.arange(ring.distance)
+    times = simulate_arrival(key, [chain], [segments], ring.occupied, runs).time
+    return Row(robots, movement.name, p, on_perimeter(ring, p), np.asarray(times))
 
 
 def study(runs: int, seed: int) -> list[Row]:

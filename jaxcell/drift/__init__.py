@@ -14,15 +14,16 @@ method (Eq. 5.3), with `F` the flow,
 
 or by the Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of its
 centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
-with probability `rho` the drifter goes to the image, and else to one of the other cells of a
+with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of a
 bounded *disturbance set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 
 which makes the sea a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)`
-(Eq. 5.5). A `DriftStep` has the duration and the rules; `METHODS` has those of the dissertation,
-and rules that agree with simulated drifters. `exit_shares` has the probability of each way out.
-`drift_maps` maps each phase of a periodic current (`Flow.repeated`).
+(Eq. 5.5). A `DriftStep` has the duration and the rules of a step; `METHODS` has the rules of the
+dissertation, and rules that agree better with simulated drifters. `exit_shares` computes the
+probability of each exit. `drift_maps` makes a map for each phase of a periodic current
+(`Flow.repeated`): the time of the period at which a step begins.
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters at the times of interest (`asked_hours`), `distances_by_cell`
@@ -40,34 +41,34 @@ of edges plus the time of linear solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* are the probabilities of ending in each group.
 
-`beaching` adds to each cell of a `coast` a beach on which drifters strand. One drifter that leaves
-a set decides that the set is no persistent group. `nearly_closed_sets` therefore finds sets of
-cells that drifters hardly leave in a day, with the leakage and its time scale, and `coherent_sets`
-finds water that moves together, such as vortices.
+`beaching` adds to each cell of a `coast` a beach on which drifters strand. A set is no persistent
+group if a single drifter leaves it. `nearly_closed_sets` therefore finds sets of cells that
+drifters hardly leave in a day, with the leakage and its time scale, and `coherent_sets` finds water
+that moves together, such as vortices.
 
 `diagnose` and `group_counts` show whether groups can be trusted. `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
 
 **Observed drifters.** `open_trajectories` reads positions of drifters or of the particles of a
-model, and `count_moves` counts moves between cells in a fixed time; the cells are `boxes` of
-longitude and latitude, or the cells of a model. The shares of moves are the probabilities of a
-chain. `bootstrap` estimates sampling errors. `save_trajectories` writes positions to a file.
+model. `count_moves` counts moves between cells in a fixed time; the cells are `boxes` of longitude
+and latitude, or the cells of a model. The shares of moves are the probabilities of a chain.
+`bootstrap` estimates sampling errors. `save_trajectories` writes positions to a file.
 
 **Deployment.** A *deployment* is a set of cells from which drifters may together reach every cell
 in the long term. `deployment_cells` (Alg. 5.2) chooses one cell in each persistent group, and more
-cells to cover the transient groups. `minimum_deployment` finds the fewest cells from which all may
-be visited, and `coverage_curve` how many cells fewer drifters may visit. `visible_deployment` is
-for cameras that see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
+cells to cover the transient groups. `minimum_deployment` finds the fewest cells from which all
+cells may be visited, and `coverage_curve` counts the cells that fewer drifters may visit.
+`visible_deployment` is for cameras that see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
 
 **Regions.** `read_regions` finds the cells in polygons of a GeoJSON file, and an `Exchange` has the
 shares of drifters that go between regions, and their residence times.
 
 **Depth.** `Sea` combines layers. `reachable` finds the cells that a chain may visit,
-`reachable_by_layer` the cells that may be visited if drifters go down once (Alg. 5.4), and
-`reachable_at_depth` the cells if they go up and down at any time. A *voyage* brings a drifter to a
-goal by going up (-1), going down (1), or drifting (0). The *policy* of a Markov decision process,
-`voyage_model`, chooses the action in each cell, with
+`reachable_by_layer` the cells that drifters may visit if they go down once (Alg. 5.4), and
+`reachable_at_depth` the cells that they may visit if they go up and down at any time. A *voyage*
+brings a drifter to a goal by going up (-1), going down (1), or drifting (0). The *policy* of a
+Markov decision process, `voyage_model`, chooses the action in each cell, with
 
     r = 100 for a step that leads to the goal, else -1                               (Eq. 5.10)
     V(z) = max over u of the mean of r + g V(z'), with g the discount        (value iteration)

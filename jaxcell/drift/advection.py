@@ -1,4 +1,4 @@
-"""Advection: the transport of points of the grid by a flow."""
+"""Advection: the transport of points by a flow."""
 
 import dataclasses
 import functools
@@ -38,26 +38,26 @@ def advect(
     method: str = "euler",
     steps: int = 1,
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Move points of the grid with the flow. Works under `jit`, `vmap` and `grad`.
+    """Move points with the flow. Works under `jit`, `vmap` and `grad`.
 
     **Arguments:**
 
     - `flow`: the flow.
-    - `x`, `y`: the points, in cells.
-    - `duration`: in seconds; negative to move points backward in time.
+    - `x`, `y`: the points, in columns and rows of the grid.
+    - `duration`: the duration in seconds; negative to move points backward in time.
     - `start`: the time at the beginning, in seconds as in `Flow.time`.
     - `method`: `"euler"`, Eq. 5.3 of Alam 2018, or `"rk4"`, the Runge-Kutta method of order 4.
     - `steps`: number of steps of the method.
 
-    **Returns:** `x` and `y` of the points at the end, in cells.
+    **Returns:** `x` and `y` of the points at the end.
 
     A uniform and steady flow to the East, of a tenth of a cell per second:
 
-        >>> import numpy as np
+        >>> import jax.numpy as jnp
         >>> from jaxcell import drift
-        >>> rate = np.stack([np.full((3, 5), 0.1), np.zeros((3, 5))])[None]
-        >>> flow = drift.Flow(rate, np.zeros(1))
-        >>> x, y = drift.advect(flow, np.array([1.0]), np.array([2.0]), 20.0)
+        >>> rate = jnp.stack([jnp.full((3, 5), 0.1), jnp.zeros((3, 5))])[None]
+        >>> flow = drift.Flow(rate, jnp.zeros(1))
+        >>> x, y = drift.advect(flow, jnp.array([1.0]), jnp.array([2.0]), 20.0)
         >>> x.round(6).tolist(), y.tolist()
         ([3.0], [2.0])
     """
@@ -71,7 +71,7 @@ def advect(
 def carried(
     flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
 ) -> tuple[_Points, _Points]:
-    """Move points as [`advect`][], but compile only once for all steps and for similar sizes."""
+    """Move points as [`advect`][] does, with one compiled program for many sizes and steps."""
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
@@ -81,9 +81,9 @@ def carried(
 def in_chunks(
     move: Callable[[int, np.ndarray, np.ndarray], _Pair], x: _Points, y: _Points
 ) -> tuple[_Points, _Points]:
-    """Move points in chunks, by a function of the number of the first point and the points.
+    """Apply `move` to chunks of points that fit the cache of a processor, which is faster.
 
-    Chunks that fit the cache of a processor are several times faster.
+    The arguments of `move` are the number of the first point of a chunk, and its `x` and `y`.
     """
     begin, ends = np.stack([x.ravel(), y.ravel()]), np.empty((2, x.size))
     for first in range(0, x.size, _CHUNK):

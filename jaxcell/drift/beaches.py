@@ -4,6 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
+import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Result, derived
@@ -15,13 +16,9 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells at a coast: those with land beside them. An open edge is no coast.
+    """Mark the cells that have land beside them. An open edge of the map is no coast.
 
-    **Arguments:**
-
-    - `water`: the cells of a layer.
-
-    **Returns:** a mask over the cells.
+    **Arguments:** the water of a layer. **Returns:** a mask over its cells.
 
     A sea of two cells with land at one end:
 
@@ -44,19 +41,20 @@ def beaching(
     """Add a beach to the map for each cell at a coast.
 
     A beach is an additional state of the chain. In a step, a drifter in a cell at a coast strands
-    with probability `1 - 2^(-duration / afloat)`, and else drifts on; a drifter on a beach returns
-    to its cell with probability `1 - 2^(-duration / stranded)`.
+    with probability `1 - 2^(-duration / afloat)`, and otherwise drifts on; a drifter on a beach
+    returns to its cell with probability `1 - 2^(-duration / stranded)`.
 
     **Arguments:**
 
     - `chain`: the map of a layer, from [`jaxcell.drift.drift_maps`][].
-    - `at_coast`: the cells with a beach, as from [`coast`][].
+    - `at_coast`: the mask of the cells that get a beach, from [`coast`][].
     - `duration`: duration of a step, in seconds.
     - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
     - `stranded`: the time in seconds in which half of the drifters on a beach float again; infinite
         by default, so that beaches are persistent groups.
 
-    **Returns:** the map, whose states are the cells and then the beaches; the cell of each beach.
+    **Returns:** the new map, whose states are the cells and then the beaches; and the cell of each
+    beach.
 
     In still water, half of the drifters in the cell at the coast strand in an hour:
 
@@ -83,16 +81,11 @@ def beaching(
 def _with_beaches(
     chain: Chain, cell: Int[np.ndarray, "coast"], strands: float, floats: float
 ) -> Chain:
-    beach = chain.cells + np.arange(cell.size, dtype=np.int32)
-    image, probability = (
-        np.pad(np.asarray(slots), ((0, 1), (0, cell.size)))
-        for slots in (chain.image, chain.probability)
-    )
-    probability[:, cell] *= 1 - strands
-    image[-1], image[-1, cell], probability[-1, cell] = np.arange(image.shape[1]), beach, strands
-    image[:, beach], probability[:, beach] = beach, 0
-    image[0, beach], probability[0, beach], probability[-1, beach] = cell, floats, 1 - floats
-    return Chain(image, probability)
+    ashore = scipy.sparse.eye_array(chain.cells, format="csc")[:, cell]
+    afloat = scipy.sparse.diags_array(1 - strands * ashore.sum(axis=1)) @ chain.to_scipy()
+    stay = (1 - floats) * scipy.sparse.eye_array(cell.size)
+    blocks = [[afloat, strands * ashore], [floats * ashore.T, stay]]
+    return Chain.from_scipy(scipy.sparse.block_array(blocks))
 
 
 _DRY = "NaN: no water"
@@ -100,7 +93,7 @@ _DRY = "NaN: no water"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stranded(Result):
-    """The fate of drifters that may strand, released uniformly in all cells of a layer.
+    """The stranding of drifters that are released uniformly in all cells of a layer.
 
     Still water beside land: half of the drifters afloat strand in an hour, and half of the
     stranded drifters float again in an hour:
@@ -116,11 +109,11 @@ class Stranded(Result):
 
     water: Water
     chain: Chain | ChainSequence
-    "The map over the cells and the beaches, as from [`beaching`][]."
+    "The drift map, whose states are the cells and then the beaches, from [`beaching`][]."
     cell: Int[np.ndarray, "beaches"]
     "The cell of each beach."
     hours: float | int
-    "The duration of a step."
+    "The duration of a step, in hours."
     steps: int
     "The number of steps from the release to the time of interest."
 
@@ -134,7 +127,10 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Follow drifters by the map of a layer, for a time rounded to whole steps."""
+        """Move drifters by the drift map of a layer, for `seconds` rounded to whole steps.
+
+        `afloat` and `stranded` are the times of [`beaching`][].
+        """
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
         return cls(water, *both, step / 3600, steps_in(seconds, step))

@@ -13,15 +13,15 @@ from ..markov import Absorption, LimitingDistribution
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongTermBehaviour:
-    """The sets in which drifters of one layer end, and the times until then (Alam 2018, Alg. 5.1).
+    """The groups of cells in which drifters of one layer end, and the times until they get there.
 
-    In a periodic current these depend on the time of release. The states are then the cells at each
-    phase of the current, phase after phase, as in the `unrolled` map; `begins` has the results for
-    release at phase 0.
+    These are the results of Alg. 5.1 of Alam 2018. In a periodic current they depend on the time of
+    release, so all arrays are over the cells at each phase of the current, phase after phase, as in
+    the `unrolled` map; `begins` has the results for drifters that are released at phase 0.
     """
 
     chain: Chain | ChainSequence
-    "The generalized map, or the maps of the phases of the current."
+    "The drift map, or the sequence of the maps of all phases of a periodic current."
     duration: float
     "Seconds per step."
     groups: PersistentGroups
@@ -35,7 +35,7 @@ class LongTermBehaviour:
 
     @property
     def unrolled(self) -> Chain:
-        """The map over the cells at each phase."""
+        """The chain over the cells at each phase, phase after phase."""
         return _unrolled(self.chain)
 
     @functools.cached_property
@@ -64,9 +64,9 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid where it is 0 or 1, and NaN in other cells.
+        """The probability of ending off the grid if it is 0 or 1, and NaN for other cells.
 
-        This needs no linear solve.
+        It is found without a linear solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan
@@ -88,7 +88,8 @@ class LongTermBehaviour:
         """The only persistent group in which a drifter from each cell may end; -1 if there are
         several such groups, or if the drifter may leave the grid.
 
-        The cells with the number of a group form its domain of attraction, with the group itself.
+        The cells that have the number of a group are its domain of attraction, which includes the
+        group itself.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])

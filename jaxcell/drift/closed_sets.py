@@ -32,11 +32,11 @@ def nearly_closed_sets(
 ) -> NearlyClosedSets:
     """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
-    A single drifter that leaves a set decides that the set is no persistent group, so groups depend
-    on the step. The share of drifters that leave in a day hardly does. Drifters are released with
-    uniform density in space. Connected pieces of water with less than a hundredth of the cells are
-    left out. The search spreads drifters over the neighbouring cells at the end of the window,
-    because otherwise it would find single cells in the middles of eddies.
+    A set is no persistent group if a single drifter leaves it, so persistent groups depend on the
+    step. The share of drifters that leave a set in a day hardly depends on the step. Drifters are
+    released with uniform density in space. Connected pieces of water with less than a hundredth of
+    the cells are left out. The search spreads drifters over the neighbouring cells at the end of
+    the window, because otherwise it would find single cells in the middles of eddies.
 
     **Arguments:**
 
@@ -44,7 +44,8 @@ def nearly_closed_sets(
     - `chain`: the map, from [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `count`: the number of sets to find; fewer may be returned.
-    - `hours`: the window, rounded to whole steps, or to whole periods of a periodic current.
+    - `hours`: the length of the window in which drifters may leave, rounded to whole steps, or to
+        whole periods of a periodic current.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
@@ -77,10 +78,10 @@ def coherent_sets(
     """Find coherent sets: water that moves together, and hardly mixes with its surroundings.
 
     This applies [`jaxcell.markov.coherent_sets`][] to a window of time; the current need not be
-    periodic. Two choices are needed to find vortices. The window is mapped in few steps, at best in
-    one, because in every step the grid spreads drifters by up to a cell. And drifters are spread
-    over the neighbouring cells at the end of the window, because otherwise single cells are the
-    most coherent sets.
+    periodic. Two choices are needed to find vortices. The window is mapped in few steps, preferably
+    in one, because the grid spreads drifters by up to a cell in every step. Drifters are also
+    spread over the neighbouring cells at the end of the window, because otherwise single cells are
+    the most coherent sets.
 
     **Arguments:**
 
@@ -120,7 +121,7 @@ def coherent_sets(
 
 
 def _blur(water: Water) -> Chain:
-    """Make the chain that spreads drifters evenly over each cell and its neighbours."""
+    """Make a chain that spreads the drifters of each cell evenly over it and its neighbours."""
     every = np.arange(water.cells, dtype=np.int32)
     around = np.vstack([every, np.where(water.neighbor >= 0, water.neighbor, every)])
     return Chain(around, np.full(around.shape, 1 / len(around)))
@@ -128,7 +129,7 @@ def _blur(water: Water) -> Chain:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedSets(Result):
-    """Nearly closed sets: sets of cells that drifters hardly leave, layer after layer.
+    """The nearly closed sets of each layer: sets of cells that drifters hardly leave.
 
     Two cells that drifters seldom exchange, in steps of an hour:
 
@@ -203,12 +204,12 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """The rank of each set of each layer; matching sets of different layers have one rank."""
+        """For each layer, the rank of each set; matching sets of two layers have the same rank."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property
     def labels(self) -> list[Int[np.ndarray, "_cells"]]:
-        """The number of the set of each cell of each layer, -1 for none."""
+        """For each layer, the number of the set that contains each cell, or -1."""
         first = np.cumsum([0, *(s.count for s in self.layers)])
         pairs = zip(self.layers, first[:-1].tolist(), strict=True)
         return [np.where(s.begin < 0, -1, s.begin + before) for s, before in pairs]

@@ -29,7 +29,7 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells of its group that each cell leads to, and that no earlier cell leads to."
+    "The number of cells that each cell leads to in its group, and that no earlier cell leads to."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,15 +62,12 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     the longest absorption time to the shortest, and in the order of their numbers if times are
     equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
     the dissertation chooses the cell that leads to the most other cells; in a map without
-    disturbances such cells lead to equally many.
+    disturbances these cells lead to equal numbers of cells.
 
     Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
-    **Arguments:**
-
-    - `behaviour`: from [`jaxcell.drift.long_term_behaviour`][].
-
-    **Returns:** [`Deployment`][jaxcell.drift.Deployment].
+    **Arguments:** the result of [`jaxcell.drift.long_term_behaviour`][]. **Returns:** the cells and
+    their groups.
 
     Cells 2 and 3 are persistent groups, and cell 0 leads to all other cells:
 
@@ -118,11 +115,12 @@ def _first_ancestor(
     sources: Int[np.ndarray, "sources"],
     same: Bool[np.ndarray, "phases cells"],
 ) -> Int[np.ndarray, "transients"]:
-    """Find the place in `order` of the first source that leads to each cell within its part.
+    """For each cell in `order`, find the first source that leads to it within its transient group.
 
-    Shortest paths begin at an additional node: an edge to a source costs the place of the source in
-    `order`, and edges within a part cost nothing. A cell is reached at any phase at which it is in
-    the `same` part as at phase 0. If no source leads to a cell, its number exceeds all places.
+    Sources, like the result, are places in `order`; the result exceeds all places if no source
+    leads to a cell. Shortest paths begin at an additional node: an edge to a source costs its
+    place, and edges within a group, the matrix `within`, cost nothing. A cell is reached at any
+    phase at which it is in the `same` group as at phase 0.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -146,11 +144,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     cell may end in another group. To put a drifter in each group, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
-    **Arguments:**
-
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
-
-    **Returns:** the smallest cell of each such component, in order.
+    **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain. **Returns:** the
+    smallest cell of each such component, in order.
 
     From cell 0 a drifter may come anywhere:
 
@@ -160,7 +155,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
         [0]
     """
     label, matrix = _components(chain)
-    return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
+    _, smallest = np.unique(label, return_index=True)
+    return np.sort(smallest[_sources(matrix)]).astype(np.int32)
 
 
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
@@ -171,12 +167,9 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
     (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
 
-    **Arguments:**
-
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
-        for drifters that are dropped at phase 0 and may visit cells at any phase.
-
-    **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
+    **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of
+    chains, for drifters that are dropped at phase 0 and may visit cells at any phase. **Returns:**
+    the cells in which drifters are dropped, and the numbers of cells that they may visit.
 
     Two separate cells, the second of which leads to a third:
 
@@ -188,7 +181,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         ([1, 0], [2, 3])
     """
     label, matrix = _components(chain)
-    smallest = _smallest(label)
+    _, smallest = np.unique(label, return_index=True)
     covered = np.zeros(chain.cells, bool)
     cell = np.arange(label.size) % chain.cells
     inside = scipy.sparse.csr_array(
@@ -274,7 +267,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Raise `ValueError` if cameras do not see their own cells, or there are too many views."""
+    """Raise `ValueError` if cameras do not see all of their own cells, or for too many cells."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
@@ -326,10 +319,3 @@ def _components(
 def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
     """Find the components to which no other component leads."""
     return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
-
-
-def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
-    """Find the smallest cell of each component."""
-    smallest = np.full(label.max() + 1, label.size)
-    smallest[label[::-1]] = np.arange(label.size)[::-1]
-    return smallest

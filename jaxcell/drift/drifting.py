@@ -30,7 +30,7 @@ def drifted(
 
     **Arguments:**
 
-    - `x`, `y`: the points, in cells.
+    - `x`, `y`: the points, in columns and rows of the grid.
     - `start`, `end`: the times, in seconds as in `Flow.time`.
     - `longest`: the longest Runge-Kutta step, in seconds.
     - `key`: a key of `jax.random`, for the diffusivity of the flow; without a key drifters do
@@ -38,7 +38,7 @@ def drifted(
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
     times = float(start), (end - start) / moves, moves
-    grid = squares(water)
+    grid = np.stack([water.dx, water.dy]), ~water.closed, water.gone
 
     def move(first: int, x: np.ndarray, y: np.ndarray) -> tuple[Array, Array]:
         chunk = None if key is None else jax.random.fold_in(key, first)
@@ -47,30 +47,21 @@ def drifted(
     return in_chunks(move, x, y)
 
 
-def squares(water: Water) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sides of all squares, and the masks of those that are open or off the map."""
-    return np.stack([water.dx, water.dy]), ~water.closed, water.gone
-
-
 @jax.jit
 def _drifted(flow, grid, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
+    sides, wet, gone = grid
+
     def move(number, place):  # type: ignore[no-untyped-def]
-        drawn = None if key is None else jax.random.fold_in(key, number)
-        return moved(flow, grid, place, start + number * length, length, _SUBSTEPS, drawn)
+        on = on_grid(wet.shape, flow.wraps, *place)
+        on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
+        now = start + number * length
+        after = advect(flow, *place, length, start=now, method="rk4", steps=_SUBSTEPS)
+        if key is not None and flow.diffusivity:
+            drawn = jax.random.fold_in(key, number)
+            after = diffuse(drawn, flow, sides, wet, *after, length)
+        return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
     return jax.lax.fori_loop(0, moves, move, (x, y))
-
-
-def moved(flow, grid, place, start, length, steps, key=None, turn=None):  # type: ignore[no-untyped-def]
-    """Move the drifters that have not left a grid of `squares`; `turn` may change their drifts."""
-    sides, wet, gone = grid
-    on = on_grid(wet.shape, flow.wraps, *place)
-    on &= ~gone[nearest_square(wet.shape, flow.wraps, *place)]
-    after = advect(flow, *place, length, start=start, method="rk4", steps=steps)
-    after = after if turn is None else turn(after)
-    if key is not None and flow.diffusivity:
-        after = diffuse(key, flow, sides, wet, *after, length)
-    return tuple(jnp.where(on, new, old) for new, old in zip(after, place, strict=True))
 
 
 @jax.jit
@@ -83,9 +74,9 @@ def diffuse(
     y: Float[Array, "points"],
     duration: Float[Array, ""] | float,
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Move points by the random walk of the flow's diffusivity for a time.
+    """Move points by a random walk with the diffusivity of the flow.
 
-    A point that would go ashore stays where it was.
+    A point that would enter a square outside the mask `wet` stays in its place.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
@@ -97,7 +88,7 @@ def diffuse(
 
 
 def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
-    """Find the row and column of the square that contains each point, or is nearest to it."""
+    """Find the row and column of the square of the grid that is nearest to each point."""
     rows, columns = shape
     row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
     column = column % columns if wraps else jnp.clip(column, 0, columns - 1)

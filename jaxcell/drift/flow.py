@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import correlate1d, distance_transform_edt
 
 from ..base.precision import require_x64
 from .currents.sphere import turned
@@ -53,13 +53,13 @@ class Flow:
         diffusivity: float | int = 0.0,
         coast: str = "hold",
     ) -> "Flow":
-        """Take the flow of one layer.
+        """Convert the velocities of one layer to a flow.
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
-        - `record`: number of the record to take as steady; by default all records.
+        - `record`: index of the only record, for a steady flow; by default all records.
         - `diffusivity`: diffusivity of unresolved motion, in m²/s.
         - `coast`: the rule at a coast, as for [`Water.of`][].
 
@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the repeated first one."""
+        """The rate at each record, without the copy of the first at the end of a periodic flow."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
@@ -155,22 +155,13 @@ def _extended(
         # The flow along x comes from water above and below, and the flow along y from water left
         # and right, so that no water crosses the coast.
         for axis, across in ((0, -2), (1, -1)):
-            wraps = water.wraps and across == -1
-            total = _beside(np.where(wet, rate[:, axis], 0.0), across, wraps)
-            count = _beside(wet.astype(float), across, wraps)
+            edge = "wrap" if water.wraps and across == -1 else "constant"
+            total, count = (
+                correlate1d(values, [1.0, 0.0, 1.0], axis=across, mode=edge)
+                for values in (np.where(wet, rate[:, axis], 0.0), wet.astype(float))
+            )
             rate[:, axis] = np.where(water.land, total / np.maximum(count, 1), rate[:, axis])
     return rate
-
-
-def _beside(
-    values: Float[np.ndarray, "*records rows columns"], axis: int, wraps: bool
-) -> Float[np.ndarray, "*records rows columns"]:
-    """Add the values of the two neighbours of each square along an axis, with 0 off the grid."""
-    width = [(0, 0)] * values.ndim
-    width[axis] = 1, 1
-    padded = np.pad(values, width, mode="wrap" if wraps else "constant")
-    size = values.shape[axis]
-    return padded.take(range(size), axis) + padded.take(range(2, size + 2), axis)
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
@@ -198,10 +189,9 @@ def between(
     x: Float[Array, "*points"],
     y: Float[Array, "*points"],
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Interpolate the flow at points of the grid bilinearly from its rate in the squares.
+    """Interpolate the flow at points bilinearly, from its rate in the squares.
 
-    Points off the grid have the flow of the nearest point of the grid. Columns that go round the
-    Earth have no end.
+    Points off the grid have the flow of the nearest point of the grid.
     """
     rows, columns = flow.rate.shape[2:]
     left, right, across = _neighbours(x, columns, flow.wraps)
@@ -222,7 +212,7 @@ def between(
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
-    """Return the number of steps of some duration whose total is nearest to a time, at least 1."""
+    """Return the number of steps whose total duration is nearest to `seconds`, at least 1."""
     return max(1, round(seconds / duration))
 
 
@@ -247,12 +237,7 @@ def crossing_time(water: Water, flow: Flow) -> float:
     cell" but does not name the cell. In the time to cross the fastest cell nearly all other cells
     are their own images; in the time to cross the slowest, drifters in fast cells cross the map.
 
-    **Arguments:**
-
-    - `water`: the cells.
-    - `flow`: the flow of the same layer.
-
-    **Returns:** the time, more than 0.
+    **Arguments:** the water and the flow of a layer. **Returns:** the time, more than 0.
 
     At a mean speed of 0.54 m/s a drifter crosses a cell of a kilometre in half an hour:
 

@@ -28,7 +28,7 @@ _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
-"""The ways out of the map."""
+"""The exits by which drifters leave the map."""
 # An unused slot; -1 is the sink.
 _NONE = -2
 
@@ -144,7 +144,7 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
         number of records in a step, and a substep is at most half a cell long on average.
 
     **Returns:** the sequence of the chains of the phases; or a single chain, if the flow is not
-    periodic or a step takes whole periods.
+    periodic or a step lasts whole periods.
 
     Five hours of the bundled sea, repeated:
 
@@ -163,22 +163,22 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 def exit_shares(
     water: Water, flow: Flow, step: DriftStep, chain: Chain | ChainSequence
 ) -> Float[np.ndarray, "exits states"]:
-    """Compute the probabilities of leaving the map in a step, by the way out.
+    """Compute the probability of leaving the map in a step by each exit.
 
     **Arguments:**
 
-    - `water`, `flow`, `step`: those of the map.
-    - `chain`: the map, as from [`drift_maps`][].
+    - `water`, `flow`, `step`: as for [`drift_maps`][].
+    - `chain`: the map that [`drift_maps`][] made from them.
 
     **Returns:** the probability from each cell at each phase, for each of `EXITS`: into sea without
     data, by stranding on land, and off the edge of the grid in the east, north, west and south.
 
     One cell with an open edge, whose water moves by half a cell to the East in a step:
 
-        >>> import numpy as np
+        >>> import jax.numpy as jnp
         >>> from jaxcell import drift, examples
         >>> water = examples.water([[1]])
-        >>> flow = drift.Flow(np.array([0.5, 0.0]).reshape(1, 2, 1, 1), np.zeros(1))
+        >>> flow = drift.Flow(jnp.array([0.5, 0.0]).reshape(1, 2, 1, 1), jnp.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
         >>> chain = drift.drift_maps(water, flow, step)
         >>> drift.exit_shares(water, flow, step, chain).round(1).tolist()
@@ -193,7 +193,7 @@ def exit_shares(
 def _exit_shares(
     water: Water, flow: Flow, step: DriftStep, start: float, lost: Float[np.ndarray, "cells"]
 ) -> Float[np.ndarray, "exits cells"]:
-    """Divide the probability of leaving the map in a step among the ways out."""
+    """Divide the probability of leaving the map in a step, `lost`, among the exits."""
     shares = np.zeros((len(EXITS), water.cells))
     origin = np.flatnonzero(lost > 0)
     if not origin.size:
@@ -216,7 +216,7 @@ def _exit_shares(
 
 
 def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
-    """Return the number, in `EDGES`, of the edge of the grid beyond which each square lies."""
+    """Find the edge of the grid beyond which each square lies, as an index into `EDGES`."""
     up, right = (
         at - at.clip(0, size - 1)
         for at, size in zip((row, column), water.number.shape, strict=True)
@@ -280,7 +280,7 @@ def _ends(
 
 
 def refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
-    """Set the duration, and double the substeps until they are as many as needed."""
+    """Set the duration of a step, and double its substeps until there are at least `needed`."""
     finer = 2 ** max(0, math.ceil(math.log2(needed / step.substeps) - 1e-9))
     return dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
 
@@ -338,7 +338,7 @@ def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
 def _squares_around(
     water: Water, image: _Squares, x: _Points, y: _Points
 ) -> tuple[_Squares, _Squares]:
-    """Return the rows and columns of each image and its eight neighbours, also off the map."""
+    """Return the rows and columns of each image and its eight neighbours, on and off the map."""
     row, column = square(x, y)
     row = np.where(image >= 0, water.row[image], row)
     column = np.where(image >= 0, water.column[image], column)
@@ -347,7 +347,7 @@ def _squares_around(
 
 
 def _set_probabilities(targets: _Squares, rho: float) -> _Points:
-    """Compute the probability of each element of a set, the image first; 0 if it is repeated."""
+    """Compute the probability of each target; row 0 is the image, and repeated targets get 0."""
     counts = np.ones(targets.shape, bool)
     for branch in range(1, len(targets)):
         new = (targets[branch] != targets[:branch]).all(axis=0)

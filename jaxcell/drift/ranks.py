@@ -14,7 +14,7 @@ _MAX_MATCHED = 200
 def basin_ranks(
     basins: Sequence[Int[np.ndarray, "rows columns"]],
 ) -> list[Int[np.ndarray, "_groups"]]:
-    """Rank the groups of layers from the top down, by the group of each square, -1 for none.
+    """Rank the groups of layers from the top down; `basins` has the group of each square, or -1.
 
     In the first layer groups are ranked by the sizes of their basins. In each next layer groups are
     matched one to one with groups of the layer above so that the overlap of basins is largest, and

@@ -11,11 +11,7 @@ from .sea import Sea
 def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
     """Find the cells that a chain may visit, including the start.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `start`: a cell, several, or a mask over the cells.
-
+    **Arguments:** the chain; and the start: a cell, several cells, or a mask over the cells.
     **Returns:** a mask over the cells.
 
     From cell 1 drifters go to cell 2 or 3, and do not return:
@@ -33,11 +29,7 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
     At the start, drifters go down to every layer above the sea bed; then each stays in its layer.
 
-    **Arguments:**
-
-    - `sea`: the layers.
-    - `start`: the cell of the surface where the drifters are dropped.
-
+    **Arguments:** the layers; and the cell of the surface where drifters are dropped.
     **Returns:** a mask over the cells of all layers.
 
     Two layers of three cells; at the surface everything drifts East, below it West:
@@ -59,11 +51,7 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     These are the cells to which some policy leads with positive probability. Algorithm 5.4 of Alam
     2018 finds only some of them.
 
-    **Arguments:**
-
-    - `sea`: the layers.
-    - `start`: the cell of the surface where the drifter is dropped.
-
+    **Arguments:** the layers; and the cell of the surface where the drifter is dropped.
     **Returns:** a mask over the cells of all layers.
 
     Two layers of three cells: at the surface everything drifts East, below it West.

@@ -36,7 +36,7 @@ _share = functools.partial(derived, "region to_region", kind="share", listed=Tru
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """The exchange of drifters between regions of the surface; they begin uniformly in each region.
+    """The exchange of drifters between regions, after a uniform release in each region.
 
     A strait of six cells, in which water moves by one cell per step to the East:
 
@@ -56,15 +56,15 @@ class Exchange(Result):
     inside: Bool[np.ndarray, "regions cells"]
     "The mask of the cells of each region."
     chain: Chain | ChainSequence
-    "The map of the surface."
+    "The drift map of the layer, or the sequence of maps of a periodic current."
     hours: float | int
-    "The duration of a step."
+    "The duration of a step, in hours."
     steps: int
     "The number of steps between release and arrival."
     arrived: Int[np.ndarray, "regions regions"] | None = None
-    "The number of simulated drifters from each region in each region at arrival."
+    "The number of simulated drifters from each region (row) that arrive in each region (column)."
     released: int = 0
-    "The number of simulated drifters from each region."
+    "The number of simulated drifters that are released in each region."
 
     @classmethod
     def of(
@@ -74,7 +74,7 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Prepare the exchange by the map of a layer, for a time rounded to whole steps."""
+        """Make the exchange by the drift map of a layer, after `seconds` rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
@@ -115,7 +115,7 @@ class Exchange(Result):
         matrix = self.chain.to_scipy()
         phases = as_sequence(self.chain).phases
         times = [
-            _leaving_times(matrix, np.tile(region, phases))[: region.size][region].mean()
+            _leaving_times(matrix, np.tile(region, phases))[: region.sum()].mean()
             for region in self.inside
         ]
         return np.array(times) * self.hours
@@ -220,13 +220,13 @@ def read_regions(
 
 def _leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
-) -> Float[np.ndarray, "states"]:
-    """Compute the expected steps to leave a set; `inf` if a drifter may stay in it forever."""
-    part = np.flatnonzero(inside)
-    inner = matrix[part][:, part].tocsr()
+) -> Float[np.ndarray, "inside"]:
+    """Compute the expected steps to leave a set, from its states in order.
+
+    The number is `inf` for a state from which a drifter may stay in the set forever.
+    """
+    inner = matrix[inside][:, inside].tocsr()
     stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))
     time = np.where(stuck, np.inf, 0.0)
     time[~stuck], _ = leaving_times(inner, ~stuck)
-    times = np.zeros(inside.size)
-    times[part] = time
-    return times
+    return time

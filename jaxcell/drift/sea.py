@@ -42,19 +42,19 @@ class Sea:
     below: Int[np.ndarray, "cells"]
     "The cell directly below, or -1 at the sea bed and in the last layer."
     number: Int[np.ndarray, "layers rows columns"]
-    "The cell in each square of each layer; -1 without water."
+    "The number of the cell in each square of each layer; -1 without water."
     phases: int = 1
     "Number of phases of the current."
 
     @classmethod
     def of(cls, waters: Sequence[Water], chains: Sequence[Chain | ChainSequence]) -> "Sea":
-        """Combine layers.
+        """Combine the cells and the drift maps of layers.
 
         **Arguments:**
 
         - `waters`: the water cells of each layer, the surface first, on one grid.
-        - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][],
-            or sequences with one number of phases, as from [`jaxcell.drift.drift_maps`][].
+        - `chains`: the chain of each layer over its cells, from [`jaxcell.drift.drift_map`][],
+            or sequences of equally many phases, from [`jaxcell.drift.drift_maps`][].
         """
         if not waters or len(chains) != len(waters):
             raise ValueError(
@@ -137,12 +137,12 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells that are marked at any phase, by a mask over the cells at each phase."""
+        """Mark the cells that a mask over the cells at each phase marks at one phase or more."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
 def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
-    """Combine sequences of chains, each over different cells, into one sequence."""
+    """Combine sequences of chains over different cells into one sequence."""
     branches = max(tide.image.shape[1] for tide in tides)
     images, probabilities, start = [], [], 0
     for tide in tides:

@@ -34,7 +34,7 @@ class DriftStep:
     """
 
     duration: float | int | None = None
-    """Seconds, negative for a step backward in time; by default
+    """The duration in seconds, negative for a step backward in time; by default the
     [`jaxcell.drift.crossing_time`][]."""
     spread: str = "turned"
     """The disturbances. `"turned"`: the drift turned by 45 degrees to either side. `"all"`: the
@@ -55,10 +55,9 @@ class DriftStep:
     method: str = "euler"
     "The integration method, as for [`jaxcell.drift.advect`][]."
     substeps: int = 1
-    "Number of steps of the integration method in each step of the map."
+    "The number of steps of the integration method in each step of the map."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for a number out of range, or an unknown choice."""
         if self.duration is not None and not (np.isfinite(self.duration) and self.duration != 0):
             raise ValueError(
                 f"duration: expected a number of seconds other than 0, got {self.duration}"
@@ -74,7 +73,7 @@ class DriftStep:
                 raise ValueError(f"{name}: expected 1 or more, got {value}")
 
     def lasting(self, duration: float | int | None) -> "DriftStep":
-        """Return this step with a duration in seconds."""
+        """Return this step with another duration, in seconds."""
         return dataclasses.replace(self, duration=duration)
 
     def seconds(self, water: Water, flow: Flow) -> float:
@@ -105,6 +104,6 @@ METHODS: Mapping[str, DriftStep] = {
     "drifters": DriftStep(spread="sampled", edge="exit", method="rk4", substeps=4),
     "source": DriftStep(),
 }
-"""Steps without a duration. `"drifters"` has the rules that agree best with simulated drifters, and
-`"source"` the rules of Alam 2018, section 5.4.3, by which the grid spreads drifters more than the
-water does and all edges are closed."""
+"""Rules of steps, without a duration. Those of `"drifters"` agree best with simulated drifters.
+Those of `"source"` are from Alam 2018, section 5.4.3: the grid spreads drifters more than the water
+does, and all edges are closed."""

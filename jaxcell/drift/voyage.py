@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +7,6 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
-from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
 from ..markov.decision import DecisionModel, Optimum, policy_chain, value_iteration
@@ -31,11 +29,11 @@ class Voyage:
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. All other
-    arrays over cells are for a start at phase 0."""
+    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. Arrays
+    without phases are for drifters that begin at phase 0."""
     chain: Chain
-    """The map of a drifter that follows the actions and stays in the goal. Its states are the cells
-    at each phase, phase after phase."""
+    """The chain of a drifter that follows the actions and stays in the goal. Its states are the
+    cells at each phase, phase after phase."""
     probability: Float[Array, "cells"]
     "The probability of ever arriving."
     time: Float[Array, "cells"]
@@ -85,7 +83,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     **Arguments:**
 
     - `sea`: the layers.
-    - `goal`: a cell, several, or a mask over the cells.
+    - `goal`: a cell, several cells, or a mask over the cells.
     - `discount`: the discount factor per step, which determines the total cost of leaving.
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
@@ -121,12 +119,12 @@ def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.9
     **Arguments:**
 
     - `sea`: the layers.
-    - `goal`: a cell, several, or a mask over the cells.
+    - `goal`: a cell, several cells, or a mask over the cells.
     - `discount`: the discount factor per step, more than 0 and less than 1; the dissertation does
         not name its value.
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. If an eddy almost traps
-    drifters, 64-bit numbers are too inaccurate; `certificate` and `arrival` then show this.
+    **Returns:** the voyage. If an eddy almost traps drifters, 64-bit numbers are too inaccurate;
+    `certificate` and `arrival` then show this.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
@@ -147,12 +145,8 @@ def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.9
 def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
     """Compute the quickest of the policies that arrive with the largest probability.
 
-    **Arguments:**
-
-    - `sea`: the layers.
-    - `goal`: a cell, several, or a mask over the cells.
-
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values.
+    **Arguments:** the layers; and the goal: a cell, several cells, or a mask over the cells.
+    **Returns:** the voyage, without a value function.
 
     **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
     policy iteration does not end.
@@ -161,12 +155,9 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
 
         >>> from jaxcell import drift, examples
-        >>> sea = examples.sea()
-        >>> voyage = drift.surest_voyage(sea, 0)
-        >>> voyage.action.tolist(), voyage.time.round(6).tolist()
-        ([0, 1, 1, -1, 0, 0], [0.0, 3.0, 4.0, 1.0, 2.0, 3.0])
-        >>> voyage.probability.tolist()
-        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+        >>> voyage = drift.surest_voyage(examples.sea(), 0)
+        >>> voyage.action.tolist(), voyage.probability.tolist()
+        ([0, 1, 1, -1, 0, 0], [1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     """
     in_goal = _at_goal(sea, goal)
     chains, allowed = _actions(sea)
@@ -202,43 +193,26 @@ def simulate_voyages(
         >>> tracks.cell[:, 0].tolist(), tracks.time.tolist()
         ([2, 5, 4, 3, 0, 0], [4.0])
     """
-    require_x64("simulate_voyages")
     check_steps(steps)
     if drifters < 1:
         raise ValueError(f"drifters: expected 1 or more, got {drifters}")
-    cells = voyage.goal.size
-    chosen = np.pad(start_distribution(cells, start), (0, voyage.chain.cells - cells))
-    cell = np.asarray(_drift(key, voyage.chain, chosen, drifters, steps))
-    cell = np.where(cell < 0, np.int32(-1), cell % cells)
+    cells, random = voyage.goal.size, np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    image, probability = np.asarray(voyage.chain.image), np.asarray(voyage.chain.probability)
+    total, likeliest = probability.cumsum(axis=0), probability.argmax(axis=0)
+    # A draw beyond the sum of all branches goes to the sink; if the cell has no sink, the cause is
+    # rounding, and the draw goes to the likeliest branch.
+    past = np.where(voyage.chain.can_leave, -1, image[likeliest, np.arange(likeliest.size)])
+    state = random.choice(cells, drifters, p=start_distribution(cells, start))
+    places = [state.astype(np.int32)]
+    for _ in range(steps):
+        within = random.random(drifters) < total[:, state]
+        moved = np.where(within.any(axis=0), image[within.argmax(axis=0), state], past[state])
+        state = np.where(state < 0, -1, moved)
+        places.append(np.where(state < 0, -1, state % cells).astype(np.int32))
+    cell = np.stack(places)
     in_goal = np.asarray(voyage.goal)[cell] & (cell >= 0)
     time = np.where(in_goal.any(axis=0), in_goal.argmax(axis=0), np.inf)
     return Tracks(jax.device_put(cell), jax.device_put(time))
-
-
-@functools.partial(jax.jit, static_argnames=("drifters", "steps"))
-def _drift(
-    key: jax.Array, chain: Chain, start: Float[Array, "cells"], drifters: int, steps: int
-) -> Int[Array, "{steps}+1 {drifters}"]:
-    placing, moving = jax.random.split(key)
-    begin = jax.random.choice(placing, chain.cells, (drifters,), p=start).astype(jnp.int32)
-    total = jnp.cumsum(chain.probability, axis=0)
-    # A draw beyond the sum of all branches goes to the sink; if the cell has no sink, the cause is
-    # rounding, and the draw goes to the likeliest branch.
-    likeliest = jnp.take_along_axis(
-        chain.image, jnp.argmax(chain.probability, axis=0)[None], axis=0
-    )[0]
-    past = jnp.where(chain.leaving > 0, jnp.int32(-1), likeliest)
-
-    def step(cell, key):  # type: ignore[no-untyped-def]
-        drawn = jax.random.uniform(key, cell.shape, total.dtype)
-        within = drawn[None] < total[:, cell]
-        moved = chain.image[jnp.argmax(within, axis=0), cell]
-        later = jnp.where(jnp.any(within, axis=0), moved, past[cell])
-        later = jnp.where(cell < 0, jnp.int32(-1), later)
-        return later, later
-
-    _, cells = jax.lax.scan(step, begin, jax.random.split(moving, steps))
-    return jnp.concatenate([begin[None], cells])
 
 
 def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]:

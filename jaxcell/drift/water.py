@@ -28,7 +28,8 @@ COASTS = ("hold", "slip", "strand")
 class Water:
     """The water cells of one layer of the sea, numbered row by row, the columns fastest.
 
-    The surface of the bundled sea:
+    Each square of the grid is a cell of water, land, or sea without data. The surface of the
+    bundled sea:
 
         >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
@@ -61,7 +62,6 @@ class Water:
     that ends on land strands, and so leaves the map."""
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for an unknown `coast`, or land in a cell of water."""
         if self.coast not in COASTS:
             raise ValueError(f"coast: expected 'hold', 'slip' or 'strand', got {self.coast!r}")
         if self.land is None:
@@ -77,8 +77,8 @@ class Water:
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][]; without `land`, all squares that
-            are not water are land.
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][]; without `land`, all
+            squares that are not water are land.
         - `layer`: number of the layer, from 0 at the surface.
         - `coast`: the rule for drifters that run ashore: `"hold"`, `"slip"` or `"strand"`.
         """
@@ -132,17 +132,17 @@ class Water:
 
     @property
     def closed(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares of land that drifters cannot enter; empty if drifters strand."""
+        """The mask of the squares that drifters cannot enter: land, unless they strand there."""
         return self.land & (self.coast != "strand")
 
     @property
     def gaps(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares of sea without data."""
+        """The mask of the squares of sea without data."""
         return (self.number < 0) & ~self.land
 
     @property
     def gone(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares off the map: a drifter that enters one has left."""
+        """The mask of the squares off the map: a drifter has left when it enters such a square."""
         return (self.number < 0) & ~self.closed
 
     @functools.cached_property
@@ -232,8 +232,9 @@ class Water:
         """Find the cells in which drifters end.
 
         A drifter ends in the cell that contains its end point, if this cell is in the connected
-        piece of water of its origin. Else it ends in the nearest cell of that piece; distances are
-        in metres by the sides of the origin, and the smallest of equally near cells is taken.
+        piece of water of its origin. Otherwise it ends in the nearest cell of that piece; distances
+        are in metres by the sides of the origin, and of equally near cells the one with the
+        smallest number is taken.
 
         **Arguments:**
 
@@ -285,7 +286,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points that are on a grid of `shape`; `wraps` if it goes round the Earth."""
+    """Mark the points on a grid of `shape` rows and columns; `wraps` if it goes round the Earth."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)

@@ -13,10 +13,10 @@ The main names are in this package; the packages below contain all names, and de
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
 - `patrol.team`: parts of a graph, travel times, idleness, news at a base, and charging.
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells,
-    `distributed_policies` and `capture_policies` are walks, `capture_probabilities` are exact,
-    `vulnerability` adds a simulation and the fit of its law, and `PatrolledMap` is the result.
+    `distributed_policies` and `capture_policies` make walks, `capture_probabilities` are exact,
+    `vulnerability` adds a simulation and a fitted law, and `PatrolledMap` is the result.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
-- `patrol.perimeter`: the baselines BMP, DCP and DNCP on a cycle.
+- `patrol.perimeter`: the baselines BMP, DCP and DNCP on a closed perimeter.
 
 The probability of capturing an attack that takes `t` steps follows from the probability `S_r(t)`
 that robot `r` does not visit the attacked place in these steps:

@@ -9,6 +9,8 @@ import pytest
 from helpers import run
 
 from jaxcell.cli import main
+from jaxcell.patrol import load_graph
+from jaxcell.patrol.walks import load_constraints
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
@@ -39,16 +41,6 @@ def test_a_periodic_walk_never_mixes(capsys):
     assert main(["patrol", "graph", str(GRAPHS / "line.json")]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"steps until within 1/4 of the shares of time +│ never", shown)
-
-
-def test_no_answer_is_status_1(capsys, monkeypatch):
-    def stalls(*args, **options):
-        raise RuntimeError("the residual stayed above the tolerance")
-
-    monkeypatch.setattr("jaxcell.optimize.minimum_commute", stalls)
-    status, found, error = run(capsys, "patrol graph", EIGHT)
-    assert (status, found) == (1, None)
-    assert error == "jaxcell patrol graph: the residual stayed above the tolerance\n"
 
 
 def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
@@ -123,12 +115,9 @@ def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
         ({"edges": [["1", "2"]], "factors": [0], "most": 1}, "expected finite coefficients, one"),
     ],
 )
-def test_bad_constraints_are_one_line_and_status_2(capsys, tmp_path, constraint, message):
-    file = constraints(tmp_path, constraint)
-    status, found, error = run(capsys, "patrol graph", EIGHT, "--constraints", file)
-    assert (status, found) == (2, None)
-    assert error.count("\n") == 1
-    assert re.search(rf"constraints\.json: .*{message}", error), error
+def test_bad_constraints_are_refused(tmp_path, constraint, message):
+    with pytest.raises(ValueError, match=rf"constraints\.json: .*{message}"):
+        load_constraints(constraints(tmp_path, constraint), *load_graph(EIGHT))
 
 
 @pytest.fixture
@@ -142,28 +131,24 @@ def line(tmp_path):
     return path
 
 
-def test_steps_that_take_seconds_are_chosen_by_steps(capsys, line):
-    _, found, said = run(capsys, "patrol graph", line, "--strategy", "entropy", "--speed", 1)
-    assert "the walk is chosen by steps; the times in seconds are those it then has" in said
-    assert found["timed"]["mean_step"] > 2
-
-
-def test_the_game_is_in_steps(capsys, line):
-    status, found, said = run(capsys, "patrol graph", line, "--game", "--speed", 1)
+@pytest.mark.parametrize(
+    ("options", "part", "remark"),
+    [
+        (
+            ("--strategy", "entropy", "--speed", 1),
+            "timed",
+            "the walk is chosen by steps; the times in seconds are those it then has",
+        ),
+        (("--game", "--speed", 1), "game", "the game counts steps, not seconds"),
+        (
+            ("--strategy", "capture", "--attack-time", 5, "--memory-states", 2),
+            "walks_with_memory",
+            "shares and entropy above are those of the walk without memory",
+        ),
+    ],
+)
+def test_parts_of_a_result_are_remarked(capsys, line, options, part, remark):
+    status, found, said = run(capsys, "patrol graph", line, *options)
     assert status == 0
-    assert found["game"]
-    assert "the game counts steps, not seconds" in said
-
-
-def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
-    args = "--strategy", "capture", "--attack-time", 5, "--memory-states", 2
-    status, found, said = run(capsys, "patrol graph", line, *args)
-    assert status == 0
-    part = found["walks_with_memory"]
-    assert [row["patrol"] for row in part["patrols"]] == ["memory 1", "memory 2", "tour"]
-    least = [row["least_capture"] for row in part["patrols"]]
-    assert least[0] == pytest.approx(found["value"])
-    assert least[0] <= least[1] <= part["upper_bound"]
-    assert "shares and entropy above are those of the walk without memory" in said
-    named = [[row["vertex"] for row in one["vertices"]] for one in (part, found)]
-    assert named[0] == named[1]
+    assert found[part]
+    assert remark in said

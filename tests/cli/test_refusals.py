@@ -109,7 +109,7 @@ dynamics henon --cells 0
 patrol graph @eight --strategy capture
     --attack-time: it is needed with --strategy capture and without --attack-times
 patrol graph @eight --strategy capture --attack-time 2
-    --attack-time: an attack of 2 steps ends before a patroller comes from vertex '4' to '5', ...
+    --attack-time: a robot needs 3 from vertex 4 to vertex 5, where an attack takes 2; expected ...
 patrol graph @eight --emphasis 2
     --emphasis: expected two or more vertices, got one
 patrol graph @eight --emphasis 2 5 2

@@ -16,18 +16,6 @@ from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
 
 
-def test_uniform_current_with_an_exit():
-    # Two cells a step to the East: the third step is off a grid of five columns at the latest.
-    currents = sea(np.full((3, 5), 2.0), np.zeros((3, 5)), dx=1.0, dy=1.0)
-    chain = drift_map(Water.of(currents), Flow.of(currents), DriftStep(1.0, rho=1.0, edge="exit"))
-    found = long_term_behaviour(chain, 3600)
-    assert found.groups.count == 0
-    assert found.transient.domiciles == ((-1,),)
-    assert found.hours.tolist() == [3, 2, 2, 1, 1] * 3
-    assert found.basin.tolist() == [-1] * 15
-    assert found.probability.leaving.tolist() == [1] * 15
-
-
 @given(seas(), st.sampled_from(["turned", "all"]), st.sampled_from(["uniform", "exit"]))
 def test_behaviour_equals_the_definition(currents, spread, edge):
     water, flow = Water.of(currents), Flow.of(currents)

@@ -22,27 +22,25 @@ def middle(currents, duration, **options):
     return grid[n - 2 : n + 3, n - 2 : n + 3]
 
 
-@pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
-def test_a_saddle_stretches_at_its_rate(dx, dy):
-    currents = linear(((2e-5, 0), (0, -5e-5)), dx=dx, dy=dy)
-    day = 6 * 3600.0
-    np.testing.assert_allclose(middle(currents, day), 2e-5, rtol=1e-6)
-    np.testing.assert_allclose(middle(currents, -day), 5e-5, rtol=1e-6)
+TIME, RATE = 6 * 3600.0, 3e-5
+SHEARED = math.log((RATE * TIME + math.hypot(RATE * TIME, 2)) / 2) / TIME
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
-def test_shear_stretches_at_its_rate(dx, dy):
-    rate, time = 3e-5, 6 * 3600.0
-    shear = rate * time
-    expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
-    for gradient in (((0, rate), (0, 0)), ((0, 0), (rate, 0))):
-        currents = linear(gradient, dx=dx, dy=dy)
-        np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
-
-
-def test_a_solid_body_does_not_stretch():
-    currents = linear(((0, -3e-5), (3e-5, 0)))
-    np.testing.assert_allclose(middle(currents, 6 * 3600.0), 0, atol=1e-12)
+@pytest.mark.parametrize(
+    ("gradient", "duration", "expected"),
+    [
+        (((2e-5, 0), (0, -5e-5)), TIME, 2e-5),
+        (((2e-5, 0), (0, -5e-5)), -TIME, 5e-5),
+        (((0, RATE), (0, 0)), TIME, SHEARED),
+        (((0, 0), (RATE, 0)), TIME, SHEARED),
+        (((0, -RATE), (RATE, 0)), TIME, 0.0),
+    ],
+    ids=["saddle", "saddle backward", "shear along x", "shear along y", "solid body"],
+)
+def test_linear_currents_stretch_at_their_rate(gradient, duration, expected, dx, dy):
+    found = middle(linear(gradient, dx=dx, dy=dy), duration)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
 def test_a_cell_at_a_coast_has_an_exponent():

@@ -123,31 +123,6 @@ def test_the_nearest_water_may_be_across_the_seam():
     assert water.column[landed[0]].tolist() == [1, COLUMNS - 1, 1, COLUMNS - 1, COLUMNS - 1]
 
 
-def test_voyages_do_not_depend_on_the_first_meridian():
-    def solve(currents, place):
-        waters = [drift.Water.of(currents, layer) for layer in range(2)]
-        flows = [drift.Flow.of(currents, layer) for layer in range(2)]
-        layers = [
-            drift.drift_map(one, flow, drift.DriftStep(1.0, edge="exit"))
-            for one, flow in zip(waters, flows, strict=True)
-        ]
-        both = drift.Sea.of(waters, layers)
-        goal = int(waters[0].number[place])
-        return waters, drift.discounted_voyage(both, goal), drift.surest_voyage(both, goal)
-
-    here = globe(5, layers=2, dry=3)
-    place = int(np.argmax(np.asarray(here.water[0, 2])))
-    waters, value, surest = solve(here, (2, place))
-    others, turned, turned_surest = solve(begun_at(here, 5), (2, (place + 5) % COLUMNS))
-    to = np.concatenate(
-        [moved(waters[0], others[0], 5), moved(waters[1], others[1], 5) + others[0].cells]
-    )
-    np.testing.assert_allclose(np.asarray(turned.value)[to], value.value, rtol=1e-7)
-    probability = np.asarray(turned_surest.probability)[to]
-    np.testing.assert_allclose(probability, surest.probability, atol=1e-9)
-    assert 0.01 < probability.mean() < 1
-
-
 def test_simulated_drifters_do_not_depend_on_the_first_meridian():
     here = globe(2)
     water, flow = drift.Water.of(here), drift.Flow.of(here)

@@ -51,13 +51,9 @@ def test_depths_within_the_levels_are_interpolated(tmp_path, part, depths):
 # Levels of the file, the chosen depth, the nearest level and its layer, and the end of the error.
 BEYOND = {
     "the lowest is not the surface": (slice(0, 1), None, HEIGHTS[0], 0, "-0.984375 only"),
-    "nor when asked": (slice(0, 1), 0, HEIGHTS[0], 0, "-0.984375 only"),
-    "one in the middle": (slice(20, 21), 0, HEIGHTS[20], 0, "-0.359375 only"),
     "the second alone": (slice(28, 29), 0, HEIGHTS[28], 0, "-0.109375 only"),
     "the two lowest": (
         slice(0, 2), 0, HEIGHTS[1], HEIGHTS[1] - HEIGHTS[0], "2 levels from -0.984375 to -0.95312"),
-    "all but the upper two": (
-        slice(0, 30), 0, HEIGHTS[29], HEIGHTS[29] - HEIGHTS[28], "30 levels from -0.984375 to"),
     "the surface is not 10 m": (slice(-1, None), 10, HEIGHTS[-1], 0, "-0.015625 only"),
     "the upper eight are not 30 m": (
         slice(-8, None), 30, HEIGHTS[-8], HEIGHTS[-7] - HEIGHTS[-8], "8 levels from -0.23"),

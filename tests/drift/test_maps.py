@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from oracles.drifter import SINK, Drifter
-from seas import double_gyre, sea, seas, water_and_flow
+from seas import double_gyre, sea, seas
 
 from jaxcell import examples
 from jaxcell.base import memory
@@ -90,16 +90,6 @@ def test_a_period_is_the_product_of_its_records():
         for value in np.eye(water.cells)[::5]:
             np.testing.assert_allclose(tide.push(value, 3), value @ product, atol=1e-12)
             np.testing.assert_allclose(tide.pull(value, 3), product @ value, atol=1e-12)
-
-
-def test_a_tide_brings_a_drifter_back():
-    # Two cells to the East in one half of the day, and back in the other.
-    east = np.array([2.0, -2.0])[:, None, None] * np.ones((2, 5, 9))
-    water, flow = water_and_flow(sea(east, 0 * east, dx=1.0, dy=1.0, hours=1 / 3600))
-    tide = drift_maps(water, flow.repeated(), DriftStep(1.0, rho=1.0))
-    matrix = np.stack([tide.push(value, 2) for value in np.eye(water.cells)])
-    inner = np.flatnonzero((water.column > 0) & (water.column < 6) & ~water.boundary)
-    np.testing.assert_array_equal(matrix[inner], np.eye(water.cells)[inner])
 
 
 @pytest.mark.parametrize(

@@ -31,17 +31,3 @@ def test_shares_by_the_map_are_those_of_powers_of_its_matrix():
         np.testing.assert_allclose(test.by_drifters[case], seen)
         np.testing.assert_allclose(test.error[case], np.sqrt(seen * (1 - seen) / inside.sum()))
     assert test.apart == np.abs(test.by_map - test.by_drifters).max()
-
-
-def test_drifters_of_the_map_itself_pass():
-    random = np.random.default_rng(1)
-    matrix, chain = random_chain(random)
-    whole = np.column_stack([matrix, 1 - matrix.sum(axis=1)])
-    whole = np.vstack([whole, np.eye(7)[-1]])
-    state = origin = random.integers(0, 6, 4000)
-    seen = []
-    for step in range(1, 5):
-        state = np.array([random.choice(7, p=whole[one]) for one in state])
-        seen.append((step, origin, np.where(state == 6, -1, state)))
-    test = drift.MarkovTest.of(chain, np.array([0, 0, 0, 1, 1, 1]), 60.0, seen)
-    assert (np.abs(test.by_map - test.by_drifters) < 4 * test.error).all()

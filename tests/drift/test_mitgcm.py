@@ -83,13 +83,6 @@ def test_a_grid_of_mitgcm_round_the_earth_has_the_side_at_the_seam():
     np.testing.assert_allclose(currents.u.values[0, 0, 1], expected)
 
 
-def test_ecco_on_longitudes_and_latitudes_is_read():
-    row, column = np.indices((products.ROWS, products.COLUMNS))
-    currents = open_currents(products.regular("EVEL", "NVEL", (row / 10, column / 10)))
-    np.testing.assert_allclose(currents.u.values[0, 0], row / 10)
-    assert currents.attrs["east_from"].startswith("EVEL")
-
-
 def llc():
     dims = ("tile", "j", "i_g"), ("tile", "j_g", "i")
     values = np.zeros((13, 3, 3))

@@ -1,10 +1,11 @@
-"""The angle of a grid in any unit, and rows at the poles."""
+"""Turned and curved grids, the angle of a grid in any unit, and rows at the poles."""
 
 import croco
 import numpy as np
 import pytest
+import xarray as xr
 from drift import products
-from drift.products import refused
+from drift.products import refused, write
 
 from jaxcell.drift import open_currents
 
@@ -110,3 +111,69 @@ def test_cells_that_end_at_a_pole_are_read(tmp_path, step):
     currents = open_currents(tmp_path / "sea.nc")
     side = np.radians(30) * 6371000 * np.sin(np.radians(90 - lat))
     np.testing.assert_allclose(currents.dx[:, 0], side, rtol=1e-6)
+
+
+def curved(turn_deg, u, v, names=("u_eastward", "v_northward"), mirrored=False):
+    """A grid of 1 km cells that is turned by an angle, with 2-D longitudes and latitudes."""
+    j, i = np.indices((5, 6))
+    if mirrored:
+        j = j[::-1]
+    cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    degree = np.pi / 180 * 6371000
+    lat = 33.5 + 1000 * (i * sin + j * cos) / degree
+    lon = -118 + 1000 * (i * cos - j * sin) / degree / np.cos(np.radians(33.5))
+    dims = ("time", "Y", "X")
+    return xr.Dataset(
+        {
+            names[0]: (dims, np.broadcast_to(u, (1, 5, 6)).copy()),
+            names[1]: (dims, np.broadcast_to(v, (1, 5, 6)).copy()),
+            "lat": (("Y", "X"), lat),
+            "lon": (("Y", "X"), lon),
+        },
+        coords={"time": ("time", [12], {"units": "days since 1970-01-01"})},
+    )
+
+
+@pytest.mark.parametrize("turn_deg", [0, 44, -120, 180])
+def test_velocities_on_a_turned_grid(tmp_path, turn_deg):
+    angle = np.radians(turn_deg)
+    currents = open_currents(write(tmp_path, curved(turn_deg, 0.3, 0.0)))
+    np.testing.assert_allclose(np.cos(currents.angle - angle), 1, atol=1e-6)
+    np.testing.assert_allclose(currents.dx, 1000, rtol=1e-3)
+    np.testing.assert_allclose(currents.dy, 1000, rtol=1e-3)
+    assert (currents.u == 0.3).all()
+    along = curved(turn_deg, 0.3 * np.cos(angle), -0.3 * np.sin(angle), ("a", "b"))
+    along.a.attrs["standard_name"] = "x_sea_water_velocity"
+    along.b.attrs["standard_name"] = "y_sea_water_velocity"
+    currents = open_currents(write(tmp_path, along))
+    np.testing.assert_allclose(currents.u, 0.3, atol=1e-3)
+    np.testing.assert_allclose(currents.v, 0.0, atol=1e-3)
+    assert "turned" in currents.attrs["east_from"]
+    bare = write(tmp_path, curved(turn_deg, 0.3, 0.0, ("u", "v")))
+    assert (open_currents(bare, variables=("u", "v")).u == 0.3).all()
+
+
+def test_a_mirrored_grid_is_turned_over(tmp_path):
+    j = np.arange(5)[:, None] * 0.01
+    straight = open_currents(write(tmp_path, curved(30, 0.1 + j, 0.0)))
+    mirrored = open_currents(write(tmp_path, curved(30, 0.1 + j[::-1], 0.0, mirrored=True), "m.nc"))
+    xr.testing.assert_allclose(mirrored, straight, atol=1e-6)
+
+
+def folded(dataset):
+    dataset.lon[2, 2] = dataset.lon[2, 5]
+    return dataset
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.rename(u_eastward="u", v_northward="v"), r"u: ambiguous: on the dimensions "
+         r"\(Y, X\) it may be towards the East or along the grid.*name u and v with variables"),
+        (folded, r"lon: .* the grid folds at row"),
+        (lambda d: d.assign(lon=0 * d.lon, lat=0 * d.lat), r"lon: the cell .* sides of 0 and 0 m"),
+        (lambda d: d.assign(lon=d.lon.where(d.lon > -118)), r"lon: no longitude at row 0, column"),
+    ],
+)  # fmt: skip
+def test_damaged_files_of_a_turned_grid_are_refused(tmp_path, change, message):
+    refused(write(tmp_path, change(curved(30, 0.3, 0.0))), message)

@@ -16,8 +16,10 @@ def reads(currents, u, v):
     assert currents.water.values.all()
 
 
-EARTH = ["uo vo", "ugos vgos", "utotal vtotal", "ucur vcur", "UCUR VCUR", "EWCT NSCT",
-         "water_u water_v"]  # fmt: skip
+EARTH = [
+    *("uo vo", "ugos vgos", "utotal vtotal", "ucur vcur", "UCUR VCUR", "EWCT NSCT", "EVEL NVEL"),
+    *("water_u water_v", "u_eastward v_northward", "u_sur_eastward v_sur_northward"),
+]
 BY_DIMS = ["u v", "uos vos", "ssu ssv", "vozocrtx vomecrty", "sozocrtx somecrty", "ug vg"]
 
 
@@ -63,15 +65,6 @@ def test_rtofs_is_read(tmp_path):
     assert float(currents.lon.max()) < 180
 
 
-@pytest.mark.parametrize("lon", [np.arange(0, 360, 60.0), np.arange(-180, 180, 60.0)])
-def test_whole_globes_go_round(lon):
-    currents = open_currents(products.regular("ugos", "vgos", lon=lon))
-    assert Water.of(currents).wraps
-    order = np.argsort((lon + 180) % 360)
-    u, v = products.numbers()
-    reads(currents, u[..., order], v[..., order])
-
-
 # Radar.
 
 
@@ -107,7 +100,7 @@ def test_bad_flags_of_a_radar_are_gaps(tmp_path):
     del named.a.attrs["flag_values"]
     unheeded = open_currents(named)
     assert unheeded.water[0, 0, 0]
-    assert "a: its values have no flag_meanings, and are not heeded" in unheeded.attrs["notes"]
+    assert "a: its values have no flag_meanings; the flag is ignored" in unheeded.attrs["notes"]
 
 
 # Calendars.

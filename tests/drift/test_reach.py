@@ -73,16 +73,6 @@ def test_reachable_cells_are_those_of_a_graph_search(seed):
     assert expected <= free
 
 
-def test_drifters_do_not_go_below_the_sea_bed():
-    # Two cells that stay put, and below the second nothing.
-    wets = [np.array([[True, True]]), np.array([[True, False]])]
-    chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (2, 1)]
-    sea = Sea.of([water(wet) for wet in wets], chains)
-    assert reachable_by_layer(sea, 0).tolist() == [True, False, True]
-    assert reachable_by_layer(sea, 1).tolist() == [False, True, False]
-    assert reachable_at_depth(sea, 1).tolist() == [False, True, False]
-
-
 @pytest.mark.parametrize("search", [reachable_by_layer, reachable_at_depth])
 @pytest.mark.parametrize("off", [-1, 0])
 def test_starts_that_are_not_at_the_surface_are_refused(search, off):

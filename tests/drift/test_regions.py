@@ -49,22 +49,6 @@ def test_cells_are_in_the_polygon_of_their_centre(tmp_path, currents, turn):
     np.testing.assert_array_equal(inside[1], (water.column >= 5) & (water.column < 9))
 
 
-def test_the_exchange_is_that_of_drifters(tmp_path, currents):
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-    step, steps = 3 * 3600.0, 1
-    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step))
-    inside = np.stack([water.column < 5, (water.column >= 5) & (water.column < 9)])
-    found = drift.Exchange(np.array(["west", "east"]), inside, chain, 3.0, steps)
-    for region, row, left in zip(inside, found.share, found.left, strict=True):
-        moved = drift.simulate_drifters(
-            jax.random.key(3), water, flow, region, step, steps, drifters=4000
-        )
-        last = moved.cell[-1]
-        there = [(one[last] & (last >= 0)).mean() for one in inside]
-        np.testing.assert_allclose(row, there, atol=0.03)
-        assert left == pytest.approx((last < 0).mean(), abs=0.03)
-
-
 def test_residence_times_are_those_of_dense_solves():
     random = np.random.default_rng(5)
     matrices = [random.dirichlet(np.ones(7), 7) * 0.95 for _ in range(2)]

@@ -320,13 +320,9 @@ def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
         (lambda d: d.assign(Cs_r=("s_w", np.linspace(-1, 0, 6))), {}, r"Cs_r: expected 5 levels"),
         (lambda d: d, {"depths": [0, 500]}, r"depths: 500 m is below the sea bed everywhere: it "
          r"is 43 m at most"),
-        (lambda d: d.assign(mask_rho=0 * d.mask_rho), {}, r"u, v: every cell is land"),
         (lambda d: d.assign(u=d.u + 30), {}, r"u: expected currents up to 10 m/s, got 30.* at "
          r"record 0, level 0, row 0, column 3"),
-        (lambda d: d.isel(xi_u=slice(0, 5)), {}, r"xi_u: expected a length of 7 with 8 cells"),
         (lambda d: d.isel(eta_u=slice(0, 5)), {}, r"eta_u: expected a length of 6 with 6 cells"),
-        (lambda d: d.isel(eta_rho=[0], eta_u=[0]), {}, r"eta_rho: expected 2 cells or more"),
-        (lambda d: d.drop_vars("lon_rho"), {}, r"u: no variable gives the longitudes"),
         (lambda d: d.assign(pm=0 * d.pm), {}, r"lon_rho: the cell at row 0, column 3 has sides"),
         (lambda d: d.assign(angle=np.nan * d.angle), {}, r"no angle at row 0, column 3"),
         (lambda d: d.isel(eta_rho=slice(None, None, -1)), {}, r"lat_rho: .*mirror image"),

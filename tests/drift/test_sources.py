@@ -79,6 +79,12 @@ def test_one_record_at_a_time_is_read(tmp_path):
                     name, "f4", ("time", "lat", "lon"), chunksizes=(1, 50, 50)
                 )
                 variable[7, 500:503, 600:604] = 0.25 + number
+    message = (
+        r"sea_1.nc: uo, vo: 200 \(time\) x 1 \(layer\) x 10000 \(y\) x 10000 \(x\) values would "
+        r"take 298\.0 GiB"
+    )
+    with pytest.raises(ValueError, match=message):
+        open_currents(tmp_path / "sea_*.nc")
     tracemalloc.start()
     currents = open_currents(
         tmp_path / "sea_*.nc", time="2021-01-01T07:00", bounds=(0.6, 0.5, 0.603, 0.502)

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, strategies as st
 
-from jaxcell import drift, mapping, markov
+from jaxcell import drift
 from jaxcell.drift.observed.moves import located
 
 
@@ -247,24 +247,6 @@ def test_the_chain_of_trajectories_is_estimated_within_its_errors(known):
     share = matrix * (1 - matrix) / moves.count[:, None]
     ratio = (found.error / np.sqrt(np.maximum(share, 1e-12)))[matrix > 0.1]
     assert 0.85 < np.median(ratio) < 1.15
-
-
-def test_times_and_leakage_are_estimated_within_their_errors(known):
-    matrix, moves = known
-    half = np.arange(20) < 10
-
-    def time(chain):
-        groups = mapping.persistent_groups(chain)
-        return markov.absorption_times(chain, groups).value
-
-    found = drift.bootstrap(moves, time, samples=30)
-    expected = np.linalg.solve(np.eye(20) - matrix, np.ones(20))
-    assert np.abs((found.value - expected) / found.error).max() < 4
-    assert (found.low < found.high).all()
-    sets = drift.nearly_closed_sets(moves.water, moves.chain, 3600.0, 2, hours=1)
-    np.testing.assert_array_equal(sets.begin[half], 0)
-    np.testing.assert_array_equal(sets.begin[~half], 1)
-    np.testing.assert_allclose(sets.leakage, 0.04, atol=0.01)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -79,20 +79,6 @@ def test_a_drifter_that_cannot_arrive_drifts():
     np.testing.assert_allclose(found.value, [never, 90, never, never, 0], atol=1e-12)
 
 
-def test_leaving_is_no_better_than_staying():
-    # Cell 0 may drift off the grid for good, or go down, from where it may rise to the goal.
-    wets = [np.array([[True, False]]), np.array([[True, True]]), np.array([[True, True]])]
-    chains = [
-        Chain.from_scipy(np.array([[0.01]])),
-        Chain.from_scipy(np.eye(2)),
-        Chain.from_scipy(np.array([[0, 0.05], [0, 1]])),
-    ]
-    sea = Sea.of([water(wet) for wet in wets], chains)
-    assert sea.above.tolist() == [-1, 0, -1, 1, 2]
-    found = discounted_voyage(sea, 2, 0.95)
-    assert found.action.tolist() == [1, 1, 0, 0, -1]
-
-
 @given(seeds, st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
 def test_the_closed_loop_follows_the_actions(seed, leak):

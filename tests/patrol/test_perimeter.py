@@ -1,12 +1,10 @@
 import itertools
 import math
 
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
-from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from jaxcell.base.certificate import Outcome
@@ -17,51 +15,29 @@ from jaxcell.patrol.perimeter import (
     hitting_law,
     maximin,
     mean_hitting_times,
-    simulate,
 )
 
 
-MODELS = [
-    (Movement.BMP, 1),
-    (Movement.DNCP, 1),
-    (Movement.DCP, 1),
-    (Movement.DCP, 2),
-    (Movement.DCP, 3),
-]
-
-
 def visits(perimeter, coins):
-    """Moves each robot on the whole perimeter; gives where there are robots after each cycle."""
-    size = perimeter.segments
-    robots = [[start, +1, 0] for start in range(0, size, perimeter.distance)]
+    """Move each robot on the whole perimeter, and yield the segments of robots after each step."""
+    size, movement = perimeter.segments, perimeter.movement
+    robots = [(start, 1) for start in range(0, size, perimeter.distance)]
     for coin in coins:
-        for robot in robots:
-            place, heading, waiting = robot
-            if perimeter.movement is Movement.BMP:
-                place += 1 if coin else -1
-            elif waiting:
-                waiting -= 1
-                heading = heading if waiting else -heading
-            elif coin:
-                place += heading
-            elif perimeter.movement is Movement.DNCP:
-                heading = -heading
-                place += heading
-            else:
-                waiting = perimeter.turn - 1
-                heading = heading if waiting else -heading
-            robot[:] = place % size, heading, waiting
-        yield {robot[0] for robot in robots}
+        for k, (place, heading) in enumerate(robots):
+            turn = 1 if coin else -1
+            ahead = 0 if movement is Movement.DCP and not coin else heading * turn
+            robots[k] = (place + ahead) % size, 1 if movement is Movement.BMP else heading * turn
+        yield {place for place, _ in robots}
 
 
 def at(polynomials, p):
     return BPoly(polynomials.T[:, None], [0, 1])(p)
 
 
-@pytest.mark.parametrize(("movement", "turn"), MODELS)
+@pytest.mark.parametrize("movement", Movement)
 @pytest.mark.parametrize(("segments", "robots"), [(3, 3), (4, 2), (3, 1), (8, 2), (5, 1)])
-def test_polynomials_count_all_sequences_of_coins(movement, turn, segments, robots):
-    perimeter, time = Perimeter(segments, robots, movement, turn), 7
+def test_polynomials_count_all_sequences_of_coins(movement, segments, robots):
+    perimeter, time = Perimeter(segments, robots, movement), 7
     count = np.zeros((segments, time + 1))
     for coins in itertools.product((0, 1), repeat=time):
         for segment in set().union(*visits(perimeter, coins)):
@@ -73,42 +49,23 @@ def test_polynomials_count_all_sequences_of_coins(movement, turn, segments, robo
 
 
 @pytest.mark.parametrize(
-    ("movement", "powers"),
+    ("distance", "time", "movement", "p", "value"),
     [
-        (Movement.BMP, [[1, -2, 4, -2], [1, -2, 2], [1, 0, -2, 2]]),
-        (Movement.DNCP, [[0, 2, -1], [0, 1], [1, -1, 1]]),
-        (Movement.DCP, [[0, 2, -2, 1], [0, 0, 2, -1], [0, 1, -1, 1]]),
+        (8, 5, Movement.BMP, 0.642387, 0.186645),
+        (8, 5, Movement.DNCP, 0.694146, 0.334466),
+        (8, 5, Movement.DCP, 0.680552, 0.246673),
+        (8, 6, Movement.BMP, 0.768589, 0.287211),
+        (8, 6, Movement.DNCP, 0.751558, 0.476697),
+        (8, 6, Movement.DCP, 0.732542, 0.395059),
+        (4, 3, Movement.BMP, 0.5, 0.5),
+        (4, 3, Movement.DNCP, 0.5, 0.5),
+        (4, 3, Movement.DCP, 0.647799, 0.5),
+        (8, 7, Movement.BMP, 0.820613, 0.350514),
     ],
 )
-def test_polynomials_by_hand(movement, powers):
-    found = detection_polynomials(Perimeter(4, 1, movement), 3)
-    p = np.linspace(0, 1, 11)
-    for segment, power in enumerate(powers, 1):
-        np.testing.assert_allclose(at(found, p)[:, segment], Polynomial(power)(p), atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("distance", "time", "movement", "turn", "p", "value"),
-    [
-        (8, 5, Movement.BMP, 1, 0.642387, 0.186645),
-        (8, 5, Movement.DNCP, 1, 0.694146, 0.334466),
-        (8, 5, Movement.DCP, 1, 0.680552, 0.246673),
-        (8, 5, Movement.DCP, 2, 0.666667, 0.148148),
-        (8, 6, Movement.BMP, 1, 0.768589, 0.287211),
-        (8, 6, Movement.DNCP, 1, 0.751558, 0.476697),
-        (8, 6, Movement.DCP, 1, 0.732542, 0.395059),
-        (8, 6, Movement.DCP, 2, 0.724492, 0.304373),
-        (4, 3, Movement.BMP, 1, 0.5, 0.5),
-        (4, 3, Movement.DNCP, 1, 0.5, 0.5),
-        (4, 3, Movement.DCP, 1, 0.647799, 0.5),
-        (4, 3, Movement.DCP, 2, 0.618034, 0.381966),
-        (8, 7, Movement.BMP, 1, 0.820613, 0.350514),
-        (8, 7, Movement.DCP, 2, 0.778090, 0.437599),
-    ],
-)
-def test_maximin_of_small_perimeters(distance, time, movement, turn, p, value):
+def test_maximin_of_small_perimeters(distance, time, movement, p, value):
     # Found once from the roots of the derivatives and of the differences of the polynomials.
-    polynomials = detection_polynomials(Perimeter(2 * distance, 2, movement, turn), time)
+    polynomials = detection_polynomials(Perimeter(2 * distance, 2, movement), time)
     found = maximin(polynomials)
     assert found.value == pytest.approx(value, abs=6e-7)
     one = max(found.p, 1 - found.p) if movement is Movement.BMP else found.p
@@ -118,18 +75,12 @@ def test_maximin_of_small_perimeters(distance, time, movement, turn, p, value):
 
 
 def test_robots_that_always_go_ahead_detect_in_time():
-    for movement, turn in MODELS:
-        found = maximin(detection_polynomials(Perimeter(12, 2, movement, turn), 6))
+    for movement in Movement:
+        found = maximin(detection_polynomials(Perimeter(12, 2, movement), 6))
         assert found.value == 1
         assert found.p == 1
-    # In one cycle less, only the robot's own segment is missed.
+    # In one step less, only the robot's own segment is missed.
     assert maximin(detection_polynomials(Perimeter(12, 2, Movement.DCP), 5)[1:]).value == 1
-
-
-def test_a_segment_out_of_reach_is_never_detected():
-    found = maximin(detection_polynomials(Perimeter(12, 1, Movement.DNCP), 5))
-    assert found.value == 0
-    assert found.certificate.outcome is Outcome.CONVERGED
 
 
 @given(hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.floats(0, 1)))
@@ -139,15 +90,6 @@ def test_maximin_is_no_worse_than_a_grid(polynomials):
     assert found.certificate.outcome is Outcome.CONVERGED
     assert found.value >= at(polynomials, grid).min(axis=1).max() - 1e-11
     assert found.value == pytest.approx(at(polynomials, found.p).min(), abs=1e-11)
-
-
-def test_maximin_of_one_crossing():
-    # p and (1 - p)^2 cross at (3 - sqrt 5) / 2.
-    found = maximin(np.array([[0, 0.5, 1], [1, 0, 0]]))
-    assert found.p == pytest.approx((3 - 5**0.5) / 2, abs=1e-11)
-    assert found.value == pytest.approx((3 - 5**0.5) / 2, abs=1e-11)
-    # The maximum of 2 p (1 - p) is smooth.
-    assert maximin(np.array([[0.0, 1.0, 0.0]])).value == pytest.approx(0.5, abs=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e6, 1e9])
@@ -161,9 +103,9 @@ def test_maximin_ends_where_intervals_are_too_narrow_to_tell(scale):
     assert found.certificate.outcome is Outcome.STALLED
 
 
-@pytest.mark.parametrize(("movement", "turn"), MODELS)
-def test_the_law_sums_to_the_polynomials_and_the_mean(movement, turn):
-    perimeter, p = Perimeter(10, 2, movement, turn), 0.7
+@pytest.mark.parametrize("movement", Movement)
+def test_the_law_sums_to_the_polynomials_and_the_mean(movement):
+    perimeter, p = Perimeter(10, 2, movement), 0.7
     law = np.asarray(hitting_law(perimeter, p, 1500))
     for time in (1, 4, 9):
         detected = at(detection_polynomials(perimeter, time), p)
@@ -185,8 +127,8 @@ def test_means_in_closed_form():
     ruin = i / (q - p) - d / (q - p) * (1 - (q / p) ** i) / (1 - (q / p) ** d)
     found = np.asarray(mean_hitting_times(Perimeter(d, 1, Movement.BMP), p))
     np.testing.assert_allclose(found[1:][::-1], ruin, rtol=1e-9)
-    for movement, turn in MODELS:
-        time = mean_hitting_times(Perimeter(d, 1, movement, turn), 1.0)
+    for movement in Movement:
+        time = mean_hitting_times(Perimeter(d, 1, movement), 1.0)
         np.testing.assert_allclose(time, [d, *i], rtol=1e-12)
 
 
@@ -198,29 +140,6 @@ def test_robots_that_only_turn_reach_nothing_new():
     time = np.asarray(mean_hitting_times(Perimeter(8, 1, Movement.DNCP), 0.0))
     assert time[[0, 7]].tolist() == [2, 1]
     assert np.isinf(time[1:7]).all()
-    run = simulate(Perimeter(8, 1, Movement.DNCP), 0.0, np.array([0, 7, 3]), 100, jax.random.key(0))
-    assert run.tolist() == [2, 1, np.inf]
-
-
-@pytest.mark.parametrize(("movement", "turn"), MODELS[:4])
-def test_simulation_follows_the_law(movement, turn, getkey):
-    perimeter, p, runs, steps = Perimeter(12, 2, movement, turn), 0.8, 20_000, 20
-    law = np.asarray(hitting_law(perimeter, p, steps))
-    for segment in (0, 2, 5):
-        time = np.asarray(simulate(perimeter, p, np.full(runs, segment), steps, getkey()))
-        share = np.array([(time == cycle).mean() for cycle in range(1, steps + 1)])
-        assert (time > steps).mean() == np.isinf(time).mean()
-        # Six standard deviations, and not less than two of the runs.
-        error = 6 * np.sqrt(law[segment] * (1 - law[segment]) / runs) + 2 / runs
-        assert (np.abs(share - law[segment]) <= error).all()
-
-
-def test_simulation_is_reproducible():
-    perimeter, segment = Perimeter(12, 2, Movement.DCP), np.arange(6)
-    one, same, other = (
-        simulate(perimeter, 0.6, segment, 50, jax.random.key(seed)).tolist() for seed in (1, 1, 2)
-    )
-    assert one == same != other
 
 
 @pytest.mark.parametrize(
@@ -229,8 +148,6 @@ def test_simulation_is_reproducible():
         ((12, 5, Movement.BMP), "robots: expected a divisor of the 12 segments, got 5"),
         ((12, 0, Movement.BMP), "robots: expected a whole number of at least 1, got 0"),
         ((0, 1, Movement.BMP), "segments: expected a whole number of at least 1, got 0"),
-        ((12, 2, Movement.DCP, 0), "turn: expected a whole number of at least 1, got 0"),
-        ((12, 2, Movement.DNCP, 2), "turn: expected 1 for DNCP"),
     ],
 )
 def test_bad_perimeters_are_refused(arguments, message):
@@ -239,17 +156,11 @@ def test_bad_perimeters_are_refused(arguments, message):
 
 
 def test_bad_questions_are_refused():
-    perimeter, key = Perimeter(12, 2, Movement.DCP), jax.random.key(0)
+    perimeter = Perimeter(12, 2, Movement.DCP)
     with pytest.raises(ValueError, match="time: expected a whole number of at least 1, got 0"):
         detection_polynomials(perimeter, 0)
     for p in (-0.1, 1.1, math.nan):
         with pytest.raises(ValueError, match="p: expected a probability"):
-            mean_hitting_times(perimeter, p)
-        with pytest.raises(ValueError, match="p: expected a probability"):
-            hitting_law(perimeter, p, 3)
-        with pytest.raises(ValueError, match="p: expected a probability"):
-            simulate(perimeter, p, np.array([1]), 3, key)
-    with pytest.raises(ValueError, match="segment: expected 0 to 5, got 6"):
-        simulate(perimeter, 0.5, np.array([1, 6]), 3, key)
+            perimeter.chain(p)
     with pytest.raises(ValueError, match="polynomials: expected finite numbers"):
         maximin(np.array([[np.nan]]))

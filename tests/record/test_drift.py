@@ -280,18 +280,13 @@ def test_many_groups_have_few_colours():
     assert lone.layers[0].warning in found.text("/groups/text")
 
 
-def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(leaving):
+def test_nearly_closed_sets_are_in_the_recording(leaving):
     chains = [layer.behaviour.chain for layer in leaving.layers]
     sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
     found = dataclasses.replace(leaving, nearly_closed_sets=sets)
-    dataset = record.dataset(found)
-    number = dataset.nearly_closed_sets_number.values[0]
+    number = sets.number[0]
     assert ((number == -2) == ~leaving.currents.water.values[0]).all()
-    for rank, size in enumerate(dataset.nearly_closed_sets_size.values):
-        assert (number == rank).sum() == size
-    listed = record.summary(found)["nearly_closed_sets"]["sets"]
-    assert [row["leakage"] for row in listed] == sets.leakage.tolist()
-    assert "nearly_closed_sets" not in record.summary(leaving)
+    assert [(number == rank).sum() for rank in sets.rank] == sets.size.tolist()
     recorded = read_back(found, {})
     shown = kinds(recorded, "nearly_closed_0", leaving.waters[0])
     # 0 is land and 1 is in no set.

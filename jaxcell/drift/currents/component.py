@@ -17,7 +17,7 @@ from .netcdf import OceanFile
 _Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 
 FASTEST_CURRENT = 10.0
-"""The largest speed in m/s; faster currents are taken for an undeclared fill value or unit."""
+"""The largest accepted speed in m/s; faster currents come from undeclared fill values or units."""
 
 _METRES_PER_SECOND = {
     "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
@@ -35,13 +35,13 @@ class Component:
     name: str
     axes: Axes
     places: Int[np.ndarray, " levels"] | None
-    "The numbers of the levels to read, or `None` if there is only one."
+    "The indices of the levels to read, or `None` if there is only one level."
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
     """The rows and columns of the values to read. Values on the sides of cells, which are averaged,
     extend one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The places of the cells of the block among the computed centres."
+    "The indices of the cells of the block among the computed centres, along the averaged axis."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float
@@ -52,8 +52,8 @@ class Component:
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
 
-        **Returns:** the velocity in m/s; the mask of the cells with an open side, of the two sides;
-        and the velocity without the mask of the file.
+        **Returns:** the velocity in m/s; the mask of the cells that have at least one open side;
+        and the velocity as it would be if the file had no mask.
         """
         axes = self.axes
         block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
@@ -131,7 +131,7 @@ def component(
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
-    """Return the metres per second per unit of a velocity, or raise for an unknown unit."""
+    """Return the unit of a velocity in metres per second; raise for an unknown unit."""
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
     if units.lower() not in _METRES_PER_SECOND:
         raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")

@@ -28,16 +28,16 @@ class Convention:
     standard_names: tuple[str, ...] = ()
     "Standard names of CF."
     units: tuple[str, ...] = ()
-    "Units that no other role has."
+    "Units by which the variable is recognised, because no other role has them."
     along: Along = "dims"
-    """The axes of a velocity: East and North (`"earth"`); x and y of the grid (`"grid"`); or by its
-    dimensions (`"dims"`), x and y on the sides of cells, and East and North on longitudes and
-    latitudes. A velocity on sides that is known only by its name is along x and y."""
+    """The directions of a velocity: East and North (`"earth"`), or x and y of the grid (`"grid"`).
+    For `"dims"` the dimensions decide: x and y on the sides of cells, East and North on longitudes
+    and latitudes. A velocity on sides that is known only by its name is along x and y."""
     point: Literal["t", "u", "v", ""] = ""
-    """The points of the grid of NEMO, whose dimensions do not name them: the centres of cells
-    (`"t"`), or their eastern (`"u"`) or northern sides (`"v"`)."""
+    """For a variable of NEMO, its points on the grid: the centres of cells (`"t"`), or their
+    eastern (`"u"`) or northern sides (`"v"`)."""
     water: int = 1
-    "The value of a mask in water."
+    "The value of a mask that means water."
 
 
 def _row(

@@ -26,7 +26,7 @@ _Mask: TypeAlias = Bool[np.ndarray, "layers y x"]
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """A velocity on cells."""
+    """The velocity on the cells of each layer, and the masks of water and land."""
 
     depth: Float[np.ndarray, " layers"]
     "The depth of each layer, in metres."
@@ -43,7 +43,7 @@ class Field:
 
 @dataclasses.dataclass(frozen=True)
 class FieldReader:
-    """The part of a file that is read: its velocity, and its water and land."""
+    """A reader of a chosen part of a file: its velocity, and the masks of water and land."""
 
     file: OceanFile
     velocity: Velocity
@@ -92,13 +92,13 @@ class FieldReader:
 
     @functools.cached_property
     def surface(self) -> str | None:
-        """The variable of the height of the sea surface; `None` if levels do not follow it."""
+        """The variable with the height of the sea surface; `None` if levels do not follow it."""
         if self.layers.s_levels is None:
             return None
         return find(self.file.dataset, "surface", map(str, self.file.dataset.variables))
 
     def read(self, mean: bool = False) -> Field:
-        """Read the velocity at the centres of the cells, along its axes in the file.
+        """Read the velocity at the centres of the cells, without turning it to East and North.
 
         The mean is accumulated record by record, so only one record is in memory.
         """
@@ -149,7 +149,7 @@ class FieldReader:
             filled = "left out of the mean" if mean else "interpolated in time"
             notes.append(
                 f"{int(gaps.sum())} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the "
-                f"{records} records, and are water: what is missing is {filled}"
+                f"{records} records, and are water: their gaps are {filled}"
             )
         water = always | gaps
         kept = self._with_water(water, moving)
@@ -172,8 +172,8 @@ class FieldReader:
         """Mark land and the sea bed among the squares that are not water, with notes.
 
         A square with a velocity at any record is sea. A square below such a square is the sea bed.
-        For all others the mask decides if the file has one, else the depth of the sea bed, which is
-        not positive on land, or else a coastline.
+        For all other squares the mask of the file decides; without a mask the depth of the sea bed,
+        which is not positive on land; and without this depth a coastline.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -240,7 +240,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Make the error for a file whose masks of land and water are exchanged."""
+        """Make the error for a mask in which land and water seem to be exchanged."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(
@@ -251,7 +251,7 @@ class FieldReader:
         )
 
     def _check_reach(self, heights: _Levels, wanted: _Layers) -> None:
-        """Raise if a height is more than a layer above or below the levels of the file."""
+        """Raise if a height is above or below all levels by more than the thickness of a layer."""
         levels, grid = self.layers.s_levels, self.grid
         assert levels is not None
         for depth, height in zip(self.layers.depth, wanted, strict=True):
@@ -273,9 +273,10 @@ class FieldReader:
     def _with_water(
         self, water: _Mask, moving: Bool[np.ndarray, "records layers"]
     ) -> Bool[np.ndarray, " layers"]:
-        """Mark the layers with water, and raise for other layers if they were chosen.
+        """Mark the layers that have water.
 
-        A layer without water that has a velocity at some record, as `moving` marks, raises too.
+        Raise for a layer without water if it was chosen, or if it has a velocity at some record,
+        which `moving` marks.
         """
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
@@ -306,6 +307,6 @@ class FieldReader:
 
 
 def _moves(x: _Levels, y: _Levels) -> Bool[np.ndarray, "y x"]:
-    """Mark the cells with a current other than 0 at some level."""
+    """Mark the cells whose current is not 0 at some level."""
     speed = np.hypot(x, y)
     return ((speed > 0) & (speed <= FASTEST_CURRENT)).any(axis=0)

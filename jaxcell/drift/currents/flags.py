@@ -1,4 +1,4 @@
-"""Bad and missing values: quality flags, and gaps in time, as of a radar."""
+"""Bad and missing values: quality flags, and gaps in time such as those of a radar."""
 
 import dataclasses
 import re
@@ -12,7 +12,7 @@ from .netcdf import OceanFile
 
 
 LEAST_PRESENT = 0.8
-"""A cell with a velocity at this share of the records or more is water; gaps are interpolated."""
+"""The least share of records with a velocity for a cell to be water; gaps are interpolated."""
 
 _BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
 
@@ -34,17 +34,17 @@ class Flag:
 
     @property
     def note(self) -> str:
-        """A note on the values that are left out, or on why none are."""
+        """A note on the values that are left out, or the reason why all values are used."""
         if not self.bad:
-            return f"{self.name}: its values have no flag_meanings, and are not heeded"
+            return f"{self.name}: its values have no flag_meanings; the flag is ignored"
         words = ", ".join(f"{value:g} ({meaning})" for value, meaning in self.bad.items())
         return f"{self.name}: values with {words} are left out"
 
 
 def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
-    """Find the flag variables of a velocity: those that it names, or with conventional names.
+    """Find the flag variables of a velocity, by its attributes or by conventional names.
 
-    Bad values are found by the words of the attribute `flag_meanings`, one word per value.
+    Bad values are recognised by the words of the attribute `flag_meanings`, one word per value.
     """
     variables = file.dataset.variables
     attributes = variables[velocity].attrs
@@ -72,9 +72,9 @@ def fill_gaps(
     times: Shaped[np.ndarray, " records"],
     cells: Bool[np.ndarray, "*cells"],
 ) -> None:
-    """Interpolate the missing values of some cells in time, in place.
+    """Interpolate the missing values of the marked `cells` in time, in place.
 
-    Before the first and after the last known value a cell keeps this value.
+    A gap at the beginning or at the end gets the nearest known value of the cell.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     for cell in zip(*np.nonzero(cells), strict=True):

@@ -27,7 +27,7 @@ class OceanGrid:
     angle: Float[np.ndarray, "y x"]
     "Angle from East to the x axis, counter-clockwise, in radians."
     closed: Bool[np.ndarray, " y"]
-    "The mask of rows that repeat others across the northern fold of the grid, and count as land."
+    "The mask of rows that count as land because they repeat other rows across the northern fold."
     wraps: bool
     "True if the last column is beside the first, because the grid goes round the Earth."
     angle_from: str
@@ -37,7 +37,7 @@ class OceanGrid:
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of the cells of the smallest block with all cells within `bounds`."""
+    """Read the positions of cells in the smallest block that has all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)
@@ -169,9 +169,9 @@ def _angle(
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians, and describe its source in words.
 
-    The angle is in radians if the file declares radians that agree with the positions of the cells.
-    Else the unit is the one that agrees better, because some files omit the unit, and some files of
-    CROCO declare degrees for radians.
+    The angle is in radians if the file declares radians that agree with the angle `computed` from
+    the positions. Otherwise the unit that agrees better is taken, because some files omit the unit,
+    and some files of CROCO declare degrees for radians.
     """
     known = np.isfinite(angle + computed)
     if not known.any():
@@ -203,7 +203,7 @@ def _declares_radians(file: OceanFile, name: str) -> bool:
 def _in_degrees(
     file: OceanFile, name: str, values: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """Convert positions that the file declares to be in radians."""
+    """Convert positions to degrees if the file declares that they are in radians."""
     return np.degrees(values) if _declares_radians(file, name) else values
 
 

@@ -1,4 +1,4 @@
-"""Land by a coastline: polygons of Natural Earth, or of a file."""
+"""Land from a coastline: polygons of Natural Earth, or of a file."""
 
 import dataclasses
 import functools
@@ -30,7 +30,7 @@ class Land:
 
     name: str
     polygons: np.ndarray
-    "Polygons of shapely, in degrees."
+    "The polygons, as objects of shapely, in degrees."
 
     def within(
         self,
@@ -38,10 +38,10 @@ class Land:
         lat: Float[np.ndarray, "y x"],
         some: Bool[np.ndarray, "y x"],
     ) -> Bool[np.ndarray, "y x"]:
-        """Mark the squares that contain land, of the squares `some` of a grid.
+        """Find land in the squares of a grid that the mask `some` marks.
 
         A square with any land in it is marked, because its velocity is rarely known. Squares
-        without a position are marked too.
+        without a position are marked too. `lon` and `lat` are the centres in degrees.
         """
         marks = some & ~np.isfinite(lon + lat)
         centre = np.nonzero(some & ~marks)
@@ -97,7 +97,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read a file; results are cached until its time or size, the `version`, changes."""
+    """Read land from a file, or from the cache if the `version`, its time and size, is the same."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any

@@ -21,9 +21,9 @@ class Mask:
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]
-    "True for water, on all levels or on a single level for all."
+    "True for water, on each level or on a single level for all levels."
     why: str
-    "A description of the values for water or land, and of their source."
+    "A description of the value that means water or land, and of the source of this meaning."
 
 
 def read_mask(
@@ -36,10 +36,10 @@ def read_mask(
 ) -> Mask | None:
     """Read the mask of a file on some of its points, or return `None` if it has none.
 
-    The mask is a variable with a name of ROMS, CROCO or NEMO, in which 1 is water; else a variable
-    whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land and water;
-    else a variable with a standard name of CF. `dims` are the dimensions of y and x, and `places`
-    the levels to read along a dimension `depth`.
+    The mask is a variable with a name of ROMS, CROCO or NEMO, in which 1 is water; or else a
+    variable whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
+    and water; or else a variable with a standard name of CF. `dims` are the dimensions of y and x,
+    and `places` the levels to read along a dimension `depth`.
     """
     candidates = {
         str(name): variable
@@ -92,7 +92,8 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
     for dim in others:
         if array.sizes[dim] > 1:
             raise file.error(
-                name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
+                name,
+                f"dimension {dim} of length {array.sizes[dim]}: the velocity has no such dimension",
             )
     if absent := [dim for dim in block if dim not in array.dims]:
         raise file.error(

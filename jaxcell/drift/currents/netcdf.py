@@ -18,7 +18,7 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""Larger arrays are refused, because usually a whole ocean was chosen by mistake."""
+"""The largest array to read, because larger ones are usually a whole ocean chosen by mistake."""
 
 _MAX_READ = 10_000_000
 
@@ -41,7 +41,7 @@ class OceanFile:
     dataset: xr.Dataset
     "The variables. Times are encoded; `read` unpacks values, and replaces fill values by NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    "The path of the file of each variable that is from another file."
+    "The paths of other files, by the names of the variables that come from them."
 
     def error(self, field: str, message: str) -> ValueError:
         """Make an error in one line that begins with the file and the field."""
@@ -127,10 +127,12 @@ def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Silence warnings about several fill values, other calendars, and Zarr metadata."""
+    """Silence warnings about several fill values, calendars, Zarr metadata, and closed files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xr.SerializationWarning)
         warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
+        # Values are copied, but garbage may refer to the memory map of a classic file.
+        warnings.filterwarnings("ignore", "Cannot close a netcdf_file opened with mmap=True")
         yield
 
 
@@ -151,7 +153,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
 
 
 def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the sizes of coordinates and texts, which xarray reads at once, that are too long."""
+    """Return the sizes of coordinates and texts that are too long for xarray to read at once."""
     with netCDF4.Dataset(path) as file:
         return {
             name: size

@@ -1,4 +1,4 @@
-"""Ocean currents on cells, from files."""
+"""Reading ocean currents on cells from files."""
 
 import dataclasses
 import os
@@ -47,18 +47,17 @@ def open_currents(
     levels that follow the sea bed are interpolated to depths. Only the chosen part is read from the
     disk, record by record.
 
-    A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps, among them
-    values with a bad quality flag, are interpolated in time. If the file has a mask, the cell must
-    also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags
-    or options such as `option_0`, or by a standard name.
+    A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps are
+    interpolated in time; values with a bad quality flag count as gaps. If the file has a mask, the
+    cell must also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO,
+    by flags or options such as `option_0`, or by a standard name.
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
     below a square with a velocity is the sea bed. For other squares the mask decides, or else the
     depth of the sea bed, or else a coastline: a square that contains land is land.
 
-    If the columns go round the Earth, repeated columns are left out, and all computations go on
-    across the seam. Rows that repeat others because the grid is folded in the North are closed, as
-    land.
+    If the columns go round the Earth, repeated columns are left out, and the last column is beside
+    the first. Rows that repeat other rows because the grid is folded in the North count as land.
 
     **Arguments:**
 
@@ -68,17 +67,17 @@ def open_currents(
     - `grid`: a second source of positions, masks and depths, if `path` lacks them.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
         its midnight), a slice of indices, or a pair of the first and the last record, as indices or
-        moments, both included. A moment selects the nearest record (the later of two), within half
-        the time between records. By default all records. Moments are dates of the calendar of the
-        file. If its years have 360 days, or no leap days, days are counted from the beginning of
-        the year of the first record, which `notes` mentions.
-    - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
-        among its levels, to the centimetre; by default all levels with water are read. If levels
-        follow the sea bed, any depth is possible, by default 0; the velocity of the highest level
-        extends up to the surface, and that of the lowest level down to the bed, but over at most
-        one layer if the file lacks levels.
+        moments, both included; by default all records. A moment selects the nearest record (the
+        later of two), within half the time between records. Moments are dates of the calendar of
+        the file. If its years have 360 days, or no leap days, days are counted from the beginning
+        of the year of the first record, which `notes` mentions.
+    - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
+        must be among its levels, to the centimetre; by default all levels with water are read. If
+        levels follow the sea bed, any depth is possible, by default 0. The velocity of the highest
+        level then extends up to the surface, and that of the lowest level down to the bed, but over
+        at most one layer if the file lacks levels.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
-        than east. Of a turned or curved grid the smallest block with all cells within is read.
+        than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file;
         they are along x and y if they are on the sides of cells or their standard names say so.
     - `mean`: whether to compute only the mean of the records, with one record in memory at a time.

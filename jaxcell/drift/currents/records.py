@@ -78,13 +78,13 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
         raise joined.error(
             "time",
             f"no variable is at each of the {times.size} records of these files; expected the "
-            "same ones for u and v",
+            "same records for u and v",
         )
     about = {} if times.dtype.kind in "MO" else {"units": "seconds"}
     try:
         dataset = xr.Dataset(fixed | whole | {dim: xr.Variable(dim, times, about)})
     except ValueError as error:
-        raise joined.error("time", f"these files do not go together: {error}") from error
+        raise joined.error("time", f"these files cannot be combined: {error}") from error
     return OceanFile(joined.name, dataset)
 
 

@@ -1,4 +1,4 @@
-"""Cells on the Earth: the order of coordinates, sides in metres, and the angle of the x axis."""
+"""Geometry of cells on the Earth: order of coordinates, sides in metres, angle of the x axis."""
 
 from typing import TypeAlias
 
@@ -27,7 +27,7 @@ def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
-    """Count the last longitudes, in degrees and in order, that repeat the first after a turn."""
+    """Count the longitudes at the end that repeat the first ones after a turn of 360 degrees."""
     steps = wrapped(np.diff(lon))
     place = np.abs(np.append(0.0, np.cumsum(steps)))
     same = _SAME * np.abs(steps).min(initial=np.inf)
@@ -42,7 +42,7 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
 
 
 def overlapping_columns(lon: _Cells, lat: _Cells) -> int:
-    """Count the last columns of a grid that repeat its first columns, often one or two."""
+    """Count the columns at the end of a grid that repeat its first columns, often one or two."""
     most = min(_MAX_REPEATED, lon.shape[1] // 2)
     first = on_sphere(lon[:, : most + 1], lat[:, : most + 1])
     last = on_sphere(lon[:, -most:], lat[:, -most:])
@@ -56,7 +56,7 @@ def overlapping_columns(lon: _Cells, lat: _Cells) -> int:
 
 
 def folded_rows(lon: _Cells, lat: _Cells) -> int:
-    """Count the last rows that repeat other rows, because the grid is folded there.
+    """Count the rows at the end of a grid that repeat other rows, because the grid is folded there.
 
     If the fold is between two rows, the last row repeats the previous row, reversed. If the fold is
     on a row, this row repeats itself, and the last row repeats the row before the fold.
@@ -102,9 +102,8 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
 
     The longitudes must run to the East, or to the West, over less than 360 degrees, and may jump by
     360 degrees anywhere. If they ascend or descend without such a jump, they may have a gap of any
-    width. A grid that goes round the
-    Earth begins at -180 degrees; other grids begin after their widest gap, so that a grid across
-    the antimeridian stays whole.
+    width. A grid that goes round the Earth begins at -180 degrees; other grids begin after their
+    widest gap, so that a grid across the antimeridian stays whole.
     """
     steps = np.diff(lon)
     if not (((steps > 0).all() or (steps < 0).all()) and np.ptp(lon) < 360):
@@ -215,7 +214,7 @@ def turned(
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:
-    """Describe where a sequence changes its direction."""
+    """Describe the place where a sequence changes its direction, or has no number."""
     if not np.isfinite(values).all():
         return f"no number at index {int((~np.isfinite(values)).argmax())}"
     k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0

@@ -22,16 +22,18 @@ class Velocity:
     v: str
     "The variable towards the North or along y."
     along: Literal["earth", "grid"]
-    "The axes of the components: East and North, or x and y of the grid."
+    "The directions of the components: East and North, or x and y of the grid."
     why: str
-    "The reason for the choice of axes, in words."
+    "The reason for the choice of directions, in words."
     u_axes: Axes
     v_axes: Axes
 
 
 class _Pair(NamedTuple):
-    """The names of u and v, the axes by their convention, and `why` they were chosen, in words;
-    `None` if they were chosen by name only."""
+    """The names of u and v, their directions, and the reason for the choice in words.
+
+    The reason is `None` if their names are the only reason.
+    """
 
     u: str
     v: str
@@ -101,7 +103,7 @@ def _by_standard_name(file: OceanFile) -> _Pair | None:
 
 
 def _by_name(file: OceanFile) -> _Pair:
-    """Find the pair by the names that ocean models use, in any case of letters."""
+    """Find u and v by the names that ocean models use, in upper or lower case."""
     for row in table("velocity"):
         if named := file.named(row.names):
             u, v = named
@@ -115,7 +117,7 @@ def _by_name(file: OceanFile) -> _Pair:
 
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
-    """Decide whether a velocity is along the Earth or the grid, with the reason in words."""
+    """Decide on the directions of a velocity, and return them with the reason in words."""
     dims = f"by their dimensions ({axes.y}, {axes.x})"
     if axes.staggered and (pair.why is None or pair.along == "dims"):
         return "grid", pair.why or f"{dims}, the sides of the cells of a C-grid"

@@ -31,7 +31,7 @@ class CountedMoves:
     begin: Int[np.ndarray, "moves"]
     "The cell in which each move begins."
     end: Int[np.ndarray, "moves"]
-    "The cell in which each move ends, -1 for none."
+    "The cell in which each move ends, -1 if it ends in no cell."
     drifter: Int[np.ndarray, "moves"]
     "The drifter of each move."
     lag: float | int
@@ -72,7 +72,7 @@ class CountedMoves:
 
     @functools.cached_property
     def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of the chain, and the place among the images of each move that ends in a cell.
+        """The images of the chain; and, for each move that ends in a cell, the index of its image.
 
         All resampled chains have the same images, so that programs are compiled only once.
         """
@@ -106,7 +106,7 @@ class Spread:
 def boxes(
     seen: Trajectories, cell: float | int, bounds: Sequence[float | int] | None = None
 ) -> Water:
-    """Make cells of longitude and latitude that drifters visited.
+    """Divide the sea into boxes of longitude and latitude; the cells are the visited boxes.
 
     **Arguments:**
 
@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the western and southern bounds of all observations, and the columns and rows."""
+    """Return the western and southern bounds of all observations, and the numbers of boxes."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell with the nearest centre to each place; -1 if it is beyond `Water.reach`."""
+    """Find the cell whose centre is nearest to each place; -1 if it is beyond `Water.reach`."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)
@@ -288,7 +288,7 @@ def located(
 
 
 def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
-    """Find the observation of the same drifter one lag after each observation; -1 for none."""
+    """Find the observation of the same drifter one lag after each observation, or -1."""
     time = seen.time - seen.time.min(initial=np.inf)
     # Keys of different drifters are farther apart than the lag.
     key = time + seen.drifter * (time.max(initial=0.0) + 2 * lag)

@@ -28,7 +28,7 @@ _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Make a quantity from a field of the spread, for the answers about the whole map."""
+    """Make a quantity from a field of [`Spread`][], of the estimates about the whole map."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -36,7 +36,7 @@ def _of_all(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """The ends of drifters by the chain of observed moves, with sampling errors.
+    """The long-term behaviour of observed drifters by the chain of their moves, with errors.
 
     A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
 
@@ -64,7 +64,7 @@ class ObservedDrift(SeaLayers):
     counted: CountedMoves
     "The moves between cells."
     spread: Spread
-    "The answers, with errors from resampled drifters."
+    "The estimates, with errors from resampled drifters."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     after: float | int | None = None
@@ -90,7 +90,7 @@ class ObservedDrift(SeaLayers):
         - `after`: the time of the distribution in seconds; by default the long run.
         - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
-        - `say`: called with each stage of the computation.
+        - `say`: a function that is called with the name of each stage of the computation.
         """
         chain, water, lag = moves.chain, moves.water, float(moves.lag)
         closed = None if sets is None else ClosedSets.of([water], [chain], lag, sets)
@@ -108,7 +108,8 @@ class ObservedDrift(SeaLayers):
     def remarks(self) -> tuple[str, ...]:
         remarks = self.layers[0].remarks
         if self.after is None and not self._of_cells(self.spread.value, 2).any():
-            remarks += ("In the long run all drifters have left the map; --after asks earlier.",)
+            earlier = "--after chooses an earlier time."
+            remarks += (f"In the long run all drifters have left the map; {earlier}",)
         if self.seen.drogued is not None and self.drogued_share not in (0.0, 1.0):
             remarks += (
                 f"{1 - self.drogued_share:.0%} of the observations are of drifters that had lost "
@@ -170,7 +171,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the answers from a chain: some about the whole map, then three per cell."""
+    """Compute the estimates from a chain: those about the whole map, then three per cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600

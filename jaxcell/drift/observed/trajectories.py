@@ -58,7 +58,6 @@ class Trajectories:
     "True for observations of drifters that still had their drogue; `None` if unknown."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for observations that are not in order."""
         later = (np.diff(self.drifter) > 0) | (np.diff(self.time) > 0)
         if not (later & (np.diff(self.drifter) >= 0)).all():
             raise ValueError(

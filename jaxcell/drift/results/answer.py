@@ -28,7 +28,7 @@ def answer(drift: "SeaDrift") -> tuple[str, ...]:
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Say that the records cover less than the time of interest, and what is assumed after them."""
+    """Say that the records end before the time of interest, and how the current goes on then."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -45,7 +45,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Write the shares of drifters in nearly closed sets and off the map, at the time asked."""
+    """Write the shares in nearly closed sets and off the map at the time of interest."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
@@ -69,9 +69,9 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Write the shares that left by the times of comparison, by simulated drifters and the map.
+    """Write the shares that had left the map at the times of comparison.
 
-    At times within the first step of the map, only drifters are known.
+    They are from simulated drifters, and from the drift map after its first step.
     """
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [

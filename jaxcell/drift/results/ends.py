@@ -1,4 +1,4 @@
-"""The groups or exits in which drifters end, and the times until then, for layers with chains."""
+"""The groups or exits in which drifters of layers end, and the times until they get there."""
 
 import dataclasses
 import functools
@@ -27,8 +27,8 @@ ALMOST_FOREVER = 10_000
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
-"""The number of cells at all phases above which a solve takes seconds. In such maps the probability
-of each end is computed only if cells times ends do not exceed the second number."""
+"""The number of cells at all phases above which a solve takes seconds; and, for such maps, the
+largest product of cells and ends (groups or exits) for which all probabilities are computed."""
 
 _probability = functools.partial(derived, kind="share", padding="NaN: not known")
 _time = functools.partial(derived, units="h", kind="time")
@@ -128,7 +128,7 @@ class Ends(Result):
 
     @property
     def _tells_ways(self) -> bool:
-        """True if the probability of leaving is known for each way out, as in a current."""
+        """True if the probability of leaving is known for each exit, as it is in a current."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
@@ -184,7 +184,10 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step, by the way out; here for a single way."""
+        """The probability of leaving the map in a step by each exit.
+
+        A layer without a current has one exit.
+        """
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property
@@ -196,9 +199,9 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
-        """The probability of ending off the map from each cell, by the way out; NaN if not known.
+        """The probability of leaving the map by each exit in the end, from each cell.
 
-        It is not known for several ways in large maps, because each way takes seconds.
+        It is NaN if not known: for several exits of large maps, because each exit takes seconds.
         """
         if self._solvable(self._possible_ways):
             return self._leaving_by(self.exits)
@@ -210,14 +213,14 @@ class LayerEnds(Ends):
         return int(np.count_nonzero(self.exits.any(axis=1)))
 
     def _solvable(self, ends: int) -> bool:
-        """True if the probabilities of this number of ends are computed in seconds."""
+        """Return whether the probabilities of this number of ends are computed in seconds."""
         states = self.behaviour.unrolled.cells
         return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
 
     def _leaving_by(
         self, exits: Float[np.ndarray, "ways states"]
     ) -> Float[np.ndarray, "ways cells"]:
-        """Compute the probability of leaving by each way from each cell; NaN if not accurate."""
+        """Compute the probability of leaving by each exit from each cell; NaN if not accurate."""
         behaviour, cells = self.behaviour, self.water.cells
         possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
         # No solve is needed if from each cell no drifter (0) or every drifter (1) leaves.
@@ -316,7 +319,7 @@ class LayerEnds(Ends):
         )
 
     def checks(self) -> Checks:
-        """Checks of relations between the chain, its groups, and the ends of drifters.
+        """Return checks of the relations between the chain, its groups, and the ends of drifters.
 
         The residual of times has no limit, because no solve is accurate if cells almost trap
         drifters.

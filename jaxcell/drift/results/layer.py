@@ -30,7 +30,7 @@ from ..water import Water
 from .ends import Ends, LayerEnds
 
 
-_compared = functools.partial(derived, "compared", listed=True)
+_at_times = functools.partial(derived, "compared", listed=True)
 
 
 class Compared(Ends):
@@ -60,11 +60,11 @@ class Compared(Ends):
     def map_left(self) -> float:
         return float(self._mean([distance.map_left[-1] for distance in self._distances]))
 
-    @_compared("times after which the map is compared with drifters", "h", kind="time")
+    @_at_times("times after which the map is compared with drifters", "h", kind="time")
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
-    @_compared("drifters that the map has in a wrong cell after these times", kind="share")
+    @_at_times("drifters that the map has in a wrong cell after these times", kind="share")
     def distance_by_time(self) -> Float[np.ndarray, "times"]:
         return np.max([distance.total_variation for distance in self._distances], axis=0)
 
@@ -86,7 +86,7 @@ class Compared(Ends):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
-    """One layer of the sea: its water, its current, and where drifters end.
+    """One layer of the sea: its water, its current, and the long-term behaviour of drifters.
 
     The surface of the bundled sea at its first record:
 
@@ -131,21 +131,21 @@ class Layer(LayerEnds, Compared):
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
-        By default the map is made from the flow itself if it is periodic, and else from the mean of
-        its records; `made` is the map and its distance from drifters, if already computed.
+        The map is made from the flow `by`: by default the flow itself if it is periodic, and
+        otherwise the mean of its records. `made` is the map and its distance from drifters, if
+        they are known. `asked` is the time of interest in hours.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))
         duration = float(step.duration or 0)
         chain, distance = made or (drift_maps(water, by, step), None)
-        # If cells almost trap drifters, times are inaccurate, but all other results are useful.
-        behaviour = long_term_behaviour(chain, duration, throw=False)
+        behaviour = long_term_behaviour(chain, duration)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step, for each of `EXITS`."""
+        """The probability of leaving the map in a step by each of the `EXITS`."""
         return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
@@ -169,9 +169,9 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """The best of a few other durations and methods, with the distance of its map.
+        """The best of a few other durations and methods, in words, and the distance of its map.
 
-        `None` if this map is not far from drifters, or no other map is nearer.
+        `None` if this map is not far from drifters, or if no other map is nearer.
         """
         if self.compared.worst <= FAR or self._large:
             return None
@@ -194,7 +194,7 @@ class Layer(LayerEnds, Compared):
         return best if best[1].worst < self.compared.worst else None
 
     def tested(self, sets: Int[np.ndarray, "cells"], first: int = 0) -> MarkovTest:
-        """Test the map on sets of cells, at the times and by the drifters of the comparison.
+        """Test the map on sets of cells, with the times and the drifters of `compared`.
 
         **Arguments:**
 
@@ -215,13 +215,11 @@ class Layer(LayerEnds, Compared):
     self_image_share = from_part(
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
-    compared_distance = from_part(
-        "compared.total_variation",
-        "compared",
-        "drifters that the map has in a wrong cell",
-        kind="share",
-        listed=True,
-    )
+
+    @_at_times("drifters that the map has in a wrong cell", kind="share")
+    def compared_distance(self) -> Float[np.ndarray, "times"]:
+        return self.compared.total_variation
+
     warning = from_part("diagnosis.warning", "", "warning")
 
     @derived("remedy", "parameters that may help", listed=True)

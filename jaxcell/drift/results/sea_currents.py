@@ -23,7 +23,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def _by_time(name: str, meaning: str) -> Any:
-    """Make a quantity from an array of the distance of each layer."""
+    """Make a quantity over layers and times from a field of [`Distance`][]."""
     return derived("layer compared", meaning, "1", kind="share")(
         lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
@@ -31,14 +31,13 @@ def _by_time(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaCurrents(SeaLayers, Compared):
-    """The ends of drifters in layers of a current, and the distance of maps from drifters."""
+    """The long-term behaviour of drifters in a current, and the distance of maps from drifters."""
 
     layers: tuple[Layer, ...]
     currents: xr.Dataset
     "The currents, a dataset of [`jaxcell.drift.open_currents`][]."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the number of layers differs from that of the currents."""
         super().__post_init__()
         layers = self.currents.sizes["layer"]
         if len(self.layers) != layers:
@@ -112,7 +111,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _by_other_steps(self) -> list[LayerEnds] | None:
-        """The ends of drifters at the surface by other steps; `None` for large maps."""
+        """The results for the surface with steps of other durations; `None` for large maps."""
         surface = self.layers[0]
         if surface.cells * surface.by.phases(self._other_steps[0]) > MOST_CELLS:
             return None
@@ -127,7 +126,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups by other steps: row 0 by the map, row 1 by the centres of cells."""
+        """The numbers of groups for other steps, by the maps and by the centres of cells alone."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:

@@ -8,8 +8,10 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Int
 
+from ...base import memory
 from ...base.quantities import derived, from_part
 from ...mapping import Chain
+from ...space import estimates
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
 from ..deployment import (
@@ -31,7 +33,6 @@ from ..voyage import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
 from .answer import answer
 from .layer import Layer
-from .planned import too_large
 from .sea_currents import SeaCurrents
 from .sea_layers import positions
 from .sea_voyage import SeaVoyage
@@ -42,11 +43,13 @@ _MAX_FOR_CURVE = 20_000
 # The largest number of remarks that are shown.
 _MAX_REMARKS = 4
 _SQUARES = "layer y x"
+_index = functools.partial(from_part, kind="index")
+_count = functools.partial(from_part, kind="count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaDrift(SeaCurrents):
-    """The ends of drifters in some layers of the sea, where to drop them, and their voyages.
+    """The long-term behaviour of drifters in layers of the sea, with deployments and voyages.
 
     The surface of the bundled sea at its first record:
 
@@ -88,7 +91,7 @@ class SeaDrift(SeaCurrents):
     exchange: Exchange | None = None
     "The exchange of drifters between regions of the surface."
     beaching: Stranded | None = None
-    "The drifters at the surface that strand on coasts."
+    "The stranding of drifters at the surface."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     sets_listed: bool = True
@@ -100,10 +103,9 @@ class SeaDrift(SeaCurrents):
     backward: bool = False
     "True if drifters go backward in time."
     notices: tuple[str, ...] = ()
-    "Notes on what was computed otherwise than requested."
+    "Notes on differences between the request and the computation."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the parts have different cells or layers."""
         super().__post_init__()
         surface = self.waters[0].cells
         if self.start is not None and not 0 <= self.start < surface:
@@ -139,7 +141,7 @@ class SeaDrift(SeaCurrents):
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
         - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration must be 0.001 to
             1000 times the [`jaxcell.drift.crossing_time`][] of the slowest layer, and is changed to
             fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
@@ -152,7 +154,7 @@ class SeaDrift(SeaCurrents):
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
         - `until`: the time of interest, in hours; by default [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
-        - `say`: called with each stage of the computation.
+        - `say`: a function that is called with the name of each stage of the computation.
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
@@ -162,8 +164,8 @@ class SeaDrift(SeaCurrents):
         if backward:
             flows = [flow.reversed() for flow in flows]
             notices.append(
-                "Drifters go backward in time, from the last record on: they end where drifters "
-                "came from that are in a cell then."
+                "Time runs backward from the last record: drifters end where the drifters that are "
+                "in their cells at the last record came from."
             )
         flows = [flow.repeated() for flow in flows]
         means = [flow.mean() for flow in flows]
@@ -171,7 +173,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration; return the step, and the maps if they were made already."""
+            """Choose the duration; return the step, and its maps and distances or `None`."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -181,14 +183,13 @@ class SeaDrift(SeaCurrents):
 
         if (records := currents.attrs.get("mean_of", 1)) > 1:
             notices.append(
-                f"The current is the mean of {records} records, and so is what drifters go with: "
-                "together they take more memory than there is."
+                f"Maps and simulated drifters are for the mean of {records} records, because all "
+                "records together exceed the memory."
             )
         chosen, made = planned()
-        if by is not means and (
-            why := too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
-        ):
-            notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
+        phases = by[0].phases(chosen.duration or 0)
+        if by is not means and (why := _too_large(waters, phases, cls.largest)):
+            notices.append(f"{why}; these maps are for the mean of the records.")
             by = means
             chosen, made = planned()
         if step.duration is not None and not np.isclose(chosen.duration or 0, step.duration):
@@ -256,13 +257,13 @@ class SeaDrift(SeaCurrents):
             remarks.append(
                 f"At {self.depths[0]:g} m: by the centres of cells alone there are "
                 f"{self._counts[1, 1]} persistent groups in place of {self._counts[0, 1]}: their "
-                "number depends on the grid; that of nearly closed sets does so less."
+                "number depends on the grid; nearly closed sets depend on it less."
             )
         voyages = [voyage for voyage in (self.voyage, self.surest) if voyage is not None]
         if not all(voyage.policy_certified and voyage.times_certified for voyage in voyages):
             remarks.append(
-                "What is not certified of the voyages is beyond 64-bit numbers somewhere: an eddy "
-                "holds drifters almost forever. It may be right elsewhere, or by another duration."
+                "Results of voyages that are not certified exceed 64-bit numbers in some cells, "
+                "because an eddy holds drifters almost forever; another duration may avoid this."
             )
         if not self.answered:
             remarks.append("No policy brings a drifter from the start to the goal.")
@@ -278,8 +279,10 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """Two masks of the cells that drifters from the start may visit, if they change their layer
-        only at the start, and if they change it at any time; `None` without a start."""
+        """The masks of the cells that drifters from the start may visit, or `None`.
+
+        In the first mask they change their layer only at the start; in the second, at any time.
+        """
         if self.start is None:
             return None
         return reachable_by_layer(self.sea, self.start), reachable_at_depth(self.sea, self.start)
@@ -291,8 +294,10 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """The fewest cells from which all cells of the surface may be visited; in a periodic
-        current, the cells of a greedy search."""
+        """The fewest cells from which all cells of the surface may be visited.
+
+        In a periodic current they are found by a greedy search, and may not be the fewest.
+        """
         chain = self.layers[0].behaviour.chain
         if isinstance(chain, Chain):
             return minimum_deployment(chain)
@@ -315,53 +320,37 @@ class SeaDrift(SeaCurrents):
             surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
-    @derived("", "drifters of the deployment, which may visit each cell", kind="count")
-    def drifter_count(self) -> int:
-        return self.deployment.cells.size
-
-    @derived("", "fewest cells found from which each cell may be visited", kind="count")
-    def fewest_count(self) -> int:
-        return self.minimum.size
-
-    deployment_cell = from_part(
-        "deployment.cells", "drifter", "cell to drop a drifter in", kind="index"
+    drifter_count = _count(
+        "deployment.cells.size", "", "drifters of the deployment, which may visit each cell"
     )
+    fewest_count = _count(
+        "minimum.size", "", "fewest cells found from which each cell may be visited"
+    )
+
+    deployment_cell = _index("deployment.cells", "drifter", "cell to drop a drifter in")
     deployment_lon, deployment_lat = positions("deployment_cell", "drifter")
-    deployment_group = from_part(
-        "deployment.group", "drifter", "persistent group, -1 if transient", kind="index"
+    deployment_group = _index("deployment.group", "drifter", "persistent group, -1 if transient")
+    deployment_transient_group = _index(
+        "deployment.transient_group", "drifter", "transient group, -1 if persistent"
     )
-    deployment_transient_group = from_part(
-        "deployment.transient_group", "drifter", "transient group, -1 if persistent", kind="index"
+    deployment_gained = _count(
+        "deployment.gained", "drifter", "cells of its group that are reached first from it"
     )
-    deployment_gained = from_part(
-        "deployment.gained",
-        "drifter",
-        "cells of its group that are reached first from it",
-        kind="count",
-    )
-    minimum_cell = from_part("minimum", "fewest", "cell of the smallest deployment", kind="index")
+    minimum_cell = _index("minimum", "fewest", "cell of the smallest deployment")
     minimum_lon, minimum_lat = positions("minimum_cell", "fewest")
-    curve_cell = from_part(
-        "curve.cells", "drifters", "cell to drop the first, second, ... drifter in", kind="index"
+    curve_cell = _index("curve.cells", "drifters", "cell to drop the first, second, ... drifter in")
+    curve_covered = _count(
+        "curve.covered", "drifters", "cells visited by this and earlier drifters", listed=True
     )
-    curve_covered = from_part(
-        "curve.covered",
-        "drifters",
-        "cells visited by this and earlier drifters",
-        kind="count",
-        listed=True,
-    )
-    views_cell = from_part(
-        "views.cover", "view", "cell from which the sea bed is seen", kind="index"
-    )
+    views_cell = _index("views.cover", "view", "cell from which the sea bed is seen")
     views_lon, views_lat = positions("views_cell", "view")
 
     @derived("view", "whether a drifter is dropped there", kind="flag")
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:
         return None if self.views is None else np.isin(self.views.cover, self.views.cells)
 
-    views_least = from_part("views.least", "", "lower bound of the number of views", kind="count")
-    start_cell = from_part("start", "", "cell where the drifter is dropped", kind="index")
+    views_least = _count("views.least", "", "lower bound of the number of views")
+    start_cell = _index("start", "", "cell where the drifter is dropped")
 
     @derived(_SQUARES, "reached by drifters that keep their depth", kind="flag")
     def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
@@ -386,3 +375,19 @@ class SeaDrift(SeaCurrents):
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
+
+
+def _too_large(waters: list[Water], phases: int, largest: int) -> str | None:
+    """Explain why the maps of all phases are too large; return `None` if they are not."""
+    cells = [phases * water.cells for water in waters]
+    needed, available = estimates.drift(cells), memory.free()
+    if sum(cells) > largest:
+        limit = f"and {largest:,} are as many as take minutes"
+    elif available is not None and needed > available:
+        limit = (
+            f"which need about {memory.gigabytes(needed)} of memory, and "
+            f"{memory.shortage(available)}"
+        )
+    else:
+        return None
+    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"

@@ -21,7 +21,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Make the quantities of the longitudes and latitudes of the cells in another quantity."""
+    """Make two quantities: the longitudes and latitudes of the cells that a quantity lists."""
 
     def along(axis: int) -> Callable[[Any], Any]:
         def value(drift: Any) -> Any:
@@ -37,7 +37,7 @@ def positions(cells: str, dim: str) -> tuple[Any, Any]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaLayers(Ends):
-    """The ends of drifters in some layers of the sea, as arrays on the squares of the grid."""
+    """The long-term behaviour of drifters in layers of the sea, on the squares of the grid."""
 
     picture: ClassVar[str] = "basin"
 
@@ -45,7 +45,6 @@ class SeaLayers(Ends):
     "The layers, the surface first; all have the same duration of a step."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if layers have steps of different durations."""
         durations = {layer.behaviour.duration for layer in self.layers}
         if len(durations) > 1:
             raise ValueError(f"layers: expected steps of one duration, got {sorted(durations)}")
@@ -97,7 +96,7 @@ class SeaLayers(Ends):
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """The rank of each group of each layer; matching groups of two layers have one rank."""
+        """For each layer, the rank of each group; matching groups of two layers share a rank."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )
@@ -188,7 +187,7 @@ class SeaLayers(Ends):
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """The ends that each transient group can reach, layer after layer."""
+        """The groups that each transient group may end in, -1 for off the map, layer by layer."""
         return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")
@@ -208,7 +207,7 @@ class SeaLayers(Ends):
         return self.sea.drift.to_scipy().tocoo()
 
     def checks(self) -> Checks:
-        """The worst value of each check over the layers."""
+        """Return the worst value of each check over the layers."""
         of_layers = [layer.checks() for layer in self.layers]
         return {
             name: (np.max([checks[name][0] for checks in of_layers]).item(), limit)

@@ -22,7 +22,7 @@ class SeaVoyage(Result):
     sea: Sea
     policy: Voyage
     hours: float
-    "The duration of a step."
+    "The duration of a step, in hours."
     goal: Annotated[
         tuple[float, float, float],
         quantity("place", "longitude, latitude and depth of the goal", listed=True),

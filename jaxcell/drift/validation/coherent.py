@@ -1,8 +1,5 @@
 import dataclasses
-import functools
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.ndimage
 from jaxtyping import Bool, Float, Int
@@ -35,8 +32,8 @@ def ftle(
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
-    - `duration`: in seconds; negative for backward in time. Ridges of the exponent repel the water
-        if the duration is positive, and attract it otherwise.
+    - `duration`: the duration in seconds, negative to go backward in time. Ridges of the exponent
+        repel the water if the duration is positive, and attract it otherwise.
     - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
 
     **Returns:** the exponents, per second.
@@ -60,23 +57,14 @@ def ftle(
     ends = [
         carried(flow, x + right, y + up, duration, start, method, steps) for right, up in middles
     ]
-    return np.asarray(_exponent(sides, x, y, *ends, wraps=water.wraps)) / abs(duration)
-
-
-@functools.partial(jax.jit, static_argnames="wraps")
-def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[no-untyped-def]
-    """Compute the logarithm of the largest singular value of the gradient of the drift."""
-
-    def sides_at(x, y):  # type: ignore[no-untyped-def]
-        row, column = nearest_square(sides.shape[1:], wraps, x, y)
-        return sides[:, row, column]
-
-    began = sides_at(x, y)
-    ended = sides_at((east[0] + west[0]) / 2, (east[1] + west[1]) / 2)
-    a, c = ((east[k] - west[k]) * ended[k] / began[0] for k in (0, 1))
-    b, d = ((north[k] - south[k]) * ended[k] / began[1] for k in (0, 1))
-    # The singular values of [[a, b], [c, d]] are half the sum and half the difference of these two.
-    return jnp.log((jnp.hypot(a + d, b - c) + jnp.hypot(a - d, b + c)) / 2)
+    east, west, north, south = np.array(ends)
+    row, column = map(np.asarray, nearest_square(sides.shape[1:], water.wraps, *(east + west) / 2))
+    began, ended = water.sides, sides[:, row, column]
+    a, c = (east - west) * ended / began[0]
+    b, d = (north - south) * ended / began[1]
+    # The singular values of the gradient of the drift, [[a, b], [c, d]], are half the sum and half
+    # the difference of these two numbers.
+    return np.log((np.hypot(a + d, b - c) + np.hypot(a - d, b + c)) / 2) / abs(duration)
 
 
 def ridges(
@@ -84,9 +72,9 @@ def ridges(
 ) -> Bool[np.ndarray, "cells"]:
     """Find the cells on a ridge of some values, such as [`ftle`][].
 
-    A cell is on a ridge if its value is among the highest, and not below the values of its two
-    neighbours across the ridge: those in the direction, of four, of the strongest downward
-    curvature. Cells at a coast or the edge of the grid are on no ridge.
+    A cell is on a ridge if its value is among the highest, and not below the values of the two
+    neighbours across the ridge. The direction across is the one of four directions in which the
+    values curve downward most. Cells at a coast or the edge of the grid are on no ridge.
 
     **Arguments:**
 

@@ -31,7 +31,7 @@ class Diagnosis:
     pieces: Int[np.ndarray, "pieces"]
     "Number of cells of each connected piece of water."
     whole_pieces: int
-    "Number of persistent groups that are a whole connected piece of water, as for any flow."
+    "Number of persistent groups that are a whole connected piece of water, whatever the flow."
     locked: int
     "Number of the other persistent groups that are a single cell from which water flows away."
     ashore: int
@@ -45,9 +45,9 @@ class Diagnosis:
 
         A drift of less than half a cell maps a cell to itself, so a step that is too short makes
         slow cells persistent. A step counts as too short if more than half of the cells are their
-        own images. It also does if more than half of the persistent groups are single cells from
-        whose centre the flow leads to another cell within ten steps; groups that are whole pieces
-        of water are not counted.
+        own images, or if more than half of the persistent groups are single cells from whose centre
+        the flow leads to another cell within ten steps. Groups that are whole pieces of water are
+        not counted.
         """
         others = self.groups - self.whole_pieces
         if self.self_image > 0.5:
@@ -62,10 +62,10 @@ class Diagnosis:
         )
 
     def remedies(self, spread: str) -> tuple[str, ...]:
-        """Return the names of the parameters of the step whose change may remove the warning.
+        """Return the names of the parameters of a step that may remove the warning, if any.
 
-        They are `duration`, which should be longer, if the mean drift is less than two cells; and
-        `spread`, which should be `"sampled"`, if it is not. Without a warning there are none.
+        A longer `duration` may help if the mean drift is less than two cells, and the `spread`
+        `"sampled"` if it is not the spread already.
         """
         if self.warning is None:
             return ()
@@ -78,7 +78,7 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 
     **Arguments:**
 
-    - `water`, `flow`, `step`: as for the map.
+    - `water`, `flow`, `step`: the arguments with which the map was made.
     - `groups`: the persistent groups of the map.
 
     **Returns:** [`Diagnosis`][].

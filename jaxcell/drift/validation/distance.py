@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ...mapping import Chain, ChainSequence, persistent_groups
+from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
-from ...markov import absorption_times
+from ..behaviour import long_term_behaviour
 from ..flow import Flow, crossing_time, steps_in
 from ..maps import diffused_cells, drift_maps
 from ..step import DriftStep
@@ -24,7 +24,7 @@ HOURS = (6.0, 24.0)
 FAR = 0.2
 """The total variation above which a map counts as far from drifters."""
 MOST_CELLS = 100_000
-"""The number of cells at all phases above which only one duration is mapped."""
+"""The number of cells at all phases above which no other durations are tried."""
 # The longest default time of interest, in hours.
 _MONTH = 30 * 24.0
 # The least number of steps in the time of interest: the agreement of one step proves nothing.
@@ -51,7 +51,7 @@ class Distance:
     map_left: Float[np.ndarray, "times"]
     "The probability, by the map, that a drifter left the grid."
     replay: Replay
-    "The drifters."
+    "The simulated drifters."
 
     @property
     def cells(self) -> int:
@@ -85,9 +85,9 @@ def distances(
 
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
     - `maps`: chains over the cells, or sequences of chains, each with its seconds per step.
-    - `sampling`: the points at which drifters begin.
+    - `sampling`: the points at which drifters begin; by default `Sampling()`.
     - `hours`: the times of the comparison, each rounded to whole steps of the map, at least one.
-        The places of drifters are also kept at the times themselves.
+        `Distance.replay` also has the cells of drifters at the times before rounding.
 
     **Returns:** the [`Distance`][] of each map.
 
@@ -175,7 +175,7 @@ def distances_by_cell(
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values some steps after a start in each cell at phase 0."""
+    """Compute the expected values after some steps that begin in each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):
@@ -230,11 +230,7 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
     It is the median time until drifters from a transient cell are in a persistent group or off the
     map, rounded up to whole days, from 1 to 30.
 
-    **Arguments:**
-
-    - `chains`: the map of each layer.
-    - `seconds`: the duration of their steps.
-
+    **Arguments:** the map of each layer, and the duration of their steps in seconds.
     **Returns:** the time.
 
     Drifters leave the map in ten steps of six hours on average:
@@ -244,13 +240,9 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
         >>> drift.asked_hours([mapping.Chain.from_scipy(np.array([[0.9]]))], 6 * 3600)
         72.0
     """
-    times = []
-    for chain in chains:
-        whole = chain.unrolled if isinstance(chain, ChainSequence) else chain
-        groups = persistent_groups(whole)
-        steps = np.asarray(absorption_times(whole, groups, throw=False).value)
-        times.append(steps[: chain.cells][np.asarray(groups.group)[: chain.cells] < 0])
-    return whole_days(np.concatenate(times) * seconds / 3600)
+    begins = [long_term_behaviour(chain, seconds).begins for chain in chains]
+    hours = [np.asarray(one.hours)[np.asarray(one.groups.group) < 0] for one in begins]
+    return whole_days(np.concatenate(hours))
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
@@ -260,7 +252,7 @@ def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return the hours of a comparison: the time of interest, and before it 6 and 24 hours."""
+    """Return the times of a comparison: the time of interest, and 6 and 24 hours if it is later."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 
@@ -311,6 +303,6 @@ def nearest_maps(
 
 
 def longest_duration(water: Water, flow: Flow) -> float:
-    """Return the longest duration to try, in seconds, for which diffusion spans at most 2 cells."""
+    """Return the longest duration in seconds for which diffusion spreads over at most 2 cells."""
     in_a_second = float(diffused_cells(water, flow, 1.0).max())
     return (_MAX_DIFFUSED / in_a_second) ** 2 if in_a_second else math.inf

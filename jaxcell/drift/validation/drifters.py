@@ -1,9 +1,7 @@
 import dataclasses
-import functools
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
@@ -11,7 +9,8 @@ from jaxtyping import Array, Float, Int
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
-from ..drifting import moved, nearest_square, squares
+from ..currents.sphere import turned
+from ..drifting import drifted, nearest_square
 from ..flow import Flow
 from ..step import DriftStep
 from ..water import Water
@@ -56,14 +55,15 @@ def simulate_drifters(
 
     - `key`: a key of `jax.random`.
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
-    - `cells`: a cell, several, or a mask; drifters are released uniformly in them.
+    - `cells`: a cell, several cells, or a mask of the cells in which drifters are released
+        uniformly.
     - `duration`: seconds per step.
     - `steps`: number of steps.
     - `drifters`: number of drifters.
-    - `rho`: the probability that a drifter follows the flow in a step; else its drift is turned by
-        45 degrees to either side, the disturbance of `spread="turned"`.
+    - `rho`: the probability that a drifter follows the flow in a step; otherwise its drift is
+        turned by 45 degrees to either side, the disturbance of `spread="turned"`.
     - `start`: the time of release, in seconds as in `Flow.time`.
-    - `substeps`: steps of the Runge-Kutta method in each step.
+    - `substeps`: least number of steps of the Runge-Kutta method in each step.
 
     **Returns:** [`Drifters`][], whose first row has the places of release.
 
@@ -83,53 +83,25 @@ def simulate_drifters(
         )
     released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
-    begin = start + np.arange(steps) * duration
-    choice, off = map(np.asarray, _release(key, released.size, drifters))
-    x, y = centre[:, choice] + off
-    # If no drift is turned, no random numbers are drawn for turns.
-    turning = float(rho) if rho < 1 else None
-    xs, ys = _paths(key, flow, squares(water), x, y, begin, duration, turning, substeps)
-    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
-    return Drifters(xs, ys, cell, duration)
-
-
-@functools.partial(jax.jit, static_argnames="drifters")
-def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
-    """Draw a square for each drifter, and its offset from the centre, both uniformly."""
-    choosing, placing = jax.random.split(jax.random.fold_in(key, 0))
-    choice = jax.random.randint(choosing, (drifters,), 0, squares)
-    return choice, jax.random.uniform(placing, (2, drifters), jnp.float64, -0.5, 0.5)
-
-
-@functools.partial(jax.jit, static_argnames="substeps")
-def _paths(key, flow, grid, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
-    """Return the places of drifters at the beginning and after every step."""
-    sides, _, _ = grid
-    keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
-
-    def step(place, now):  # type: ignore[no-untyped-def]
-        key, start = now
-        row, column = nearest_square(sides.shape[1:], flow.wraps, *place)
-        turn = None
-        if rho is not None:
-            turn = functools.partial(_turned, key, rho, sides[:, row, column], place)
-        drawn = jax.random.fold_in(key, 1)
-        place = moved(flow, grid, place, start, duration, substeps, drawn, turn)
-        return place, place
-
-    _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
-    return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
-
-
-def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
-    """Turn the drift by 45 degrees to either side, except for the share `rho` of drifters."""
-    (x, y), (dx, dy) = place, side
-    right, up = (end[0] - x) * dx, (end[1] - y) * dy
-    drawn = jax.random.uniform(key, x.shape, x.dtype)
-    to = jnp.where(drawn < (1 + rho) / 2, 1.0, -1.0)
-    angle = jnp.where(drawn < rho, 0.0, to * jnp.pi / 4)
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return x + (right * cos - up * sin) / dx, y + (right * sin + up * cos) / dy
+    random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    choice = random.integers(released.size, size=drifters)
+    places = [centre[:, choice] + random.uniform(-0.5, 0.5, (2, drifters))]
+    longest, turns = abs(duration) / substeps, np.array([0.0, np.pi / 4, -np.pi / 4])
+    for number in range(steps):
+        (x, y), begin, drawn = places[-1], start + number * duration, None
+        if flow.diffusivity:
+            drawn = jax.random.fold_in(key, number)
+        end = np.stack(drifted(water, flow, x, y, begin, begin + duration, longest, drawn))
+        if rho < 1:
+            row, column = map(np.asarray, nearest_square(water.dx.shape, water.wraps, x, y))
+            sides = np.stack([water.dx[row, column], water.dy[row, column]])
+            angle = random.choice(turns, drifters, p=[rho, (1 - rho) / 2, (1 - rho) / 2])
+            right, up = (end - places[-1]) * sides
+            end = places[-1] + np.stack(turned(right, up, angle)) / sides
+        places.append(end)
+    x, y = np.stack(places, axis=1)
+    cell = water.landing(x, y, origin=released[choice], exits=True)
+    return Drifters(jax.device_put(x), jax.device_put(y), cell, duration)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -151,12 +123,12 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compare a drift map with simulated drifters, from the release of the drifters on.
+    """Compare a drift map with simulated drifters that were released at phase 0.
 
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map, from phase 0 on, whose steps are as long as the steps of the drifters.
+    - `chain`: the map, whose steps are as long as the steps of the drifters.
     - `drifted`: the drifters.
     - `hours`: the times of the comparison, rounded to whole steps.
 
@@ -199,7 +171,7 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation of two distributions; off the map is a further outcome."""
+    """Compute the total variation of two distributions, in which leaving the map is an outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 

@@ -61,11 +61,11 @@ class MarkovTest(Result):
 
         **Arguments:**
 
-        - `chain`: the map, from phase 0 on.
-        - `sets`: the set of each cell, -1 for none.
+        - `chain`: the drift map, or the sequence of maps of a periodic current.
+        - `sets`: the number of the set that contains each cell, or -1.
         - `seconds`: the duration of a step.
-        - `seen`: numbers of steps, each with the cells in which simulated drifters began and ended;
-            -1 for drifters that have left.
+        - `seen`: for each time, the number of steps, and the cells in which simulated drifters
+            began at phase 0 and ended; -1 for drifters that have left.
         - `depth`: depth of the cells, in metres.
         - `first`: the number of set 0 in the result.
         """
@@ -89,7 +89,7 @@ class MarkovTest(Result):
 
     @classmethod
     def joined(cls, tests: Sequence["MarkovTest"]) -> "MarkovTest":
-        """Join the tests of several layers; the numbers of sets continue from layer to layer."""
+        """Join the cases of several tests, such as those of all layers."""
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(*(np.concatenate([getattr(test, name) for test in tests]) for name in names))
 

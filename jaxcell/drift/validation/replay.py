@@ -15,8 +15,7 @@ from ..water import Water
 
 @dataclasses.dataclass(frozen=True)
 class Sampling:
-    """The points at which drifters begin: a square grid of points in every cell, or in every cell
-    of a sample."""
+    """The points at which drifters begin: an even grid of points in each cell, or in some cells."""
 
     drifters: int = 1_000_000
     "The largest number of drifters."
@@ -95,7 +94,7 @@ class Replay:
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters, or of some of them, in each cell at a time."""
+        """Compute the share of the drifters (`among`: of some drifters) in each cell at a time."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 

@@ -1,11 +1,11 @@
-"""Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
+"""Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Every edge joins two
-different vertices in both directions, without parallel edges. Either all edges have a `length` in
-metres, or all edges are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Edges are undirected;
+each joins two different vertices, and no two edges are parallel. Either all edges have a `length`
+in metres, or all edges are straight. Other attributes in a file are ignored.
 
-**Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
-and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
+**Node-link JSON** (`.json`) is an object with two lists. Each member of `nodes` has an `id`, and
+either `x` and `y` or a pair `pos`; each member of `edges` (or `links`) has a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
 A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
 (`.adjlist`) has one line per vertex, with its name and its neighbours' names. An **edge list**
@@ -27,9 +27,8 @@ import reprlib
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import ParseError
-from xml.parsers import expat
 
 from ...base.documents import (
     MAX_NUMBER,
@@ -58,7 +57,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex of a file before any check."""
+    """A vertex as read from a file, not yet checked; `field` is its place in the file."""
 
     field: str
     name: object
@@ -66,7 +65,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge of a file before any check."""
+    """An edge as read from a file, not yet checked; `field` is its place in the file."""
 
     field: str
     tail: object
@@ -77,16 +76,11 @@ class Edge(NamedTuple):
 def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     """Read a graph file.
 
-    **Arguments:**
-
-    - `path`: the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link JSON,
-        `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
-        graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an
-        edge.
+    **Arguments:** the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link
+    JSON, `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
+    graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an edge.
 
     **Returns:** the graph, and the names of its vertices in the order of their numbers.
-
-    **Raises:** `ValueError` with the file, the field, and the reason; `FileNotFoundError`.
 
     The graph of section 4.5.2 of Alam 2018:
 
@@ -138,8 +132,11 @@ def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
     import networkx as nx
 
     lines = text.splitlines()
-    if suffix == ".graphml":
-        _check_xml(text)
+    if suffix == ".graphml" and "<!DOCTYPE" in text:
+        raise ValueError(
+            "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose "
+            "entities can grow without bounds; expected none"
+        )
     try:
         with warnings.catch_warnings():
             # Warnings about ports and types are ignored.
@@ -159,22 +156,6 @@ def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
             Edge(f"edge {tail!r} to {head!r}", tail, head, length)
             for tail, head, length in graph.edges(data="length")
         ],
-    )
-
-
-def _check_xml(text: str) -> None:
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = _refuse_doctype
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise ValueError(f"not valid XML, or cut short: {error}") from None
-
-
-def _refuse_doctype(*_: object) -> NoReturn:
-    raise ValueError(
-        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
-        "can grow without bounds; expected none"
     )
 
 
@@ -243,11 +224,7 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
 def has_weights(path: str | os.PathLike[str]) -> bool:
     """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
 
-    **Arguments:**
-
-    - `path`: the file.
-
-    **Returns:** `True` if the file mentions a weight; always `False` for lists.
+    The result is `False` for formats without weights.
 
     The graph of section 4.5.2 of Alam 2018 has no weights:
 
@@ -282,7 +259,7 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Make a graph from the parts of a file, and check them; errors name the wrong part."""
+    """Check the vertices and edges of a file. Returns the graph and the names of its vertices."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:
@@ -295,7 +272,7 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
         xy.append(_position(field, attributes) if placed else None)
     if None in xy and any(place is not None for place in xy):
         field = vertices[xy.index(None)].field
-        raise ValueError(f"{field}: it has no position x, y; expected one, as others have it")
+        raise ValueError(f"{field}: it has no position x, y, but other vertices have")
     if len(numbers) < 2:
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
@@ -325,7 +302,7 @@ def _lengths(edges: list[Edge]) -> list[float] | None:
     if len(missing) == len(edges):
         return None
     if missing:
-        raise ValueError(f"{missing[0]}: it has no length, as others have")
+        raise ValueError(f"{missing[0]}: it has no length, but other edges have")
     expected = f"a positive number of at most {MAX_NUMBER:g} m"
     lengths = [checked_number(f"{e.field}.length", e.length, expected, text=True) for e in edges]
     for edge, length in zip(edges, lengths, strict=True):

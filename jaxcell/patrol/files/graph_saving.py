@@ -14,11 +14,8 @@ def save_graph(
 ) -> None:
     """Write a graph file, completely or not at all; numbers are written without rounding.
 
-    **Arguments:**
-
-    - `graph`: a graph whose vertices have positions.
-    - `path`: the file to write or replace; its suffix gives the format, as in [`load_graph`][].
-    - `names`: the name of each vertex; by default its number.
+    **Arguments:** a graph whose vertices have positions; the file to write or replace, whose suffix
+    gives the format, as in [`load_graph`][]; and the name of each vertex, by default its number.
 
     A line of two vertices:
 
@@ -54,16 +51,11 @@ def save_graph(
             [Vertex(f"names[{v}]", node["id"], node) for v, node in enumerate(nodes)],
             [Edge(f"edges[{e}]", *edge.values()) for e, edge in enumerate(edges)],
         )
-        if suffix == ".json":
-            text = _format_json(nodes, edges)
-        elif suffix == ".graphml":
-            text = _format_graphml(nodes, edges)
-        elif suffix in LIST_SUFFIXES and graph.ways is None:
-            text = _format_list(nodes, edges)
-        elif suffix in LIST_SUFFIXES:
-            raise ValueError("an edge list cannot store lengths of edges; expected another suffix")
-        else:
+        formats = {".json": _format_json, ".graphml": _format_graphml}
+        formats |= dict.fromkeys(LIST_SUFFIXES, _format_list)
+        if suffix not in formats:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
+        text = formats[suffix](nodes, edges)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     with replacing(path) as temporary:
@@ -87,6 +79,8 @@ def _format_graphml(nodes: list[dict[str, Any]], edges: list[dict[str, Any]]) ->
 
 
 def _format_list(nodes: list[dict[str, Any]], edges: list[dict[str, Any]]) -> str:
+    if "length" in edges[0]:
+        raise ValueError("an edge list cannot store lengths of edges; expected another suffix")
     for name in (node["id"] for node in nodes):
         if name.split() != [name] or "#" in name:
             raise ValueError(f"an edge list cannot store spaces or # in a name, got {name!r}")

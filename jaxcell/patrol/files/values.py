@@ -15,13 +15,8 @@ def load_values(
 ) -> Float[np.ndarray, "vertices"]:
     """Read one number per vertex from a file of lines with a name and a number.
 
-    **Arguments:**
-
-    - `path`: the file; `#` begins a comment.
-    - `names`: names of the vertices.
-    - `whole`: whether the numbers must be whole.
-
-    **Returns:** the numbers, positive and finite, in the order of the names.
+    **Arguments:** the file, where `#` begins a comment; the names of the vertices; and whether the
+    numbers must be whole. **Returns:** the numbers, positive and finite, in the order of the names.
 
     Durations of attacks on two vertices:
 
@@ -37,17 +32,11 @@ def load_values(
 
 
 def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
-    """Read the stakes of a game at each vertex.
+    """Read the stakes of a game at each of the named vertices.
 
-    **Arguments:**
-
-    - `path`: a file whose lines have a name and one, two or four numbers, equally many per line:
-        the value of the goods to the patroller, their value to the adversary if it differs, the
-        gain of the patroller from a capture, and the penalty of the adversary. `#` starts a
-        comment.
-    - `names`: names of the vertices.
-
-    **Returns:** [`jaxcell.optimize.Stakes`][].
+    All lines of the file have a name and one, two or four numbers: the value of the goods to the
+    patroller, their value to the adversary if it differs, the gain of the patroller from a capture,
+    and the penalty of the adversary. `#` begins a comment.
     """
     return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)
 

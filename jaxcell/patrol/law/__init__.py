@@ -1,7 +1,7 @@
 """The generalized lambda distribution `Gld` (Alam 2018, Eq. 4.10), and its fit, `fit_gld`.
 
-A fit, `GldFit`, is the distribution with the largest likelihood of samples. If samples are whole
-numbers, it is the likelihood of the intervals that the samples stand for.
+A fit, `GldFit`, is the distribution that maximizes the likelihood of samples. Samples that are
+whole numbers may stand for intervals; their likelihood is then the probability of the intervals.
 """
 
 from ...base.hosted import attach

@@ -21,7 +21,7 @@ _Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
 
 @dataclasses.dataclass(frozen=True)
 class Gld:
-    """A generalized lambda distribution in the parameters of Freimer, Mudholkar, Kollia and Lin.
+    """A generalized lambda distribution as parametrized by Freimer, Mudholkar, Kollia and Lin.
 
     The distribution is defined by its quantile function (Alam 2018, Eq. 4.10)
 
@@ -80,7 +80,7 @@ class Gld:
     ) -> Float[np.ndarray, "*values"]:
         """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support.
 
-        With approximate log-odds `near` the result, no bracket is searched for.
+        Approximate log-odds `near` replace the search for a bracket.
         """
         z = np.asarray((np.asarray(x, np.float64) - self.l1) * self.l2)
         log_odds = _invert(np.atleast_1d(z), self.l3, self.l4, near)
@@ -96,8 +96,7 @@ class Gld:
 
     @np.errstate(all="ignore")
     def log_density(self, log_odds: Any) -> Float[np.ndarray, "*values"]:
-        """Compute the logarithm of the probability density at log-odds; -inf at infinite
-        log-odds."""
+        """Compute the logarithm of the density from log-odds; -inf if they are infinite."""
         log_u, log_v = _logs(log_odds)
         log_slope = np.logaddexp(self.l3 * log_u + log_v, self.l4 * log_v + log_u)
         density = np.log(self.l2) + log_u + log_v - log_slope
@@ -109,7 +108,7 @@ def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
     """Compute the logarithm of the probability of an interval from the log-odds at its ends.
 
     With `u` and `v` the distribution function at the ends, `v - u = v (1 - u) (1 - exp(lower -
-    upper))`, in which neither tail cancels.
+    upper))`, which loses no digits in either tail.
     """
     logarithm = _logs(upper)[0] + _logs(lower)[1] + np.log(-np.expm1(np.subtract(lower, upper)))
     return np.where(np.greater_equal(lower, upper), -np.inf, logarithm)
@@ -117,7 +116,7 @@ def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
 
 @np.errstate(all="ignore")
 def standard_quantile(log_odds: Any, l3: _Parameter, l4: _Parameter) -> Any:
-    """Compute the quantile at log-odds, for location 0 and scale 1."""
+    """Compute the quantile from log-odds, for location 0 and scale 1."""
     log_u, log_v = _logs(log_odds)
     return _power(log_u, l3) - _power(log_v, l4)
 

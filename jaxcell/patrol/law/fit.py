@@ -41,14 +41,14 @@ _Point: TypeAlias = Float[np.ndarray, "2"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GldFit(Result):
-    """The generalized lambda distribution of largest likelihood for given samples."""
+    """The generalized lambda distribution that maximizes the likelihood of samples."""
 
     law: Gld
     log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
     "The sum over all samples of log-probabilities if censored, else of log-densities."
     distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
-    """Kolmogorov-Smirnov statistic: the largest difference of the distribution functions of the law
-    and of the samples; only at whole numbers plus a half if censored."""
+    """Kolmogorov-Smirnov statistic: the largest difference between the distribution functions of
+    the law and of the samples. If censored, only whole numbers plus a half count."""
     censored: bool
     "`True` if samples stand for intervals of length 1."
     certificate: Certificate
@@ -130,23 +130,21 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """Samples, and the points at which log-odds determine a law."""
+    """The samples of a fit, and the points at which a law is given by its log-odds."""
 
     data: Likelihood
     few: Likelihood
-    "The likelihood of at most `_RANKED` values, enough to rank laws and to begin the search."
+    "The likelihood of at most `_RANKED` of the values, which ranks laws and begins the search."
     inner: _Point
-    "Points near the quartiles."
+    "Two points near the quartiles."
     log_odds: _Point
-    "The log-odds of the samples at `inner`."
+    "The log-odds of the distribution of the samples at `inner`."
     outer: _Point
     "The interval that the support must contain: both ends of all samples."
     narrow: _Point
     "The interval that the support must contain so that all samples have positive probability."
     size: int
-    "The number of samples."
     steps: int
-    "The largest number of steps of a search."
 
     @staticmethod
     def of(
@@ -180,7 +178,7 @@ class _Problem:
 
 
 def _starts(problem: _Problem) -> list[tuple[_Numbers, _Point]]:
-    """Return the best laws of a grid, one per kind of shapes.
+    """Return the starts of the search: the best laws of a grid, one per pair of kinds of shapes.
 
     The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
     """
@@ -210,7 +208,7 @@ class _Maximum:
     gain: float
     "The gain in log-likelihood that another step is predicted to bring."
     edge: Bool[np.ndarray, "2"]
-    "`True` if the support ends at the point."
+    "`True` on each side where the support ends at the point."
     steps: int
 
 
@@ -240,9 +238,8 @@ def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 
     Curvatures of the loss count as positive, so that each step lowers the loss.
 
-    `scipy.optimize` has no such method: `trust-exact` takes no bounds, `trust-constr` needs two to
-    three times the evaluations and stops with 0.003 to gain in log-likelihood, and L-BFGS-B stops
-    with more than 1 to gain.
+    No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
+    and L-BFGS-B stop too early.
 
     A law is given by its log-odds at two points and its shapes. On a side with a bounded support,
     the outer point is used, with which no change of the other parameters excludes a sample;
@@ -285,7 +282,7 @@ def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 def _distance(
     law: Gld, value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
 ) -> float:
-    """Compute the largest difference of the distribution functions, which is next to a value."""
+    """Compute the Kolmogorov-Smirnov statistic, which is attained next to a sample."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
     below = law.cdf(value - half) - (upto - count) / upto[-1]

@@ -39,7 +39,7 @@ class Likelihood:
     """The likelihood of samples as a function of the law."""
 
     x: Float[np.ndarray, "values"]
-    "The values at which the distribution function is needed."
+    "The values at which the distribution function is evaluated."
     weight: Float[np.ndarray, "samples"]
     "The share of each distinct sample."
     ends: Int[np.ndarray, "2 samples"] | None
@@ -49,7 +49,7 @@ class Likelihood:
     def of(
         value: Float[np.ndarray, "samples"], count: Int[np.ndarray, "samples"], censored: bool
     ) -> "Likelihood":
-        """Return the likelihood of distinct samples, or of intervals of length 1 if censored."""
+        """Return the likelihood of values with counts; if censored, of intervals around them."""
         weight = count / count.sum()
         if not censored:
             return Likelihood(value, weight, None)
@@ -72,7 +72,7 @@ class Likelihood:
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
         """Compute the loss, its gradient and its Hessian, NaN unless the loss is below `below`.
 
-        The derivatives are difference quotients between nearby laws, in one batch for few values.
+        The derivatives are difference quotients between nearby laws, evaluated in batches.
         """
         law = law_through(numbers, point)
         log_odds = law.log_odds(self.x)

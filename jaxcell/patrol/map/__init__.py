@@ -2,7 +2,8 @@
 
 `cell_graph` makes the graph whose vertices are the free cells. From each cell a robot sees other
 cells (Eq. 4.1, `jaxcell.space.visible_cells`). A *cover* is a set of cells from which all cells are
-seen; the greedy choice of robot `i` takes the `i`-th best cell each time (Alg. 4.3).
+seen. It grows cell by cell: the cover of robot 0 gets the best cell, that of robot 1 the second
+best, and so on (Alg. 4.3).
 
 **Policies.** Each robot has a `Policy`. `distributed_policies` emphasise the cover (section 4.4.4).
 `centralized_policies` (4.4.5) divide the map around a `base_station` into `Regions`, one per robot,
@@ -21,10 +22,10 @@ probability of capture is
 t_a)`, for the times and the start of an `Attack`. A `Capture` adds the weakest cell, which an
 adversary attacks, among the `contested` cells, where an attack may succeed or fail. For one cell
 `vulnerability` adds the method of the source (4.4.6): simulated times, and a generalized lambda
-distribution fitted to these times (`Vulnerability`). `capture_policies` maximise the least
-probability of capture, up to a local optimum (`CaptureSearch`), and `capture_frontier` computes the
-trade-off with the unpredictability of steps (`Frontier`). `capture_by_tours` is the least capture
-by robots on closed tours through covers. `PatrolledMap` contains all results, for datasets and
+distribution fitted to these times (`Vulnerability`). `capture_policies` finds a local
+maximum of the least probability of capture (`CaptureSearch`), and `capture_frontier` the trade-off
+with the unpredictability of steps (`Frontier`). `capture_by_tours` computes the least capture by
+robots on closed tours through covers. `PatrolledMap` contains all results, for datasets and
 recordings.
 """
 

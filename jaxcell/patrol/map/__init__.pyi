@@ -5,7 +5,11 @@ from .attack import (
     outside as outside,
 )
 from .attacked_cell import Vulnerability as Vulnerability, vulnerability as vulnerability
-from .capture import Capture as Capture, capture_probabilities as capture_probabilities
+from .capture import (
+    Capture as Capture,
+    capture_by_tours as capture_by_tours,
+    capture_probabilities as capture_probabilities,
+)
 from .capture_search import (
     CaptureSearch as CaptureSearch,
     Frontier as Frontier,
@@ -29,4 +33,3 @@ from .regions import (
     angular_regions as angular_regions,
     base_station as base_station,
 )
-from .tours import capture_by_tours as capture_by_tours

@@ -15,23 +15,15 @@ _STARTS = ("stationary", "uniform", "worst")
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Attack:
-    """Attacks on cells of a map: their durations, and the places of robots at the start.
-
-    Two attack times, for robots that have been patrolling for a long time:
-
-        >>> from jaxcell import patrol
-        >>> attack = patrol.Attack([20, 50])
-        >>> attack.times.tolist(), attack.start
-        ([20, 50], 'stationary')
-    """
+    """Attacks on cells of a map: their durations, and the places of robots at the start."""
 
     times: Int[np.ndarray, "times"]
     "Numbers of steps that an attack may take."
     start: str
     """The distribution of each robot, when an attack begins, over its cells out of view of the
-    target. `stationary`: the shares of time in the long run. `uniform`: equal probabilities, as at
-    the first attack. `worst`: the cell from which the robot is least likely to arrive in time, for
-    an adversary who sees the robots."""
+    target. `stationary`: the shares of time in the long run. `uniform`: equal probabilities, as for
+    robots that have just been placed. `worst`: the cell from which the robot is least likely to
+    arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
         """**Arguments:**
@@ -51,19 +43,15 @@ class Attack:
 
     @property
     def first(self) -> "Attack":
-        """The attack with the first of the times alone."""
+        """This attack with only the first of its times."""
         return Attack(self.times[:1], self.start)
-
-    def at(self, start: str) -> "Attack":
-        """Return the attack with another distribution of robots at the start."""
-        return Attack(self.times, start)
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
     ) -> list[Float[np.ndarray, "*targets cells"]]:
-        """Compute the distribution of each robot over its cells out of view.
+        """Compute the distribution of each robot when an attack begins, over its cells out of view.
 
-        For the start `worst`, all cells to choose from have equal probabilities.
+        For the start `worst`, it is uniform over the cells among which the worst is chosen.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):
@@ -78,12 +66,8 @@ def boundary(
 ) -> Bool[np.ndarray, "*targets cells"]:
     """Return the cells where a patroller from outside first sees a target (Alam 2018, Fig. 4.3).
 
-    **Arguments:**
-
-    - `graph`: the cells and the edges between them.
-    - `view`: the cells from which the target is seen, one row per target, or a single row.
-
-    **Returns:** the cells in view that are next to a cell out of view.
+    **Arguments:** the graph of the cells; and the cells from which the target is seen, one row per
+    target, or a single row. **Returns:** the cells in view that are next to a cell out of view.
 
     In a corridor of five cells, cell 0 is seen from cells 0 and 1; robots enter the view at cell 1:
 
@@ -101,12 +85,8 @@ def outside(
 ) -> Bool[np.ndarray, "robots *targets cells"]:
     """Return the cells where each robot may be when an attack begins: its own cells out of view.
 
-    **Arguments:**
-
-    - `policies`: the policy of each robot.
-    - `view`: the cells from which the target is seen, one row per target, or a single row.
-
-    **Returns:** a mask over the cells for each robot, and for each target if `view` has several.
+    **Arguments:** the policy of each robot; and the cells from which the target is seen, one row
+    per target, or a single row. **Returns:** a mask over the cells for each robot and each row.
 
     In a corridor of five cells, cell 0 is out of view of a robot in cells 2 to 4:
 
@@ -131,13 +111,8 @@ def contested(
     Cells in view of a base station are excluded, because attacks on them always fail. Cells that no
     robot can see on its walk are excluded, because attacks on them always succeed.
 
-    **Arguments:**
-
-    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
-    - `policies`: the policy of each robot.
-    - `regions`: the regions around a base station, or `None`.
-
-    **Returns:** the cells, in order.
+    **Arguments:** `visible[i, j]` is true if a robot in cell `i` sees cell `j`; the policy of each
+    robot; and the regions around a base station, if any. **Returns:** the cells, in order.
 
     The base station in the middle of a corridor of five cells sees all but the ends:
 
@@ -164,6 +139,6 @@ def check_policies(
     for robot, policy in enumerate(policies):
         if policy.chain.cells != graph.vertices:
             raise ValueError(
-                f"policies: that of robot {robot} is for {policy.chain.cells} cells, and the graph "
-                f"has {graph.vertices}"
+                f"policies: the policy of robot {robot} is for {policy.chain.cells} cells, and the "
+                f"graph has {graph.vertices}"
             )

@@ -10,6 +10,7 @@ from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
 from ..law.fit import GldFit, fit_gld
+from ..team.times import check_vertex
 from .attack import Attack, boundary, check_policies
 from .policies import Policy
 
@@ -26,7 +27,6 @@ class Vulnerability(Result):
         Bool[np.ndarray, "cells"],
         quantity("position", "whether the target is seen from there", kind="flag"),
     ]
-    "The cells from which a robot sees the target."
     boundary: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("position", "whether a robot from outside first sees it there", kind="flag"),
@@ -52,9 +52,8 @@ class Vulnerability(Result):
         Float[np.ndarray, "steps"],
         quantity("step", "probability that the first robot is in view then", "1", kind="share"),
     ]
-    "An entry for each number of steps, from 0 to the longest attack time."
+    "The distribution of the time of the first view, up to the longest attack time."
     arrivals: Arrivals
-    "The simulated runs."
     fit: GldFit | None
     "The distribution fitted to the runs, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "reason why no law is fitted")]
@@ -102,8 +101,8 @@ def vulnerability(
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
-    distribution to the times, and takes the probabilities from the fit. The result contains these
-    and the exact probabilities, which shows the error of the fit.
+    distribution to the times, and takes the probabilities from the fit. The result also contains
+    the exact probabilities, and so shows the error of the fit.
 
     **Arguments:**
 
@@ -130,10 +129,7 @@ def vulnerability(
     """
     times = attack.times
     check_policies(graph, visible, policies)
-    if not 0 <= target < graph.vertices:
-        raise ValueError(
-            f"target: cell {target} does not exist; cells are 0 to {graph.vertices - 1}"
-        )
+    check_vertex("target", target, graph.vertices)
     view = visible[:, target]
     starts = [
         share if share.any() else np.isin(np.arange(view.size), policy.cells)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.precision import require_x64
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...mapping import Chain
-from ...optimize import Graph
+from ...optimize import Graph, shortest_tour
 from .attack import Attack, check_policies, contested
 from .policies import Policy
 from .regions import Regions
@@ -24,17 +24,7 @@ _TARGETS = 512
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Capture(Result):
-    """The probability of capturing an adversary, by attack time and attacked cell.
-
-    One robot in a corridor of five cells, with attacks of one and of six steps:
-
-        >>> from jaxcell import examples, patrol
-        >>> graph, visible = examples.patrol()
-        >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> capture = patrol.Capture.of(graph, visible, policies, patrol.Attack([1, 6]))
-        >>> capture.least.round(3).tolist(), capture.weakest.tolist()
-        ([0.286, 0.794], [0, 0])
-    """
+    """The probability of capturing an adversary, by attack time and attacked cell."""
 
     title: ClassVar[str] = "Probability of capture"
     tables: ClassVar[Mapping[str, str]] = {"attack_time": "attacks"}
@@ -45,7 +35,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots start in all cells with equal probability, as at the first attack."
+    "The probability if robots start in all cells with equal probability, out of view."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -66,7 +56,7 @@ class Capture(Result):
         - `regions`: the regions around a base station, which always watches the cells in its view.
         """
         check_policies(graph, visible, policies)
-        attacks = [attack, attack.at("uniform")]
+        attacks = [attack, Attack(attack.times, "uniform")]
         caught, at_first = _captures(graph, visible, policies, attacks)
         return cls(attack, caught, at_first, contested(visible, policies, regions))
 
@@ -136,13 +126,56 @@ def capture_probabilities(
     return _captures(graph, visible, policies, [attack])[0]
 
 
+def capture_by_tours(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
+    attack: Attack,
+) -> float | None:
+    """Compute the least capture by robots that follow closed tours through their covers.
+
+    An adversary who sees a robot on a tour knows when it returns. When an attack begins, all places
+    on a tour out of view of the target are equally likely.
+
+    **Arguments:**
+
+    - `graph`, `visible`: as in [`capture_probabilities`][].
+    - `covers`: the cells that each robot visits, on a tour by
+        [`jaxcell.optimize.shortest_tour`][].
+    - `attack`: the attack; only its first time counts.
+
+    **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
+    single cell.
+
+    One robot in a corridor of five cells goes to and fro between cells 1 and 3, and sees each end
+    again after at most 3 steps:
+
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
+        >>> patrol.map.capture_by_tours(graph, visible, [[1, 3]], patrol.Attack(2))
+        0.6666666666666667
+    """
+    if any(len(cover) < 2 for cover in covers):
+        return None
+    missed = np.ones(graph.vertices)
+    steps = int(attack.times[0])
+    for cover in covers:
+        seen = visible[shortest_tour(graph, [int(cell) for cell in cover])]
+        late = ~seen
+        for _ in range(min(steps, len(seen))):
+            late = ~seen & np.roll(late, -1, axis=0)
+        hidden = (~seen).sum(axis=0)
+        missed *= np.where(hidden > 0, late.sum(axis=0) / np.maximum(hidden, 1), 0)
+    return float(1 - missed[visible.any(axis=0)].max(initial=0.0))
+
+
 def _captures(
     graph: Graph,
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attacks: Sequence[Attack],
 ) -> Float[np.ndarray, "attacks times cells"]:
-    """Compute the probabilities of capture for attacks of the same times, with several starts."""
+    """Compute the probabilities of capture for attacks with equal times and several starts."""
     require_x64("capture_probabilities")
     times = attacks[0].times
     cells = graph.vertices
@@ -182,8 +215,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Compute the probability that a robot from each cell has not seen each target, from the
-    probability `late` some steps earlier."""
+    """Extend `late`, the probability that a robot from a cell does not see a target, by `steps`."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

@@ -14,14 +14,14 @@ from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour
+from ...optimize.checked import check_count
 from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
 from .attack import Attack
-from .capture import capture_probabilities
+from .capture import capture_by_tours, capture_probabilities
 from .circulation import Circulation, CirculationAscent, Logits
 from .policies import Policy
 from .regions import check_visible
-from .tours import capture_by_tours
 
 
 STEPS = 300
@@ -30,7 +30,8 @@ STEPS = 300
 _HOPELESS = 0.1
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Random spread of logits at the first two starts, and at the others: equal robots stay equal.
+# Random spread of the logits at the first two starts, and at the other starts; without it, robots
+# would stay equal.
 _SPREAD = 0.1, 0.5
 
 Say = Callable[[str, int, int], None]
@@ -59,7 +60,7 @@ class CaptureSearch(Result):
         float | None,
         quantity("", "least probability by closed tours, which are predictable", "1", kind="share"),
     ]
-    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if no cover needs a tour."
+    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if a cover is a single cell."
     certificate: Certificate
 
     @derived("attempt", "start", kind="coordinate")
@@ -108,12 +109,12 @@ def capture_policies(
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together. The starts are tours through covers and even walks,
-    both perturbed at random.
+    logits of the steps of all robots together. The starts are tours through covers, and *even*
+    walks, which take all edges with equal probability; both are perturbed at random.
 
-    Each walk is a mixture of the trained walk, and rare excursions to all cells, which drift back.
+    The result mixes each trained walk with rare excursions, which visit all cells and drift back.
     Excursions spend a share of time of at least 1e-5 in an average cell, so that every cell is
-    visited, and commute times are bounded. The result is a local optimum, the best of the starts.
+    visited, and commute times are bounded. The result is a local optimum, the best of all starts.
 
     **Arguments:**
 
@@ -143,10 +144,8 @@ def capture_policies(
     """
     problem = _Problem.of(graph, visible, robots, attack)
     _check_randomness(randomness)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
-    begins = problem.begins(starts, seed)
-    return problem.search(begins, randomness, say)[0]
+    check_count("starts", starts)
+    return problem.search(problem.begins(starts, seed), randomness, say)[0]
 
 
 def capture_frontier(
@@ -284,7 +283,7 @@ class _Problem:
         return CirculationAscent(self.graph, self.steps, self.unseen, time, start, randomness)
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
-        """Return the logits of the same walks for a lower floor."""
+        """Convert logits of walks from the floor `above` of randomness to a lower floor."""
         chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))

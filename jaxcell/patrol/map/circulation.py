@@ -1,4 +1,4 @@
-"""Gradient ascent of capture on circulations: walks whose shares of time are known at each step."""
+"""Gradient ascent of capture over walks whose shares of time are computed in each iteration."""
 
 import dataclasses
 import functools
@@ -46,7 +46,6 @@ class Circulation:
     """
 
     chance: Float[np.ndarray, "branches cells"]
-    "The probability of each step."
     share: Float[np.ndarray, "cells"]
     "The share of time in each cell in the long run."
 
@@ -77,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute the derivative of a value by added visits to each cell, from `of_share`."""
+        """Convert the derivative of a value by shares of time to the one by added visits."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -108,7 +107,7 @@ class CirculationAscent:
         """Follow the gradient with `count` steps of Adam; `say` is called with the description of
         the work, the number of steps done, and their total.
 
-        **Returns:** the last logits, the walks, and the least capture before each block.
+        **Returns:** the last logits, the walks, and the least capture every `_BLOCK` steps.
         """
         image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
@@ -179,10 +178,6 @@ class CirculationAscent:
     def _part(self) -> float:
         return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
 
-    @functools.cached_property
-    def _near(self) -> scipy.sparse.csr_array:
-        return self.graph.matrix(np.ones(len(self.graph.edges)))
-
     def _trained(self, logits: Logits, pivots: list[int]) -> list[Trained]:
         chance = np.exp(logits - logits.max(axis=1, keepdims=True)) * (self._even > 0)
         chance /= chance.sum(axis=1, keepdims=True)
@@ -201,9 +196,8 @@ class CirculationAscent:
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
         if share is not None:
             often = np.flatnonzero(share >= 1 / share.size)
-            far = scipy.sparse.csgraph.dijkstra(
-                self._near, directed=False, indices=often, unweighted=True, min_only=True
-            )
+            near = self.graph.matrix(np.ones(len(self.graph.edges)))
+            far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
             fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
             # No step may be less probable than the floor allows.
             fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
@@ -213,7 +207,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the weakest target of each part of the map, and the weakest of all other targets."""
+    """Choose the weakest target in each range of targets, and the weakest of the others."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets

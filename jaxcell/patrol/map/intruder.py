@@ -33,7 +33,6 @@ class Attacks:
     """The places of patrolling robots and the attacks of an adversary."""
 
     place: Int[np.ndarray, "times robots"]
-    "The cell of each robot."
     state: UInt8[np.ndarray, "times"]
     "The [`AttackState`][] at each time."
     since: Int[np.ndarray, "times"]
@@ -47,8 +46,8 @@ class Attacks:
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     """Simulate patrolling robots, and an adversary that attacks the target when it is out of view.
 
-    Robots start as in the long run. An attack takes the first attack time, and fails if a robot
-    sees the target within this time.
+    The first cells of robots are drawn from their shares of time. An attack takes the first attack
+    time, and fails if a robot sees the target within this time.
     """
     attack_time = int(patrol.attack.attack_time[0])
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))

@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
@@ -12,7 +13,7 @@ from ...space import CellSpace
 from .attacked_cell import Vulnerability
 from .capture import Capture
 from .capture_search import CaptureSearch, Frontier, entropy_rate
-from .policies import Policy
+from .policies import Policy, of_policies
 from .reassignment import Reassignment
 from .regions import Regions
 
@@ -28,24 +29,7 @@ _BEGUN = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PatrolledMap(Result):
-    """A patrol of a map by robots, and the probability that the robots capture an adversary.
-
-    One robot in a corridor of four cells, each of which sees its neighbours:
-
-        >>> import jax
-        >>> from jaxcell import patrol, space
-        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 1)
-        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
-        >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> problem, attack = (graph, visible, policies), patrol.Attack(2)
-        >>> target = patrol.vulnerability(jax.random.key(0), *problem, 0, attack, runs=5)
-        >>> capture = patrol.Capture.of(*problem, attack)
-        >>> result = patrol.PatrolledMap(cells, 1.6, *problem, target, capture)
-        >>> result.robots, result.captures.probability.round(3).tolist()
-        (1, [[0.889, 1.0, 1.0, 0.889]])
-
-    """
+    """A patrol of a map by robots, and the probability that the robots capture an adversary."""
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
     picture: ClassVar[str] = "captures_probability"
@@ -73,7 +57,6 @@ class PatrolledMap(Result):
     ]
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
-    "The walk of each robot."
     attack: Vulnerability
     "The capture of attacks on one cell."
     captures: Capture
@@ -92,12 +75,11 @@ class PatrolledMap(Result):
     search: CaptureSearch | None = None
     "The search that found the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
-    "The trade-off between capture and unpredictability, or `None`."
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The compared emphases on the covers, or `None`."
+    "The least shares of steps on the tours that were compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
@@ -248,36 +230,29 @@ class PatrolledMap(Result):
     def robot(self) -> Int[np.ndarray, "robots"]:
         return np.arange(self.robots)
 
-    @derived("robot", "cells that it patrols", kind="count")
-    def cells_patrolled(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.cells.size for policy in self.policies])
+    cells_patrolled = of_policies("cells.size", "robot", "cells that it patrols", kind="count")
 
     @derived("robot stop", "cells of the cover in their order", kind="index", listed=True)
     def cover(self) -> Int[np.ndarray, "robots stops"]:
         return _padded([policy.cover for policy in self.policies])
 
-    @derived("robot", "cells of its cover", kind="count")
-    def cover_size(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.cover.size for policy in self.policies])
-
+    cover_size = of_policies("cover.size", "robot", "cells of its cover", kind="count")
     minimum_cover = from_part("smallest_covers", "robot", "cells of the smallest cover")
 
     @derived("robot", "cells of its cover to those of the smallest")
     def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:
         return None if self.smallest_covers is None else self.cover_size / self.smallest_covers
 
-    @derived("robot", "cells that it cannot see", kind="count")
-    def uncovered(self) -> Int[np.ndarray, "robots"]:
-        return np.array([policy.uncovered.size for policy in self.policies])
+    uncovered = of_policies("uncovered.size", "robot", "cells that it cannot see", kind="count")
 
     @derived("robot", "steps of its tour, 0 for none", kind="count")
     def tour_steps(self) -> Int[np.ndarray, "robots"]:
         tours = (policy.tour for policy in self.policies)
         return np.array([0 if tour is None else tour.size for tour in tours])
 
-    @derived("robot", "mean time there and back over pairs of cells", "steps", kind="time")
-    def commute_time(self) -> Float[np.ndarray, "robots"]:
-        return np.array([policy.commute_time for policy in self.policies])
+    commute_time = of_policies(
+        "commute_time", "robot", "mean commute time over pairs of cells", "steps", kind="time"
+    )
 
     @derived("robot", "entropy of its step in the long run", "nats")
     def entropy_rate(self) -> Float[np.ndarray, "robots"]:
@@ -293,9 +268,7 @@ class PatrolledMap(Result):
         contacts = [policy.contact for policy in self.policies]
         return None if None in contacts else np.array(contacts)
 
-    @derived("robot edge", "share of steps on the edge", "1", kind="share")
-    def weight(self) -> Float[np.ndarray, "robots edges"]:
-        return np.stack([policy.weights for policy in self.policies])
+    weight = of_policies("weights", "robot edge", "share of steps on the edge", "1", kind="share")
 
     @derived("robot branch position", "cell that a step may lead to", kind="index")
     def image(self) -> Int[np.ndarray, "robots branches cells"]:
@@ -308,9 +281,5 @@ class PatrolledMap(Result):
 
 def _padded(rows: list[np.ndarray], fill: float | int = -1) -> np.ndarray:
     """Stack arrays of different lengths, with `fill` after their ends."""
-    longest = max(map(len, rows))
-    shape = (len(rows), longest, *rows[0].shape[1:])
-    padded = np.full(shape, fill, rows[0].dtype)
-    for line, row in zip(padded, rows, strict=True):
-        line[: len(row)] = row
-    return padded
+    filled = np.full(rows[0].shape[1:], fill, rows[0].dtype)
+    return np.array(list(itertools.zip_longest(*rows, fillvalue=filled))).swapaxes(0, 1)

@@ -1,11 +1,14 @@
 import dataclasses
+import operator
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
+from ...base.quantities import derived
 from ...mapping import Chain
 from ...optimize import (
     Graph,
@@ -36,7 +39,7 @@ class Policy:
     chain: Chain
     "The walk, which stays in place in cells without edges."
     cover: Int[np.ndarray, "stops"]
-    "The cells from which all `cells` are seen, in the order of their choice."
+    "The cells from which all `cells` are seen, in the order in which they were chosen."
     uncovered: Int[np.ndarray, "unseen"]
     "The cells among `cells` that cannot be seen from any of `cells`."
     contact: int | None
@@ -55,19 +58,26 @@ class Policy:
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
 
 
+def of_policies(path: str, *description: Any, **more: Any) -> Any:
+    """Describe a quantity of a result that is an attribute of each of its `policies`."""
+    attribute = operator.attrgetter(path)
+    return derived(*description, **more)(
+        lambda result: np.array([attribute(policy) for policy in result.policies])
+    )
+
+
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make walks of robots, each of which sees all cells without the others (Alam 2018, 4.4.4).
+    """Make walks such that each robot alone sees all cells (Alam 2018, section 4.4.4).
 
-    Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][]. Its walk has the
+    The cover of robot `i` is [`jaxcell.optimize.greedy_cover`][] with choice `i`. The walk has the
     minimum average expected commute time with an emphasis on the cover,
     [`jaxcell.optimize.minimum_commute`][]. A cover of a single cell needs no emphasis.
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: the mask of cells that are seen from each cell.
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
     - `share`: the least weight of the tour through the cover, 0 to 1.
 
@@ -108,8 +118,7 @@ def centralized_policies(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them.
-    - `visible`: the mask of cells that a robot sees from each cell.
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `regions`: the region of each robot.
     - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import Result, derived, quantity
 from ...markov.passage import survivals
 from ...optimize import Graph
-from .policies import Policy, centralized_policies
+from .policies import Policy, centralized_policies, of_policies
 from .regions import Regions, angular_regions
 
 
@@ -33,19 +33,13 @@ class Reassignment(Result):
         quantity("region", "robot that takes the region", kind="index", listed=True),
     ]
     policies: tuple[Policy, ...]
-    "The policy in each region."
 
-    @derived("region", "cells of each region", kind="count", listed=True)
-    def sizes(self) -> Int[np.ndarray, "regions"]:
-        return np.array([policy.cells.size for policy in self.policies])
+    sizes = of_policies("cells.size", "region", "cells of each region", kind="count", listed=True)
+    weight = of_policies("weights", "region edge", "share of steps on the edge", "1", kind="share")
 
     @derived("region", "mean commute time between cells", "steps", kind="time", listed=True)
     def commute_times(self) -> Float[np.ndarray, "regions"]:
         return np.array([policy.commute_time for policy in self.policies])
-
-    @derived("region edge", "share of steps on the edge", "1", kind="share")
-    def weight(self) -> Float[np.ndarray, "regions edges"]:
-        return np.stack([policy.weights for policy in self.policies])
 
 
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
@@ -55,12 +49,8 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     contact cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact
     cell has to return to it.
 
-    **Arguments:**
-
-    - `policy`: the policy of a robot with a contact cell.
-    - `alpha`: the probability of a false alarm, more than 0 and less than 1.
-
-    **Returns:** the number of steps.
+    **Arguments:** the policy of a robot with a contact cell; and the probability of a false alarm,
+    more than 0 and less than 1. **Returns:** the number of steps.
 
     A robot that alternates between two cells reports every other step:
 
@@ -72,7 +62,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
         2
     """
     if policy.contact is None:
-        raise ValueError("policy: expected one with a contact cell, where the robot reports")
+        raise ValueError("policy: expected a policy with a contact cell, where the robot reports")
     if not 0 < alpha < 1:
         raise ValueError(f"alpha: expected a probability, more than 0 and less than 1, got {alpha}")
     there = np.arange(policy.chain.cells) == policy.contact
@@ -110,11 +100,9 @@ def reassign(
 
     **Arguments:**
 
-    - `graph`: the cells and the edges between them.
-    - `visible`: the mask of cells that a robot sees from each cell.
+    - `graph`, `visible`, `share`: as in [`centralized_policies`][].
     - `regions`, `policies`: the old region and policy of each robot.
     - `lost`: the robot that has stopped reporting.
-    - `share`: as in [`centralized_policies`][].
     - `alpha`: as in [`silence_limit`][].
 
     **Returns:** [`Reassignment`][].

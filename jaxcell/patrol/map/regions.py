@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int
 from ...base.connected import check_connected
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
+from ..team.times import check_vertex
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,13 +50,9 @@ def base_station(
     cell is more central if its mean path to all other cells is shorter. Of cells with equal views,
     the most central cell is chosen.
 
-    **Arguments:**
-
-    - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: the mask of cells seen from each cell, within the range of the base station.
-    - `central`: the share of the cells that count as central, more than 0 and at most 1.
-
-    **Returns:** the number of the cell.
+    **Arguments:** the graph of the cells, which is connected; the mask of the cells seen from each
+    cell, within the range of a base station; and the share of the cells that count as central, more
+    than 0 and at most 1. **Returns:** the number of the cell.
 
     A corridor of five cells, each of which sees its neighbours:
 
@@ -91,14 +88,9 @@ def angular_regions(
     rim, and every other piece joins the region with which it shares most edges. A piece next to no
     region joins the nearest region, together with the shortest path to the region through the view.
 
-    **Arguments:**
-
-    - `graph`: the cells, with their positions, and the edges between them.
-    - `base`: the cell of the base station.
-    - `view`: the cells that the base station sees.
-    - `robots`: number of regions.
-
-    **Returns:** [`Regions`][]; each region is connected.
+    **Arguments:** the graph of the cells, with their positions; the cell of the base station; the
+    cells that it sees; and the number of robots. **Returns:** [`Regions`][], one connected region
+    per robot.
 
     A corridor of five cells, each of which sees its neighbours. Robots report at cells 1 and 3,
     which the base station in the middle sees:
@@ -109,8 +101,7 @@ def angular_regions(
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """
-    if not 0 <= base < graph.vertices:
-        raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
+    check_vertex("base", base, graph.vertices)
     if view.shape != (graph.vertices,):
         raise ValueError(
             f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
@@ -122,7 +113,7 @@ def angular_regions(
     outside[base] = False
     if not outside.any():
         raise ValueError(
-            f"view: the base station at cell {base} sees all cells; expected some to patrol"
+            f"view: the base station at cell {base} sees all cells; expected cells to patrol"
         )
     patrolled = outside.copy()
     patrolled[graph.edges[outside[graph.edges[:, ::-1]]]] = True
@@ -205,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from a piece to a goal, without the cell of the piece."""
+    """Find the shortest path from a piece to a goal, excluding its first cell."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)
@@ -227,7 +218,7 @@ def _shortest_path(
 
 
 def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> None:
-    """Check that visibility is an array over the cells of a graph."""
+    """Check that `visible` has one row and one column per cell of the graph."""
     if visible.shape != (graph.vertices, graph.vertices):
         raise ValueError(
             f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row per cell of "

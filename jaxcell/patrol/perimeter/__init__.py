@@ -1,9 +1,10 @@
-"""Robots on a cycle that toss one coin: BMP, DCP and DNCP of Alam 2018, Table 4.1.
+"""Robots on a closed perimeter that move by a common coin: BMP, DCP and DNCP.
 
-These baselines (Agmon, Kraus and Kaminka 2008) are the members of `Movement`; a `Perimeter` has
-segments and robots. The probability of detection is a polynomial in the probability of heads,
-`detection_polynomials`; `maximin` finds the best probability of heads, a `Maximin` with a bound.
-`hitting_law`, `mean_hitting_times` and `simulate` are for the time until a robot is in a segment.
+These baselines of Alam 2018, Table 4.1 (Agmon, Kraus and Kaminka 2008), are the members of
+`Movement`; a `Perimeter` has segments and robots. The probability of detection is a polynomial in
+the probability of heads, `detection_polynomials`; `maximin` finds the best probability of heads, a
+`Maximin` with a bound. `hitting_law` and `mean_hitting_times` compute the distribution and the mean
+of the time until a robot is in a segment.
 """
 
 from ...base.hosted import attach

@@ -6,5 +6,4 @@ from .model import (
     hitting_law as hitting_law,
     maximin as maximin,
     mean_hitting_times as mean_hitting_times,
-    simulate as simulate,
 )

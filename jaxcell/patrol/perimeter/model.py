@@ -1,18 +1,17 @@
 import dataclasses
 import enum
-import functools
 import heapq
 from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+import scipy.interpolate
+from jaxtyping import Array, Bool, Float, Int
 
 from ...base.certificate import Certificate
-from ...base.precision import require_x64
 from ...mapping import Chain
-from ...markov import hitting_times
+from ...markov import first_passage, hitting_times
 from ...optimize.checked import check_count
 
 
@@ -26,57 +25,36 @@ _Polynomials: TypeAlias = Float[np.ndarray, "segments coefficients"]
 
 
 class Movement(enum.Enum):
-    """The rule by which robots of a perimeter move; one coin per cycle decides for all robots.
-
-    The members have the initials that the source uses:
-
-        >>> from jaxcell import patrol
-        >>> [movement.name for movement in patrol.perimeter.Movement]
-        ['BMP', 'DNCP', 'DCP']
-    """
+    """The rule by which robots move on a perimeter; one coin per step decides for all robots."""
 
     BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
     DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
-    DCP = "directional: one segment ahead with probability p, else turn in place, which takes time"
+    DCP = "directional: one segment ahead with probability p, else turn in place"
 
 
 @dataclasses.dataclass(frozen=True)
 class Perimeter:
-    """Robots at equal distances on a cycle, which move simultaneously (Agmon et al. 2008).
+    """Robots at equal distances on a closed perimeter, which move together (Agmon et al. 2008).
 
-    An attack begins when the robots head clockwise and are about to decide. Because robots move
+    An attack begins when the robots head clockwise, before a coin is tossed. Because robots move
     simultaneously, the segments between two successive robots describe the state: segment `i` is
     `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
     the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
     turns in place remains in its segment.
-
-    Two robots on a cycle of eight segments:
-
-        >>> from jaxcell import patrol
-        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
-        >>> perimeter.distance, perimeter.images.tolist()
-        (4, [[3, 0, 1, 2], [1, 2, 3, 0]])
     """
 
     segments: int
-    "Number of segments of the cycle."
+    "Number of segments of the perimeter."
     robots: int
     "Number of robots, a divisor of `segments`."
     movement: Movement
-    turn: int = 1
-    "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        for name in ("segments", "robots", "turn"):
-            check_count(name, getattr(self, name))
+        check_count("segments", self.segments)
+        check_count("robots", self.robots)
         if self.segments % self.robots:
             raise ValueError(
                 f"robots: expected a divisor of the {self.segments} segments, got {self.robots}"
-            )
-        if self.movement is not Movement.DCP and self.turn != 1:
-            raise ValueError(
-                f"turn: expected 1 for {self.movement.name}, where turns take no time, got "
-                f"{self.turn}"
             )
 
     @property
@@ -86,38 +64,28 @@ class Perimeter:
 
     @property
     def images(self) -> Int[np.ndarray, "2 states"]:
-        """The state after one cycle, for heads (row 0, with probability p) and for tails (row 1).
+        """The state after one step, for heads (row 0, with probability p) and for tails (row 1).
 
         In state `phase * distance + i`, a robot is `i` segments behind the attacked segment. In
-        phase 0 the robot heads towards the segment and in phase 1 away from it; in phase `2 * r +
-        h` the robot waits `r` cycles for phase `h`, whatever the coin shows.
+        phase 0 the robot heads towards the segment and in phase 1 away from it.
         """
-        distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
-        moved = (i - 1) % distance, (i + 1) % distance
+        i = np.arange(self.distance, dtype=np.int32)
+        ahead, behind = (i - 1) % self.distance, (i + 1) % self.distance
         if self.movement is Movement.BMP:
-            return np.stack(moved)
-        free = self.movement is Movement.DNCP
-        heads, tails = [], []
-        for phase in range(2 if free else 2 * self.turn):
-            wait, heading = divmod(phase, 2)
-            other = 1 - heading
-            if wait:
-                heads.append((phase - 2) * distance + i)
-                tails.append(heads[-1])
-            else:
-                heads.append(heading * distance + moved[heading])
-                turned = other * distance + moved[other]
-                tails.append(turned if free else (2 * (self.turn - 1) + other) * distance + i)
-        return np.stack([np.concatenate(heads), np.concatenate(tails)])
+            return np.stack([ahead, behind])
+        turned = (i, i) if self.movement is Movement.DCP else (ahead, behind)
+        heads = np.concatenate([ahead, self.distance + behind])
+        return np.stack([heads, np.concatenate([self.distance + turned[1], turned[0]])])
+
+    @property
+    def occupied(self) -> Bool[np.ndarray, "states"]:
+        """The mask of the states in which a robot is in the attacked segment."""
+        return np.arange(self.images.shape[1]) % self.distance == 0
 
     def chain(self, p: float) -> Chain:
-        """Make the Markov chain of the states of [`Perimeter.images`][].
-
-        **Arguments:**
-
-        - `p`: the probability of heads.
-        """
-        _check_probability(p)
+        """Make the Markov chain of the states, with the probability `p` of heads."""
+        if not 0 <= p <= 1:
+            raise ValueError(f"p: expected a probability, got {p}")
         images = self.images
         coin = np.array([[p], [1 - p]], np.float64)
         return Chain(images, np.broadcast_to(coin, images.shape))
@@ -131,12 +99,8 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     Unlike coefficients of powers of p, they do not cancel in rounding. `scipy.interpolate.BPoly(
     c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `time`: number of cycles that a penetration takes.
-
-    **Returns:** the coefficients for the segments 0 to `distance - 1`.
+    **Arguments:** the robots, and the number of steps that a penetration takes. **Returns:** the
+    coefficients for the segments 0 to `distance - 1`.
 
     Robots four segments apart; segments 1 and 3 mirror each other:
 
@@ -147,7 +111,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     """
     check_count("time", time)
     heads, tails = perimeter.images
-    there = np.arange(heads.size) % perimeter.distance == 0
+    there = perimeter.occupied
     detected = there[:, None].astype(np.float64)
     for step in range(1, time + 1):
         # Of the sequences of `step` coins with k heads, a share k / step begins with heads.
@@ -176,16 +140,14 @@ def maximin(polynomials: _Polynomials) -> Maximin:
     The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
     and its coefficients on a part of an interval approach its values as the part narrows.
 
-    **Arguments:**
-
-    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; without the first row,
-        if the adversary cannot enter the segment of a robot.
+    **Arguments:** polynomials in Bernstein form, such as [`detection_polynomials`][]; without the
+    first row, if the adversary cannot enter the segment of a robot.
 
     **Returns:** [`Maximin`][], with one of the best p; with `BMP`, p and 1 - p are equally good.
     The residual of its certificate bounds the distance of the value from the maximum, and its
     iterations are the intervals that were halved.
 
-    Two robots on eight segments, with penetrations of three cycles:
+    Two robots on eight segments, with penetrations of three steps:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
@@ -208,25 +170,16 @@ def maximin(polynomials: _Polynomials) -> Maximin:
         heapq.heappush(queue, (-_bound(right), middle, high, right))
         iterations += 1
     value, p = best
-    degree = polynomials.shape[1] - 1
-    at_p = polynomials
-    for _ in range(degree):
-        at_p = (1 - p) * at_p[:, :-1] + p * at_p[:, 1:]
+    weakest = int(scipy.interpolate.BPoly(polynomials.T[:, None], [0, 1])(p).argmin())
     gap = max(0.0, -queue[0][0] - value)
-    return Maximin(p, value, int(at_p[:, 0].argmin()), Certificate(iterations, gap, 2 * _TOLERANCE))
+    return Maximin(p, value, weakest, Certificate(iterations, gap, 2 * _TOLERANCE))
 
 
 def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
-    """Compute the probability law of the first cycle after which a robot is in a segment.
+    """Compute the distribution of the first step after which a robot is in a segment.
 
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-    - `steps`: number of cycles to compute.
-
-    **Returns:** one row per segment from 0 to `distance - 1`, one column per cycle from 1 to
-    `steps`.
+    **Arguments:** the robots, the probability of heads, and the number of steps to compute.
+    **Returns:** one row per segment from 0 to `distance - 1`, one column per step from 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -235,38 +188,20 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
         >>> patrol.perimeter.hitting_law(perimeter, 0.5, 3).tolist()
         [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
     """
-    require_x64("hitting_law")
-    _check_probability(p)
     check_count("steps", steps)
-    return _law(perimeter, float(p), steps)
-
-
-@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
-def _law(
-    perimeter: Perimeter, p: float | Float[Array, ""], steps: int
-) -> Float[Array, "segments steps"]:
-    heads, tails = jnp.asarray(perimeter.images)
-    there = jnp.arange(heads.size) % perimeter.distance == 0
-
-    def step(now, _):  # type: ignore[no-untyped-def]
-        later = p * now[heads] + (1 - p) * now[tails]
-        return jnp.where(there, 0.0, later), later[: perimeter.distance]
-
-    return jax.lax.scan(step, there.astype(float), None, length=steps)[1].T
+    chain = perimeter.chain(p)
+    # The law begins after one step, because the robots leave segment 0.
+    after = chain.to_scipy()[: perimeter.distance].toarray()
+    return jnp.stack([first_passage(chain, row, perimeter.occupied, steps - 1) for row in after])
 
 
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
-    """Compute the expected number of cycles until a robot visits each segment.
+    """Compute the expected number of steps until a robot visits each segment.
 
-    **Arguments:**
+    **Arguments:** the robots, and the probability of heads. **Returns:** the times for the segments
+    0 to `distance - 1`; `inf` if it is possible that no robot ever comes.
 
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-
-    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if it is possible that no
-    robot ever comes.
-
-    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` cycles, and
+    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` steps, and
     the return to segment 0 takes 4:
 
         >>> from jaxcell import patrol
@@ -275,67 +210,9 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
         [4.0, 3.0, 4.0, 3.0]
     """
     chain = perimeter.chain(p)
-    there = np.arange(chain.cells) % perimeter.distance == 0
-    time = np.asarray(hitting_times(chain, there).value)
-    # In segment 0, the time is that until a robot returns, at least one cycle.
-    step = chain.to_scipy()[[0]]
-    back = 1 + step.data @ time[step.indices]
-    return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
-
-
-def simulate(
-    perimeter: Perimeter, p: float, segment: Int[np.ndarray, "runs"], steps: int, key: jax.Array
-) -> Float[Array, "runs"]:
-    """Simulate the robots until a robot is in a given segment.
-
-    **Arguments:**
-
-    - `perimeter`: the robots.
-    - `p`: the probability of heads.
-    - `segment`: the segment of each run, from 0 to `distance - 1`.
-    - `steps`: number of cycles after which a run is given up.
-    - `key`: random key of `jax.random`.
-
-    **Returns:** the number of cycles of each run, `inf` if the run was given up.
-
-    With p = 1, a robot that heads clockwise is in segment `i` after `i` cycles:
-
-        >>> import jax, numpy as np
-        >>> from jaxcell import patrol
-        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
-        >>> segments = np.array([1, 2, 3], np.int32)
-        >>> patrol.perimeter.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
-        [1.0, 2.0, 3.0]
-    """
-    _check_probability(p)
-    check_count("steps", steps)
-    wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
-    if wrong.size:
-        raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
-    return _walk(perimeter, float(p), np.asarray(segment, np.int32), steps, key)
-
-
-@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
-def _walk(
-    perimeter: Perimeter,
-    p: float | Float[Array, ""],
-    segment: Int[Array, "runs"],
-    steps: int,
-    key: jax.Array,
-) -> Float[Array, "runs"]:
-    heads, tails = jnp.asarray(perimeter.images)
-
-    def step(carry, cycle):  # type: ignore[no-untyped-def]
-        state, time = carry
-        coin = jax.random.bernoulli(jax.random.fold_in(key, cycle), p, state.shape)
-        state = jnp.where(coin, heads[state], tails[state])
-        here = state % perimeter.distance == 0
-        first = jnp.minimum(time, cycle.astype(time.dtype))
-        return (state, jnp.where(here, first, time)), None
-
-    never = jnp.full(segment.shape, jnp.inf)
-    (_, time), _ = jax.lax.scan(step, (segment, never), jnp.arange(1, steps + 1))
-    return time
+    time = np.asarray(hitting_times(chain, perimeter.occupied).value)
+    # In segment 0, the time is that until a robot returns.
+    return jax.device_put(1 + chain.to_scipy()[: perimeter.distance] @ time)
 
 
 def _bound(coefficients: _Polynomials) -> float:
@@ -350,8 +227,3 @@ def _halves(whole: _Polynomials) -> tuple[_Polynomials, _Polynomials]:
         left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]
         whole = (whole[:, :-1] + whole[:, 1:]) / 2
     return left, right
-
-
-def _check_probability(p: float) -> None:
-    if not 0 <= p <= 1:
-        raise ValueError(f"p: expected a probability, got {p}")

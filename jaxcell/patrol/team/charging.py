@@ -40,7 +40,7 @@ class Charged(Result):
         Float[np.ndarray, "intervals"],
         quantity("interval", "probability of this time between charges", "1", kind="share"),
     ]
-    "The mean of the distributions of all robots."
+    "The distribution of the number of steps between charges, averaged over robots."
     least_capture: Annotated[
         float | None,
         quantity("", "least capture within the attack time, robots where worst", "1", kind="share"),
@@ -49,7 +49,7 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    "The walks were optimised without a charger; then [`charged`][] made them return to a charger."
+    "The capture by walks optimised without a charger, which [`charged`][] then made return to it."
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
@@ -128,8 +128,7 @@ def charged(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `matrices`: the transition matrix of each robot.
+    - `graph`, `matrices`: a connected graph, and the transition matrix of each robot.
     - `charger`: the vertex of the charger; a visit charges the robot.
     - `every`: the largest number of steps from one charge to the next.
     - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.

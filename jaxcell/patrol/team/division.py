@@ -46,18 +46,14 @@ class Division(Result):
 def divide_graph(
     graph: Graph, parts: int, *, names: Sequence[str] | None = None
 ) -> Int[np.ndarray, "vertices"]:
-    """Divide a graph into connected parts, with numbers of vertices as equal as a search finds.
+    """Divide a graph into connected parts with nearly equal numbers of vertices.
 
     Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
     If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
 
-    **Arguments:**
-
-    - `graph`: a connected graph.
-    - `parts`: number of parts, at most half the number of vertices.
-    - `names`: names of the vertices, for errors; by default their numbers.
-
-    **Returns:** the part of each vertex. Every part has two or more vertices.
+    **Arguments:** a connected graph; the number of parts, at most half the number of vertices; and
+    names of the vertices, for errors. **Returns:** the part of each vertex. Every part has two or
+    more vertices.
 
     A line of six vertices:
 
@@ -145,7 +141,7 @@ def _balanced(
 
 
 def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> list[list[int]]:
-    """Return the connected pieces of the part of a vertex without the vertex."""
+    """Return the connected pieces into which a part falls without one of its vertices."""
     pieces, reached = [], {vertex}
     for first in beside[vertex]:
         if owner[first] != owner[vertex] or first in reached:
@@ -163,13 +159,6 @@ def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> l
 
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
     """Return the subgraph of given vertices, numbered from 0 in the given order.
-
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `vertices`: the numbers of the vertices in the graph.
-
-    **Returns:** the subgraph.
 
     The last three vertices of a line of four:
 
@@ -193,13 +182,8 @@ def walk_in_part(
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `vertices`: the vertices of the part.
-    - `matrix`: the transition matrix of the walk between these vertices.
-
-    **Returns:** array `[vertices, vertices]`, the transition matrix between all vertices.
+    `matrix` is the transition matrix between the vertices of the part; the result is the transition
+    matrix between all vertices.
 
     To and fro at one end of a line of four vertices:
 

@@ -65,15 +65,9 @@ def timed(
     The walks are semi-Markov processes. With `s` the mean times of steps, hitting times solve `h =
     s + P h`, and the mean time between two departures of a robot from vertex `j` is `pi s / pi_j`.
 
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `matrices`: the transition matrix of each robot; hitting times are computed for the first.
-    - `shares`: the share of the steps of each robot that begin at each vertex.
-    - `durations`: array `[edges]`, the travel time of each edge in seconds.
-    - `wait`: the time in seconds of a step that stays.
-
-    **Returns:** [`Timed`][].
+    **Arguments:** the graph; the transition matrix of each robot; the share of steps of each robot
+    that begin at each vertex; the travel time of each edge, in seconds; and the time of a step that
+    stays. **Returns:** [`Timed`][], with hitting times of the first robot.
 
     A random walk on a line of three vertices, whose second edge takes ten times as long:
 

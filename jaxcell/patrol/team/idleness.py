@@ -63,17 +63,13 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The adversary does not wait until the robots are far away."
+    "The adversary attacks at a random time, and does not wait until robots are far away."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
     """Compute the share of time of each robot at each vertex in the long run, wherever it starts.
 
-    **Arguments:**
-
-    - `matrices`: the transition matrix of each robot, dense or sparse.
-
-    **Returns:** array `[robots, vertices]`.
+    `matrices` are the transition matrices of the robots, dense or sparse.
 
     A robot that alternates between two vertices at one end of a line of three:
 
@@ -89,8 +85,8 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """Make two quantities of a result: the mean and the longest over the vertices of the time
-    between visits, which `idleness` returns for each vertex of a result."""
+    """Make two quantities of a result, the mean and the maximum over vertices of the time between
+    visits; `idleness` returns this time per vertex of a result."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(
@@ -105,11 +101,8 @@ def steps_between_visits(
 
     Robots are independent; simultaneous visits count as one, and a wait is a visit at each step.
 
-    **Arguments:**
-
-    - `shares`: the share of time of each robot at each vertex, [`long_run`][].
-
-    **Returns:** the times, in steps; infinite at a vertex that no robot visits.
+    `shares` is the result of [`long_run`][]. Times are in steps, infinite if no robot visits the
+    vertex.
 
     Two robots, each of which spends half of the time at each of two vertices:
 
@@ -213,20 +206,13 @@ def simulate_idleness(
             attacked = zip(gaps, attack, strict=True)
             caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
-    mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
-    return Idleness(
-        patrol=list(rules),
-        mean=mean,
-        mean_error=mean_error,
-        worst=worst,
-        worst_error=worst_error,
-        longest=most,
-        least_capture=None if attack is None else captured,
-    )
+    *columns, captured = np.array(rows).T
+    columns.append(None if attack is None else captured)
+    return Idleness(list(rules), *columns)
 
 
 def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
-    """Compute the means of consecutive parts of the times between visits; infinite if too few."""
+    """Compute the means of successive batches of times between visits; infinite if too few."""
     few = times.size < _BATCHES
     return [np.inf if few else part.mean() for part in np.array_split(times, _BATCHES)]
 
@@ -251,7 +237,7 @@ def _gaps(
     starts: Int[np.ndarray, "robots"],
     moves: int,
 ) -> list[Float[np.ndarray, "_"]]:
-    """Simulate the times between visits to each vertex; infinite if there are fewer than two."""
+    """Simulate the times between visits to each vertex; infinite for fewer than two visits."""
     last = np.full(len(durations), -1.0)
     visits: list[list[float]] = [[] for _ in range(len(durations))]
     moving = [(0.0, robot, int(start)) for robot, start in enumerate(starts)]

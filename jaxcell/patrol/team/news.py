@@ -36,7 +36,7 @@ class News(Result):
     ]
     known: Annotated[
         Float[np.ndarray, "ages vertices"],
-        quantity("age vertex", "probability that news of the vertex are this old or newer", "1"),
+        quantity("age vertex", "probability that news of the vertex is this old or newer", "1"),
     ]
 
     @derived("age", "age", kind="coordinate")
@@ -79,7 +79,7 @@ def age_of_news(
     """Compute the probability law of the age of news at a base, exactly.
 
     A robot sees a vertex when it is at the vertex, and reports when it is at the base. The newest
-    news of a vertex come from the last visit to the vertex after which the visitor has reached the
+    news of a vertex comes from the last visit to the vertex after which the visitor has reached the
     base. Backward in time, a robot is also a Markov chain, with `pi_j p_ji / pi_i` in place of
     `p_ij`: the age of its news is the backward time to the base and from there to the vertex.
     Robots are independent, and distributed as in the long run. An edge that takes several units of
@@ -87,14 +87,13 @@ def age_of_news(
 
     **Arguments:**
 
-    - `graph`: the graph.
-    - `matrices`: the transition matrix of each robot.
+    - `graph`, `matrices`: the graph, and the transition matrix of each robot.
     - `base`: the vertex of the base.
     - `times`: integer array `[edges]`, units of time that an edge takes; by default 1.
     - `unit`: length of a unit, in seconds.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`News`][]. Ages end when the law is 1 up to 1e-9, or at 20,000 units.
+    **Returns:** [`News`][]. Ages end when the law is within 1e-9 of 1, or at 20,000 units.
 
     A robot that goes round a triangle visits the base at every third step:
 
@@ -129,9 +128,9 @@ def _backward(
 ) -> tuple[Bool[np.ndarray, "vertices"], Iterator[tuple[float, Float[np.ndarray, "vertices"]]]]:
     """Follow a robot backward in time: from the base, where news arrives, to each vertex.
 
-    **Returns:** the vertices whose news the robot brings to the base in the long run; and for each
-    age the probability that the robot has not passed the base this time ago or later, and the
-    probability that it brought no news of each vertex that are this old or newer.
+    **Returns:** a mask of the vertices whose news the robot brings to the base in the long run; and
+    for each age, the probability that the robot has not passed the base within this time, and for
+    each vertex the probability that its news at the base is older than the age.
     """
     whole = with_vertices_on_the_way(matrix, delays)
     (share,) = long_run([whole])
@@ -155,8 +154,8 @@ def _backward(
 def with_vertices_on_the_way(
     matrix: Float[np.ndarray, "vertices vertices"], delays: Int[np.ndarray, "vertices vertices"]
 ) -> scipy.sparse.csr_array:
-    """Replace steps with delays of several units of time by chains of steps of one unit, between
-    the vertices, followed by the places along steps."""
+    """Replace each step that takes several units of time by a chain of steps of one unit; the
+    places on these chains follow the vertices."""
     tails, heads = np.nonzero(matrix)
     more = delays[tails, heads] - 1
     places = len(matrix) + int(more.sum())

@@ -25,13 +25,7 @@ def move_times(
 def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
     """Compute the travel time of each edge in whole units of time, at least 1.
 
-    **Arguments:**
-
-    - `graph`: the graph, whose edges have lengths in metres.
-    - `speed`: speed in metres per second.
-    - `unit`: unit of time in seconds.
-
-    **Returns:** the times, rounded.
+    Lengths of edges are in metres, `speed` in metres per second, and `unit` in seconds.
 
     Two edges of 1 and 2.6 m at 0.5 m/s, in seconds:
 

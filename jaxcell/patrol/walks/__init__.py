@@ -5,9 +5,8 @@ With `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), `A` the in
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
     pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
-    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: mean steps from i to j
-                                                                               `walk_hitting_times`
-    C_ij = h_ij + h_ji                   the commute time, there and back                 `measure`
+    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: mean steps from i to j     `measure`
+    C_ij = h_ij + h_ji                   the commute time, there and back             `measure`
     C    = 4 / (n - 1) sum_i>1 1 / k_i   its mean over pairs, for sum w = 1
 
 Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weights.
@@ -20,11 +19,11 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
     only in the direction of its path; this reproduces all rows of Table 4.2 for `k = 1`.
 - Not in the source are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
-    `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
-    computes for any chain. Each returns an `OptimizedWalk`. `measure` computes `h`, `C`, `K`, `H`
-    and more of any chain, and returns `Measures`. `GraphPatrol` adds the graph, for datasets and
-    recordings, and for several independent robots the first arrival at each vertex and the
-    probability of capturing an attack.
+    `maximum_return_time_entropy`, the entropy of the time of return to a vertex, which
+    `return_time_entropy` computes for any chain. Each returns an `OptimizedWalk`. `measure`
+    computes `h`, `C`, `K`, `H` and more of any chain, and returns `Measures`. `GraphPatrol` adds
+    the graph, for datasets and recordings, and for several independent robots the first arrival at
+    each vertex and the probability of capturing an attack.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
     recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that

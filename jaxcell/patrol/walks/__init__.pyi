@@ -15,12 +15,10 @@ from .optimal.entropy import (
     maximum_entropy_rate as maximum_entropy_rate,
     maximum_return_time_entropy as maximum_return_time_entropy,
     return_time_entropy as return_time_entropy,
-    return_time_law as return_time_law,
 )
 from .optimal.kemeny import minimum_kemeny as minimum_kemeny
 from .paths import toward as toward
 from .walk import (
     edge_shares as edge_shares,
     random_walk as random_walk,
-    walk_hitting_times as walk_hitting_times,
 )

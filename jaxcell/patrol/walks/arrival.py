@@ -1,15 +1,17 @@
 """Exact law of capture: the probability that robots on a graph reach a target in time."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
 from ...base.precision import require_x64
 from ...optimize import Graph
-from ..team.times import move_times
+from ..team.times import move_times, names_of
 
 
 def walk_capture_probabilities(
@@ -95,7 +97,7 @@ def first_passage(
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
-    """Return 1 if a state is at the vertex, else 0; the vertex varies fastest over states."""
+    """Make the matrix that is 1 where a state is at a vertex; the vertex varies fastest."""
     return np.tile(np.eye(vertices), (states // vertices, 1))
 
 
@@ -107,6 +109,32 @@ def whole_numbers(
     given = 1 if travel_times is None else travel_times
     times = _whole("travel_times", given, len(graph.edges), "edge")
     return move_times(graph, times).astype(np.int32), attack
+
+
+def check_reach(
+    delays: Int[np.ndarray, "vertices vertices"],
+    attack: Int[np.ndarray, "vertices"],
+    names: Sequence[str] | None = None,
+    unit: float = 1.0,
+    *,
+    stay: bool = False,
+) -> None:
+    """Raise if an attack is too short for a robot to come from any vertex, or to return.
+
+    If robots may `stay` at a vertex, they return after a time of 1.
+    """
+    needed = scipy.sparse.csgraph.shortest_path(delays.astype(float))
+    same = np.eye(len(delays))
+    away = 2 * np.where((delays > 0) & (same == 0), delays, np.inf).min(axis=1)
+    np.fill_diagonal(needed, 1.0 if stay else away)
+    # Of equal lacks of time, the first between two vertices is named.
+    start, end = np.unravel_index(np.argmax(needed - attack - 0.5 * same), needed.shape)
+    if needed[start, end] > attack[end]:
+        first, last = (names_of(len(delays), names)[vertex] for vertex in (start, end))
+        raise ValueError(
+            f"attack_time: a robot needs {needed[start, end] * unit:g} from vertex {first} to "
+            f"vertex {last}, where an attack takes {attack[end] * unit:g}; expected that at least"
+        )
 
 
 def on_device(

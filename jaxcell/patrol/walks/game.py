@@ -8,8 +8,9 @@ from jaxtyping import Float, Int
 from ...base.quantities import Result, derived, from_part, quantity
 from ...markov import dense
 from ...optimize import Commitment, Graph, Stakes, minimum_commute, payoffs, stackelberg
+from ..team.times import names_of
 from .paths import toward
-from .walk import edge_shares, walk_hitting_times
+from .walk import edge_shares, random_walk
 
 
 # Tolerance relative to the longest time: the times of symmetric vertices differ by rounding.
@@ -24,7 +25,6 @@ class StrategyGame(Result):
     tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
 
     names: Sequence[str]
-    "The names of the vertices."
     preferred: tuple[tuple[int, ...], ...]
     "The preferred vertices of each strategy: one vertex, all, or the emphasised vertices."
     weight: Annotated[
@@ -104,9 +104,9 @@ def strategy_game(
 
     The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk with the
     least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
-    walk with the least commute time under that emphasis. In each strategy, vertices are in order of
-    their mean hitting time: the time from a vertex to the preferred vertices, and in the strategy
-    for all vertices, the time to a vertex from the others.
+    walk with the least commute time under that emphasis. Each strategy orders the vertices by a
+    mean hitting time: the time from a vertex to the preferred vertices or, in the strategy for all
+    vertices, the time to a vertex from all others.
 
     **Arguments:**
 
@@ -131,25 +131,21 @@ def strategy_game(
     """
     every = range(graph.vertices)
     preferred = [*((v,) for v in every), tuple(every)]
-    weights, times = [], []
-    for v in every:
-        chain = toward(graph, v, paths)
-        weights.append(edge_shares(graph, chain))
-        times.append(np.asarray(dense.hitting(chain.to_scipy().toarray())))
-    weights.append(minimum_commute(graph).weights)
+    chains = [toward(graph, v, paths) for v in every]
+    chains.append(random_walk(graph, minimum_commute(graph).weights))
     if emphasis is not None:
         preferred.append(tuple(emphasis))
-        weights.append(minimum_commute(graph, emphasis, share).weights)
-    times += [walk_hitting_times(graph, weight) for weight in weights[graph.vertices :]]
+        chains.append(random_walk(graph, minimum_commute(graph, emphasis, share).weights))
     order = []
-    for prefers, time in zip(preferred, times, strict=True):
+    for prefers, chain in zip(preferred, chains, strict=True):
+        time = np.asarray(dense.hitting(chain.to_scipy().toarray()))
         mean = time.mean(axis=0) if len(prefers) == graph.vertices else time[:, prefers].mean(1)
         order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
     patroller, adversary = payoffs(np.stack(order), stakes)
     return StrategyGame(
-        names=[str(v) for v in every] if names is None else list(names),
+        names=names_of(graph.vertices, names),
         preferred=tuple(preferred),
-        weight=np.stack(weights),
+        weight=np.stack([edge_shares(graph, chain) for chain in chains]),
         closest=np.stack(order),
         patroller_payoff=np.asarray(patroller),
         adversary_payoff=np.asarray(adversary),

@@ -10,6 +10,7 @@ from ...base.quantities import derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
+from ...optimize.checked import check_count
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
@@ -36,7 +37,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Largest graph, in vertices, on which first arrivals of several robots are computed (10 s)."""
+"""Largest graph, in vertices, on which first arrivals of several robots are computed, in 10 s."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,7 +49,6 @@ class GraphPatrol(Measures):
 
     graph: Graph
     names: Sequence[str]
-    "The names of the vertices."
     goal: Annotated[str | None, quantity("", "objective of the walk")] = None
     value: Annotated[float | None, quantity("", "value of the objective")] = None
     certificate: Certificate | None = None
@@ -78,7 +78,6 @@ class GraphPatrol(Measures):
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
-    "Number of independent robots."
     first_arrival: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),
@@ -88,7 +87,7 @@ class GraphPatrol(Measures):
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ] = None
-    "The probability that any robot arrives in time, if each starts at its worst vertex."
+    "The probability that any robot arrives in time if each starts at its worst vertex."
     seed: int = 0
     "Seed of the recorded walks."
 
@@ -125,8 +124,7 @@ class GraphPatrol(Measures):
             >>> team.captured.tolist()
             [0.75, 1.0, 0.75]
         """
-        if robots < 1:
-            raise ValueError(f"robots: expected at least 1, got {robots}")
+        check_count("robots", robots)
         names = names_of(graph.vertices, names)
         measures = measure(chain)
         team = more.get("team")
@@ -138,14 +136,9 @@ class GraphPatrol(Measures):
             ]
             more["first_arrival"] = np.array(arrivals)
         if attack_time is not None:
-            each = np.stack(
-                [
-                    walk_capture_probabilities(graph, matrix, attack_time)
-                    for matrix in ([measures.transition] if team is None else team)
-                ]
-            )
-            whole = np.broadcast_to(each, (robots, *each.shape[1:]))
-            more["captured"] = captured_by_any(whole)
+            walks = [measures.transition] if team is None else team
+            each = [walk_capture_probabilities(graph, walk, attack_time) for walk in walks]
+            more["captured"] = captured_by_any(np.broadcast_to(each, (robots, *each[0].shape)))
         alike = np.broadcast_to(measures.stationary, (robots, measures.stationary.size))
         more["shares"] = alike if team is None else long_run(team)
         return cls(**vars(measures), graph=graph, names=names, robots=robots, **more)
@@ -153,7 +146,7 @@ class GraphPatrol(Measures):
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
         if vertices != graph.vertices:
-            raise ValueError(f"chain: expected one of {graph.vertices} vertices, got {vertices}")
+            raise ValueError(f"chain: expected {graph.vertices} vertices, got {vertices}")
         if len(self.names) != vertices:
             raise ValueError(f"names: expected {vertices}, one per vertex, got {len(self.names)}")
         wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))
@@ -178,7 +171,7 @@ class GraphPatrol(Measures):
 
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
-        """The transition matrix of each robot, between states if it has a memory."""
+        """The transition matrix of each robot, over pairs of memory and vertex if it has memory."""
         return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property
@@ -225,17 +218,9 @@ class GraphPatrol(Measures):
     def mean_first_arrival(self) -> float | None:
         return None if self.first_arrival is None else float(self.first_arrival.mean())
 
-    @derived("vertex", "vertex", kind="coordinate")
-    def vertex(self) -> list[str]:
-        return list(self.names)
-
-    @derived("start", "vertex of the row", kind="coordinate")
-    def start(self) -> list[str]:
-        return list(self.names)
-
-    @derived("target", "vertex of the column", kind="coordinate")
-    def target(self) -> list[str]:
-        return list(self.names)
+    vertex = from_part("names", "vertex", "vertex", kind="coordinate")
+    start = from_part("names", "start", "vertex of the row", kind="coordinate")
+    target = from_part("names", "target", "vertex of the column", kind="coordinate")
 
     @derived("vertex", "x", "m", kind="coordinate")
     def x(self) -> Float[np.ndarray, "vertices"] | None:
@@ -251,12 +236,14 @@ class GraphPatrol(Measures):
 
     @derived("edge side", "probability of taking it from each end", "1", kind="share", listed=True)
     def probabilities(self) -> Float[np.ndarray, "edges 2"]:
-        return np.stack([self.transition[i, j] for i, j in self._directions], axis=1)
+        tail, head = self.graph.edges.T
+        return np.stack([self.transition[tail, head], self.transition[head, tail]], axis=1)
 
     @derived("edge", "share of steps along it, mean over robots", "1", kind="share")
     def weight(self) -> Float[np.ndarray, "edges"]:
         flow = (self.shares[:, :, None] * self.matrices).mean(axis=0)
-        return sum(flow[i, j] for i, j in self._directions)
+        tail, head = self.graph.edges.T
+        return flow[tail, head] + flow[head, tail]
 
     @derived("", "largest share of the steps on one edge", kind="share")
     def largest_weight(self) -> float:
@@ -274,9 +261,3 @@ class GraphPatrol(Measures):
     mean_idleness, worst_idleness = idleness_over_vertices(
         "steps", lambda self: steps_between_visits(self.shares)
     )
-
-    @property
-    def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The starts and the ends of the edges, in both directions."""
-        tail, head = self.graph.edges.T
-        return [(tail, head), (head, tail)]

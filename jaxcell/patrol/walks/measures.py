@@ -68,9 +68,7 @@ class Measures(Result):
 def measure(chain: Chain) -> Measures:
     """Compute all quantities of [`Measures`][] for a chain of up to a few thousand vertices.
 
-    **Arguments:**
-
-    - `chain`: a chain that visits the same vertices in the long run, wherever it starts.
+    **Arguments:** a chain that visits the same vertices in the long run, wherever it starts.
 
     **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats per step. Times to
     vertices that are not visited in the long run are infinite.

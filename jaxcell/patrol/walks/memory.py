@@ -29,12 +29,12 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture, robots where worst", "1", kind="share"),
     ]
-    "The adversary sees the robots and the states of their memories."
+    "The least capture if the adversary sees the robots and the states of their memories."
     any_time: Annotated[
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "At the start of an attack the state of each robot has its distribution of the long run."
+    "The least capture if each robot has its long-run distribution when an attack begins."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]

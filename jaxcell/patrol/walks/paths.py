@@ -1,6 +1,5 @@
 import itertools
 import math
-import operator
 from fractions import Fraction
 
 import networkx
@@ -10,6 +9,8 @@ from jaxtyping import Float
 
 from ...mapping import Chain
 from ...optimize import Graph
+from ...optimize.checked import check_count
+from ..team.times import check_vertex
 
 
 # Lengths become exact fractions of a longer length: the largest denominator, and the tolerance.
@@ -23,21 +24,17 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
     counts once for each of these paths that contains it, and each step away from the vertex counts
-    once; a step has a probability in proportion to its count. As printed, a path counts only in its
-    own direction. In the long run, the walk may leave out vertices that are on no path from a
-    neighbour of the vertex.
+    once; a step has a probability in proportion to its count. As in the printed algorithm, a path
+    counts only in its own direction. In the long run, the walk may leave out vertices that are on
+    no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Of equally long paths, such as a line and its
     pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
     edge, in the order of the graph, that is in only one path decides: that path is second.
 
-    **Arguments:**
-
-    - `graph`: a connected graph.
-    - `vertex`: the vertex for which the walk heads.
-    - `paths`: number of paths from each other vertex; all simple paths, if there are fewer.
-
-    **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+    **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
+    from each other vertex, or all simple paths if there are fewer. **Returns:**
+    [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
     A square with a diagonal from 1 to 3; the path from 2 goes through 1:
 
@@ -47,11 +44,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
         >>> patrol.toward(graph, 0).to_scipy().toarray().tolist()
         [[0.0, 0.5, 0.0, 0.5], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
     """
-    vertex, paths = operator.index(vertex), operator.index(paths)
-    if not 0 <= vertex < graph.vertices:
-        raise ValueError(f"vertex {vertex} does not exist; vertices are 0 to {graph.vertices - 1}")
-    if paths < 1:
-        raise ValueError(f"paths: expected at least 1, got {paths}")
+    check_vertex("vertex", vertex, graph.vertices)
+    check_count("paths", paths)
     searches = graph.vertices * len(graph.edges) * paths
     if paths > 1 and searches > _MAX_SEARCHES:
         raise ValueError(

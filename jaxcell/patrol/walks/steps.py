@@ -27,7 +27,7 @@ class Steps(NamedTuple):
     even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "The slot of the neighbour in which the step leads back to the cell."
+    "The slot of the neighbour whose step leads back to the cell."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":
@@ -62,14 +62,18 @@ class Steps(NamedTuple):
 
     @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
-        """Compute the probability of each step, at least the floor over the number of steps."""
+        """Compute the probability of each step: at least `floor` divided by the number of steps."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
         return (1 - floor) * own + floor * even
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and several vectors."""
+        """Compute the products `P v` of the transition matrix and several vectors.
+
+        The derivative gathers, because every step has a step back; JAX's own derivative scatters,
+        which takes several times as long.
+        """
         return _pull(chance, value, self)
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
@@ -121,17 +125,14 @@ class SymmetricSteps(NamedTuple):
 
     @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
-        """Compute the probability of each step, at least the floor over the number of steps."""
         return self.own.chances(logits, floor)
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and one vector per target."""
         by_number = value.reshape(-1, *self.frames.shape[1:], value.shape[1])
         whole = jnp.concatenate([by_number[:, frame][..., frame] for frame in self.frames])
         return self._dense(chance[None])[0] @ whole.reshape(-1, value.shape[1])
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
-        """Return the weight of each cell as the start of a robot; all weights are equal."""
         return self.own.often(chance)
 
     def _dense(self, chance: Any) -> Float[Array, "robots cells states"]:
@@ -168,7 +169,6 @@ class ChargedSteps(NamedTuple):
         return own + jax.lax.stop_gradient(made - own)
 
     def pull(self, chance: _Chance, value: _Values) -> _Values:
-        """Compute the products `P v` of the transition matrix and several vectors."""
         by_age = value.reshape(*self.allowed.shape[::2], -1)
         after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
         return jax.vmap(lambda steps, v: _pull(steps, v, self.near))(
@@ -192,11 +192,6 @@ class ChargedSteps(NamedTuple):
 
 @jax.custom_vjp
 def _pull(chance: _Chance, value: _Values, steps: Steps) -> _Values:
-    """Compute the products `P v` of the transition matrix and several vectors.
-
-    The derivative gathers, because every step has a step back; JAX's own derivative scatters,
-    which takes several times as long.
-    """
     return sum(p[:, None] * value[to] for p, to in zip(chance, steps.image, strict=True))
 
 

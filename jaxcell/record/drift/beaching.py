@@ -30,7 +30,7 @@ def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
     plot.line("share", hours, share, BELIEF, 2.5)
     views = [
         map.view(f"Ashore after {stranded.after_hours:.3g} h", [picture]),
-        map.numbers("strands", "From where they get there", of, chance),
+        map.numbers("strands", "From which cells drifters strand", of, chance),
         plot.view("How many are ashore"),
     ]
     legend = [*at.legend(), ("by where they were released", CLEAR), *of.legend()]

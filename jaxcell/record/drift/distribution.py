@@ -23,7 +23,8 @@ def log_distribution(
 ) -> rrb.Container:
     """Log the tab of the distribution of drifters over the cells, after each step.
 
-    The tab also has the views `more`, in the colours of [`density`][], with a text `about` them.
+    The tab also shows the views `more`, whose colours are those of [`density`][], and a text
+    `about` them.
     """
     drift, clock = maps[0].drift, maps[0].clock
     steps = int(clock.last * clock.seconds / drift.step)

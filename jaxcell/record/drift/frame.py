@@ -59,10 +59,11 @@ def log_frame(
 def on_the_grid(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
-    """Convert places in degrees to columns and rows of a grid.
+    """Convert places in degrees to columns and rows of a grid, on and beyond the grid.
 
-    The offset from the nearest centre is divided by the sides of its square, along its axes, also
-    beyond the edge of the grid. Returns the places, and the number of the nearest square.
+    The offset from the nearest centre is divided by the sides of its square, along its axes.
+
+    **Returns:** the columns and rows, and the index of the nearest square in the flattened grid.
     """
     known = np.flatnonzero(np.isfinite(water.lon + water.lat).ravel())
     grid_lon, grid_lat = water.lon.ravel()[known], water.lat.ravel()[known]
@@ -104,7 +105,7 @@ def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 
 
 
 def _ticks(water: Water, side: Float[np.ndarray, "2"]) -> Iterator[tuple[str, float, int]]:
-    """Yield the name and place, in kilometres, of the degrees along x (0) and along y (1)."""
+    """Yield the text, place in kilometres, and axis (0 for x, 1 for y) of marks of degrees."""
     for axis, values, name in ((0, water.lon[0], longitude), (1, water.lat[:, 0], latitude)):
         at = np.flatnonzero(np.isfinite(values))
         if at.size < 2:

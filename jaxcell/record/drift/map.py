@@ -1,7 +1,7 @@
-"""The maps of a sea: land and sea without data, and places on the grid.
+"""The maps of a sea, with its land and the sea without data.
 
-Maps are drawn along the axes of the grid, in kilometres by its mean cell, so that each cell is a
-pixel of a picture, however the grid is turned; an arrow points to the North.
+Maps are drawn along the axes of the grid, in kilometres, as if all cells had the mean size. So each
+cell is a pixel of a picture even if the grid is turned; an arrow points to the North.
 """
 
 import functools
@@ -43,9 +43,9 @@ M = TypeVar("M", bound="SeaMap")
 
 
 class Clock:
-    """The timeline of a recording, in whole units from the first record.
+    """The timeline of a recording, in whole units (such as hours) from the first record.
 
-    It resolves a step of the chain, and covers the records of the current.
+    The units are short enough to show each step of the chain. The timeline covers all records.
     """
 
     def __init__(self, drift: SeaLayers) -> None:
@@ -77,7 +77,7 @@ class SeaMap:
     """The map of a layer in a recording; layer 0 is at the surface."""
 
     dry: ClassVar[str] = "land"
-    "The name of squares of land."
+    "The name of the squares without water in legends."
     drift: SeaLayers
 
     def __init__(
@@ -97,7 +97,7 @@ class SeaMap:
         "The radius of a mark: most of a cell, but enough to be visible on a large map."
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Find the place for a label of some cells: the middle one of their innermost cells."""
+        """Choose a place for a label: the middle of the cells farthest from the edge of the set."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
@@ -182,7 +182,7 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """The length of arrows in cells per cell per second: 0.9 cells at the mean speed."""
+        """The length of arrows in cells, at one cell per second; it is 0.9 at the mean speed."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
@@ -190,7 +190,7 @@ class CurrentMap(SeaMap):
         return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
 
     def log_key(self, spacing: float) -> None:
-        """Log an arrow with its speed below the map; `spacing` of arrows on the map is in cells."""
+        """Log an arrow with its speed below the map, on which arrows are `spacing` cells apart."""
         # An arrow of one cell per second, in kilometres per m/s.
         length = self.arrow * spacing / 1000
         margin, width = 0.04 * self.extent, float(self.size[0])

@@ -32,8 +32,8 @@ def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: S
     """Log where observed drifters end.
 
     Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
-    and observations. Over days, or shorter units, a tab shows the distribution of drifters that
-    were released uniformly in all cells.
+    and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
+    drifters that were released uniformly in all cells.
     """
     maps = log_maps(stream, found, ObservedMap)
     tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
@@ -51,7 +51,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and at the time of the answer."""
+    """Log the distribution of drifters after each step, and at the time of interest."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
@@ -70,7 +70,7 @@ def _log_errors(map: ObservedMap) -> rrb.Container:
     for title, label, values, most in (
         ("In a persistent group", "{} % of draws".format, share, 100.0),
         ("Error of the time to the end", "{} h".format, hours, _most(hours)),
-        ("Error of how many come to be there", "{} x".format, more, _most(more)),
+        ("Error of the number of drifters", "{} x".format, more, _most(more)),
     ):
         scale = Scale.over(values, label, least=0, most=most, open=values is not share)
         views.append(map.numbers(f"errors_{len(views)}", title, scale, values))
@@ -109,7 +109,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
     ways = np.split(place[shown], np.flatnonzero(new[shown]))
     ways = [way for way in ways if len(way) > 1]
     log_lines(map.stream, "map/ways", ways, DRIFTER, 1.0)
-    title = f"Ways of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
+    title = f"Tracks of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
     views = [known, map.view(title, ["ways"])]
     text = f"""# What was observed
 
@@ -117,7 +117,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
 takes {found.step / 86400:.3g} days, and ends where the same drifter was then. Where few begin,
 answers are not sure.
 """
-    legend = [*scale.legend(), ("the way of a drifter", DRIFTER)]
+    legend = [*scale.legend(), ("the track of a drifter", DRIFTER)]
     return map.tab("observations", "Observations", views, text, legend)
 
 

@@ -110,7 +110,7 @@ class _Drawing:
     def lines(
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
-        """Log lines by numbers from 0 to 1: a line near 1 is wide and yellow."""
+        """Log lines that show numbers from 0 to 1: near 1, a line is wide and yellow."""
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
@@ -149,7 +149,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
 
 
 def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the share of steps between vertices: the mean over robots, with memory if any."""
+    """Compute the share of steps between vertices, over all robots and states of their memory."""
     vertices, walks = patrol.stationary.size, patrol.walks
     flow = (long_run(walks)[:, :, None] * walks).mean(axis=0)
     return flow.reshape(-1, vertices, flow.shape[0] // vertices, vertices).sum(axis=(0, 2))
@@ -233,7 +233,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log each half of an edge by the probability of leaving the vertex at this half."""
+    """Log the halves of edges, each by the probability of leaving its vertex along the edge."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
     # Both halves of each edge, with a gap in the middle between them.
@@ -330,7 +330,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """Write the sections that a patrol has on constraints, robots, travel times, other patrols."""
+    """Write the sections on constraints, times, division, news, charging and memory, if any."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:

@@ -26,7 +26,7 @@ SEEN = {
     "cell": "their whole free part is in view of the robot",
     "source": "the whole square of the robot is in view of their centre",
 }
-"The meaning of each sight of a robot."
+"The condition under which squares count as seen, for each rule of sight."
 
 
 def log_sight(
@@ -37,7 +37,7 @@ def log_sight(
     color: Color,
     *timelines: tuple[str, Int[np.ndarray, "times"]],
 ) -> None:
-    """Log the outline of the sight from a cell at each time, or from one cell without time."""
+    """Log the outline of the area seen from a cell at each time; static without timelines."""
     assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
@@ -68,5 +68,5 @@ def robot_table(patrol: PatrolledMap, *names: str) -> str:
 
 
 def only_some(patrol: PatrolledMap) -> str:
-    """Return a sentence on the robots without separate maps, if any."""
+    """Return a sentence that only the first robots are shown, or an empty text."""
     return f" The first {MAX_MAPS} robots are shown." if patrol.robots > MAX_MAPS else ""

@@ -67,11 +67,11 @@ class Drift(SeaStudy):
     spread: Literal["turned", "all", "sampled"] | None = None
     """Ends of a step: along the current, or along the current turned by 45 degrees to either side
     (turned); the cell at the end and all cells around it (all); or the cells to which sample points
-    of the cell drift (sampled). By default turned with --method source, and else sampled."""
+    of the cell drift (sampled). By default turned with --method source, and otherwise sampled."""
     edge: Literal["uniform", "exit"] | None = None
     """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
     cell, as in the dissertation (uniform), or drift like all others and may leave the map (exit).
-    By default uniform with --method source, and else exit."""
+    By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they are held at the coast until the current carries them
     off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
@@ -104,7 +104,7 @@ class Drift(SeaStudy):
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
     """Seconds in which half of the drifters on a beach float again; by default they never do."""
     range: Length | None = None
-    """Distance in metres within which a drifter sees the sea bed; finds views of the whole bed."""
+    """Distance in metres at which drifters see the sea bed, to find drifters that see all of it."""
     search: Annotated[Duration | None, Only(range=True)] = None
     """Seconds to search for the fewest views; by default views are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
@@ -208,7 +208,7 @@ class Drift(SeaStudy):
 
     @property
     def _step(self) -> "drift.DriftStep":
-        """The step of the method, with the options that were given."""
+        """The step of the chosen method, with the chosen duration and rules."""
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
         step = drift.METHODS[self.method]
@@ -216,7 +216,7 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        """`True` if the mean of the records carries drifters."""
+        """True if drifters move with the mean of the records."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:
@@ -230,7 +230,7 @@ class Drift(SeaStudy):
             return int(water.cell(*place))
 
     def _goal(self, waters: "list[drift.Water]") -> int | None:
-        """Return the number of the goal among the cells of all layers."""
+        """Return the number of the goal among the cells of all layers, or `None`."""
         if (place := self._place("goal")) is None:
             return None
         lon, lat, depth = place

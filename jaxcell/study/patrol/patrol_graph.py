@@ -53,8 +53,8 @@ class PatrolGraph(GraphStudy):
     memory_states: Annotated[
         AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
     ] = 1
-    """Number of states of the memory of a robot; the search chooses changes of state with the
-    moves. The result compares walks with 1, 2, 4, ... states, a tour, and an upper bound."""
+    """Number of memory states of a robot, which may change at each move. The result compares walks
+    with 1, 2, 4, ... states, a tour, and an upper bound."""
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
@@ -138,15 +138,10 @@ class PatrolGraph(GraphStudy):
             raise ValueError(
                 f"speed: edges of {self.file} have no lengths, and its vertices no positions"
             )
-        if graph.vertices > MAX_VERTICES:
-            raise ValueError(
-                f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
-                f"computed for at most {MAX_VERTICES:,}"
-            )
         if graph.vertices * self.memory_states > MAX_VERTICES:
             raise ValueError(
-                f"memory_states: {graph.vertices:,} vertices times {self.memory_states} are more "
-                f"than {MAX_VERTICES:,} states; expected fewer"
+                f"{self.file}: {graph.vertices:,} vertices with {self.memory_states} states of "
+                f"memory are too many; times are computed for at most {MAX_VERTICES:,} states"
             )
         apart = vertices_apart(graph.vertices, graph.edges)
         if apart is not None:
@@ -158,23 +153,11 @@ class PatrolGraph(GraphStudy):
             self._check_reach(graph, names)
 
     def _check_reach(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
-        import numpy as np
-        from scipy.sparse.csgraph import shortest_path
+        from ...patrol.walks.arrival import check_reach, whole_numbers
 
-        if self.attack_time is None:
-            return
-        times = self.times(graph)
-        taken = graph.matrix(np.ones(len(graph.edges)) if times is None else times.astype(float))
-        away = shortest_path(taken)
-        # A return to a vertex takes two steps.
-        np.fill_diagonal(away, 2 * taken.min(axis=1).toarray() if times is not None else 2)
-        unit, of = (1.0, "steps") if times is None else (self.time_unit, "s")
-        if self.attack_time < away.max() * unit:
-            start, end = (names[v] for v in np.unravel_index(away.argmax(), away.shape))
-            raise ValueError(
-                f"attack_time: an attack of {self.attack_time} {of} ends before a patroller comes "
-                f"from vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
-            )
+        if self.attack_time is not None or self.attack_times is not None:
+            numbers = whole_numbers(graph, self._attack(names), self.times(graph))
+            check_reach(*numbers, names, 1.0 if self.speed is None else self.time_unit)
 
     def _walks(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
@@ -241,9 +224,11 @@ class PatrolGraph(GraphStudy):
         team: Any = None
         times: Any = None
         who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
+        within = f"{self.attack_time} {'steps' if self.speed is None else 's'}"
+        within = "its attack time" if self.attack_time is None else within
         goal = {
             "return-time": "return-time entropy, in nats",
-            "capture": f"{_CHANCE} {who} within {self._within}",
+            "capture": f"{_CHANCE} {who} within {within}",
         }.get(self.strategy)
         bounds = None
         if self.strategy == "commute":
@@ -294,12 +279,6 @@ class PatrolGraph(GraphStudy):
             times = patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
         unit = 1.0 if self.speed is None else self.time_unit
         return np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
-
-    @property
-    def _within(self) -> str:
-        if self.attack_time is None:
-            return "its attack time"
-        return f"{self.attack_time} {'steps' if self.speed is None else 's'}"
 
 
 def _compared(

@@ -103,9 +103,9 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        patrolled = self._patrolled(graph, visible, regions, say)
-        policies = patrolled["policies"]
         attack = patrol.Attack(self.attack_times, self.start)
+        patrolled = self._patrolled(graph, visible, regions, attack, say)
+        policies = patrolled["policies"]
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
             patrolled["frontier"] = patrol.map.capture_frontier(
@@ -149,90 +149,55 @@ class PatrolMap(CellStudy):
         graph: "optimize.Graph",
         visible: "np.ndarray",
         regions: "patrol.map.Regions | None",
+        attack: "patrol.Attack",
         say: Say,
     ) -> dict[str, Any]:
         """Find the policies of the robots; with `capture`, of the fewest robots that reach it."""
         import numpy as np
 
         most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
-        made = {}
-        if self.strategy != "capture":
-            made = self._emphasised(graph, visible, most, regions, say)
-        reached: list[float] = []
-        for robots in range(most if self.capture is None else 1, most + 1):
-            if made:
-                some = {share: policies[:robots] for share, policies in made.items()}
-                patrolled, least = self._chosen(graph, visible, some, regions)
-            else:
-                say(f"searching for the patrol of {robots} robots that captures most")
-                search = patrol.capture_policies(
-                    graph,
-                    visible,
-                    robots,
-                    patrol.Attack(self.attack_times, self.start),
-                    randomness=self.randomness,
-                    starts=self.starts,
-                    seed=self.seed,
-                    say=say,
-                )
-                patrolled, least = {"policies": search.policies, "search": search}, search.value
-            reached.append(least)
-            if self.capture is not None:
-                say(f"a team of {robots} captures {least:.3f} at least")
-                if least >= self.capture:
-                    break
-        if self.capture is not None:
-            patrolled |= {"size_capture": np.array(reached), "wanted": self.capture}
-        return patrolled
-
-    def _emphasised(
-        self,
-        graph: "optimize.Graph",
-        visible: "np.ndarray",
-        robots: int,
-        regions: "patrol.map.Regions | None",
-        say: Say,
-    ) -> "dict[float, tuple[patrol.map.Policy, ...]]":
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
         if graph.vertices > MAX_VERTICES:
             # One search takes a minute or more.
             tried = (0.0,) if self.share == "auto" else (self.share,)
-        made = {}
-        for share in tried:
-            say(f"making policies for {robots} robots, with a share of {share:g}")
+        made = []
+        for share in tried if self.strategy == "commute" else ():
+            say(f"making policies for {most} robots, with a share of {share:g}")
             if regions is None:
-                made[share] = patrol.distributed_policies(graph, visible, robots, share)
+                made.append(patrol.distributed_policies(graph, visible, most, share))
             else:
-                made[share] = patrol.map.centralized_policies(graph, visible, regions, share)
-        return made
-
-    def _chosen(
-        self,
-        graph: "optimize.Graph",
-        visible: "np.ndarray",
-        made: "dict[float, tuple[patrol.map.Policy, ...]]",
-        regions: "patrol.map.Regions | None",
-    ) -> tuple[dict[str, Any], float]:
-        """Return the policies of the best share, or of `share`, and their least capture."""
-        import numpy as np
-
-        attack = patrol.Attack(self.attack_times, self.start).first
-        least = [
-            float(patrol.Capture.of(graph, visible, policies, attack, regions).least[0])
-            for policies in made.values()
-        ]
-        tried = list(made)
-        # Captures that differ by rounding count as equal; the first share among them is taken.
-        best = (
-            int(np.argmax(np.round(least, 9))) if self.share == "auto" else tried.index(self.share)
-        )
-        patrolled = {
-            "policies": made[tried[best]],
-            "chosen_share": tried[best],
-            "share": np.array(tried),
-            "share_capture": np.array(least),
-        }
-        return patrolled, least[best]
+                made.append(patrol.map.centralized_policies(graph, visible, regions, share))
+        reached: list[float] = []
+        for robots in range(most if self.capture is None else 1, most + 1):
+            if made:
+                teams = [policies[:robots] for policies in made]
+                captures = [
+                    patrol.Capture.of(graph, visible, team, attack.first, regions) for team in teams
+                ]
+                least = np.array([capture.least[0] for capture in captures])
+                # Captures that differ by rounding count as equal; the first of them is taken.
+                auto = int(np.argmax(np.round(least, 9)))
+                best = auto if self.share == "auto" else tried.index(self.share)
+                patrolled: dict[str, Any] = {
+                    "policies": teams[best],
+                    "chosen_share": tried[best],
+                    "share": np.array(tried),
+                    "share_capture": least,
+                }
+                reached.append(float(least[best]))
+            else:
+                say(f"searching for the patrol of {robots} robots that captures most")
+                options = {name: getattr(self, name) for name in ("randomness", "starts", "seed")}
+                search = patrol.capture_policies(graph, visible, robots, attack, **options, say=say)
+                patrolled = {"policies": search.policies, "search": search}
+                reached.append(search.value)
+            if self.capture is not None:
+                say(f"a team of {robots} captures {reached[-1]:.3f} at least")
+                if reached[-1] >= self.capture:
+                    break
+        if self.capture is not None:
+            patrolled |= {"size_capture": np.array(reached), "wanted": self.capture}
+        return patrolled
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)

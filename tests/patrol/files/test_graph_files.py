@@ -147,7 +147,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
             "edge .* it joins .* as edge 'hall' to '1' does",
         ),
         (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
-        (".graphml", "</node>", "", "not valid XML, or cut short"),
+        (".graphml", "</node>", "", "not .graphml that networkx reads: mismatched tag"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
         (".graphml", "graphml.graphdrawing.org", "example.org", "not .graphml"),
         (".edges", "1000000.0 2.0", "1000000.0", "line 4: there is no vertex '3'"),
@@ -175,14 +175,9 @@ def test_an_empty_file_is_refused(suffix, tmp_path):
         load_text(tmp_path, "", suffix)
 
 
-def test_deep_nesting_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"nested too deeply|not valid JSON"):
-        load_text(tmp_path, "[" * 200_000)
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match="expected an object with nodes and edges"):
         load_text(tmp_path, "[]")
-
-
-def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
         load_graph(tmp_path / "none.json")
     with pytest.raises(ValueError, match="expected a graph file, got a directory"):
@@ -224,7 +219,7 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
         assert pairs_of(graph, names) == {frozenset(map(str, edge)) for edge in club.edges}
         assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
     with pytest.raises(
-        ValueError, match=r"nodes\[1\]: it has no position x, y; expected one, as others"
+        ValueError, match=r"nodes\[1\]: it has no position x, y, but other vertices"
     ):
         load_text(
             tmp_path,
@@ -268,22 +263,12 @@ def test_the_bundled_graphs_are_made_by_their_script(tmp_path):
         assert (tmp_path / name).read_bytes() == (GRAPHS / name).read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("name", "vertices", "edges"),
-    [
-        ("eight", 8, 13),
-        ("line", 20, 19),
-        ("tree", 30, 29),
-        ("complete", 8, 28),
-        ("random", 50, 200),
-    ],
-)
-def test_the_bundled_graphs_are_connected(name, vertices, edges):
-    graph, names = load_graph(GRAPHS / f"{name}.json")
-    assert (graph.vertices, len(graph.edges)) == (vertices, edges)
-    assert names == tuple(str(v + 1) for v in range(vertices))
+@pytest.mark.parametrize("path", sorted(GRAPHS.glob("*.json")), ids=lambda path: path.stem)
+def test_the_bundled_graphs_are_connected(path):
+    graph, names = load_graph(path)
+    assert names == tuple(str(v + 1) for v in range(graph.vertices))
     assert nx.is_connected(nx.Graph(graph.edges.tolist()))
-    assert len(np.unique(graph.xy, axis=0)) == vertices
+    assert len(np.unique(graph.xy, axis=0)) == graph.vertices
 
 
 CORRIDOR = """3
@@ -348,7 +333,7 @@ def test_lengths_are_written_and_read(tmp_path, suffix):
 def test_lengths_that_are_none_are_refused(tmp_path):
     lines = {"nodes": [{"id": 1}, {"id": 2}, {"id": 3}]}
     for lengths, message in (
-        (({}, {"length": 2}), r"edges\[0\]: it has no length, as others have"),
+        (({}, {"length": 2}), r"edges\[0\]: it has no length, but other edges have"),
         (({"length": 1}, {"length": 0}), r"edges\[1\].length: expected a positive number"),
         (({"length": 1}, {"length": "far"}), r"edges\[1\].length"),
     ):

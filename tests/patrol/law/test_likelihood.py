@@ -21,12 +21,6 @@ def test_a_law_has_the_given_log_odds_at_its_points(numbers):
     np.testing.assert_allclose(law.quantile(1 / (1 + np.exp(-numbers[:2]))), POINT, rtol=1e-12)
 
 
-def test_a_law_with_the_quartiles_of_the_logistic_law_is_that_law():
-    law = law_through(np.array([-math.log(3), math.log(3), 0.0, 0.0]), np.array([-1.0, 3.0]))
-    parameters = np.concatenate([law.l1, law.l2, law.l3, law.l4])
-    np.testing.assert_allclose(parameters, [1, math.log(3) / 2, 0, 0], rtol=1e-12)
-
-
 @pytest.mark.parametrize("censored", [False, True])
 @pytest.mark.parametrize("numbers", NUMBERS[:-1], ids=lambda numbers: str(numbers[2:]))
 def test_expansion_is_that_of_the_loss_by_its_definition(numbers, censored):
@@ -50,14 +44,6 @@ def test_expansion_is_that_of_the_loss_by_its_definition(numbers, censored):
         assert slope[k] == pytest.approx((loss(up) - loss(down)) / (2 * step), rel=1e-4, abs=1e-6)
         by_slopes = (data.expansion(up, POINT)[1] - data.expansion(down, POINT)[1]) / (2 * step)
         np.testing.assert_allclose(hessian[k], by_slopes, rtol=1e-3, atol=1e-5)
-
-
-def test_losses_of_several_laws_are_as_of_each_law():
-    data = Likelihood.of(np.linspace(-20, 30, 50), np.ones(50, int), True)
-    points = POINT + np.arange(len(NUMBERS))[:, None] / 10
-    losses = data.loss(NUMBERS, points)
-    each = [data.loss(numbers, point) for numbers, point in zip(NUMBERS, points, strict=True)]
-    np.testing.assert_allclose(losses, each, rtol=1e-12)
 
 
 def test_a_sample_beyond_the_support_has_no_chance():

@@ -122,8 +122,8 @@ def test_wrong_attacks_are_refused(arguments, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"target": 7}, "cell 7 does not exist"),
-        ({"target": -1}, "cell -1 does not exist"),
+        ({"target": 7}, "target: expected a vertex, 0 to 6, got 7"),
+        ({"target": -1}, "target: expected a vertex, 0 to 6, got -1"),
         ({"policies": []}, "got none"),
         ({"visible": np.ones((3, 3), bool)}, "visible: expected"),
         ({"graph": Graph([(0, 1)]), "visible": np.ones((2, 2), bool)}, "robot 0 is for 7 cells"),

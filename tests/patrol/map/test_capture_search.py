@@ -7,10 +7,9 @@ from walks import times_by_solves
 
 from jaxcell import examples
 from jaxcell.patrol.map.attack import Attack
-from jaxcell.patrol.map.capture import capture_probabilities
+from jaxcell.patrol.map.capture import capture_by_tours, capture_probabilities
 from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
 from jaxcell.patrol.map.policies import distributed_policies
-from jaxcell.patrol.map.tours import capture_by_tours
 
 
 STEPS = 4
@@ -62,32 +61,6 @@ def lab():
     return graph, visible, capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
 
 
-def simulate(policy, starts, view, steps, random):
-    """A mask of the starts from which a robot comes into view in time."""
-    here, seen = starts.copy(), view[starts].copy()
-    up_to = np.cumsum(np.asarray(policy.chain.probability), axis=0)
-    image = np.asarray(policy.chain.image)
-    for _ in range(steps):
-        drawn = random.random(here.size) * up_to[-1, here]
-        here = image[(up_to[:, here] <= drawn).sum(axis=0), here]
-        seen |= view[here]
-    return seen
-
-
-def test_simulated_walks_are_caught_as_often_as_the_law_says(lab):
-    graph, visible, found = lab
-    random, runs = np.random.default_rng(0), 40_000
-    least = []
-    for view in visible.T:
-        caught = np.zeros(runs, bool)
-        for policy in found.policies:
-            share = ~view * policy.share_of_time(graph)
-            starts = random.choice(view.size, runs, p=share / share.sum())
-            caught |= simulate(policy, starts, view, 6, random)
-        least.append(caught.mean())
-    assert min(least) == pytest.approx(found.value, abs=4 * 0.5 / np.sqrt(runs))
-
-
 def test_every_step_keeps_the_floor_of_randomness(lab):
     graph, visible, found = lab
     for policy in found.policies:
@@ -101,12 +74,6 @@ def test_every_step_keeps_the_floor_of_randomness(lab):
     plain = distributed_policies(graph, visible, 2, 0.0)
     before = capture_probabilities(graph, visible, plain, Attack(6)).min()
     assert found.value > 1.2 * before
-
-
-def test_the_same_seed_finds_the_same(lab):
-    graph, visible, found = lab
-    again = capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
-    assert again.value == found.value
 
 
 def test_capture_falls_along_the_frontier_and_entropy_rises():
@@ -168,7 +135,7 @@ def test_tours_capture_as_often_as_simulated_robots_on_them():
     [
         ({"robots": 0}, "robots: expected 1 to 5, the number of cells, got 0"),
         ({"randomness": 1.0}, "randomness: expected 0 or more and less than 1, got 1.0"),
-        ({"starts": 0}, "starts: expected at least 1, got 0"),
+        ({"starts": 0}, "starts: expected a whole number of at least 1, got 0"),
     ],
 )
 def test_wrong_searches_are_refused(change, message):

@@ -1,10 +1,8 @@
-import networkx
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, strategies as st
 
-from jaxcell import bundled
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.space import CellSpace, Workspace
 
@@ -65,20 +63,6 @@ def test_slanted_walls(cell):
     free = shapely.covers(cells.workspace.free_space, segments)
     assert edges(graph) == {tuple(pair) for pair in pairs[free].tolist()}
     assert not free.all()
-
-
-@pytest.mark.parametrize(
-    ("name", "size", "free", "between"),
-    [("depot", (15, 15), 188, (500, 600)), ("harbour", (18, 16), 253, (700, 900))],
-)
-def test_maps_for_patrols(name, size, free, between):
-    workspace = Workspace.load(bundled(f"maps/{name}.json"))
-    cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
-    assert cells.free.shape == size[::-1]
-    assert cells.positions == free
-    graph = cell_graph(cells)
-    assert between[0] <= len(graph.edges) <= between[1]
-    assert networkx.is_connected(networkx.Graph(graph.edges.tolist()))
 
 
 @pytest.mark.parametrize(

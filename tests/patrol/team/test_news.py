@@ -64,9 +64,3 @@ def test_news_of_a_vertex_that_is_never_visited_are_infinitely_old():
     found = age_of_news(graph, to_and_fro[None], 0)
     assert found.mean_age.tolist() == [0.5, 1.5, np.inf]
     assert np.isinf(found.late_age[2])
-
-
-@pytest.mark.parametrize("base", [-1, 4])
-def test_a_base_that_is_no_vertex_is_refused(base):
-    with pytest.raises(ValueError, match=f"base: expected a vertex, 0 to 3, got {base}"):
-        age_of_news(GRAPH, walk_on(GRAPH)[None], base)

@@ -119,13 +119,6 @@ def test_descent_to_the_nearest_chain(given_share):
     np.testing.assert_allclose(found[:, 0], np.tile(chain.value, (3, 1)), atol=1e-4)
 
 
-def test_two_vertices_leave_no_choice():
-    among = ChainPolytope.on(Graph([[0, 1]]))
-    found, values, _ = descend(off_target, among, among.starts(1, 1, 0), (np.eye(2),))
-    assert found.tolist() == [[[1, 1]]]
-    assert values.tolist() == [4]
-
-
 def test_starts_differ_and_the_first_is_not_random():
     among = ChainPolytope.on(SQUARE)
     first, again = among.starts(2, 2, 0), among.starts(2, 2, 1)

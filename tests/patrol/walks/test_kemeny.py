@@ -49,7 +49,7 @@ def test_no_chain_of_another_solver_is_better():
 
 
 def test_no_starts_and_a_gap_that_stays_are_refused():
-    with pytest.raises(ValueError, match="starts: expected at least 1, got 0"):
+    with pytest.raises(ValueError, match="starts: expected a whole number of at least 1, got 0"):
         minimum_kemeny(graph_of(GRID), starts=0)
     with pytest.raises(RuntimeError, match=r"minimum_kemeny: the residual stayed above"):
         minimum_kemeny(graph_of(GRID), tolerance=1e-15)

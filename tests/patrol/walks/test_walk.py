@@ -1,22 +1,10 @@
 import numpy as np
 import pytest
-from graphs import SMALL, TABLE_4_2, connected_graphs
-from hypothesis import given, strategies as st
+from graphs import SMALL, TABLE_4_2
 
-from jaxcell.markov import hitting_times
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.patrol import Graph, random_walk
-from jaxcell.patrol.walks import walk_hitting_times
-
-
-@given(connected_graphs(), st.integers(0, 10_000))
-def test_hitting_times_are_those_of_the_chain(graph, seed):
-    weights = np.random.default_rng(seed).uniform(0.1, 1, len(graph.edges))
-    times = walk_hitting_times(graph, weights)
-    chain = random_walk(graph, weights)
-    for target in range(graph.vertices):
-        expected = hitting_times(chain, target).value
-        np.testing.assert_allclose(times[:, target], expected, rtol=1e-9, atol=1e-12)
+from jaxcell.patrol.walks import measure
 
 
 def test_the_chain_has_the_probabilities_of_its_definition():
@@ -26,13 +14,6 @@ def test_the_chain_has_the_probabilities_of_its_definition():
     )
     chain = random_walk(graph, [1.0, 2.0, 3.0, 4.0])
     np.testing.assert_allclose(chain.to_scipy().toarray(), expected, atol=1e-15)
-
-
-def test_commute_time_is_the_mean_of_the_hitting_times():
-    found = minimum_commute(SMALL)
-    times = walk_hitting_times(SMALL, found.weights)
-    commute = (times + times.T)[np.triu_indices(8, 1)]
-    assert found.commute_time == pytest.approx(commute.mean(), rel=1e-12)
 
 
 def test_the_small_graph():
@@ -49,7 +30,7 @@ def test_the_small_graph():
 
 def test_order_of_the_vertices_of_the_small_graph():
     # Alam 2018, Table 4.2, P_MAECT: the mean time from all vertices.
-    times = walk_hitting_times(SMALL, minimum_commute(SMALL).weights)
+    times = measure(random_walk(SMALL, minimum_commute(SMALL).weights)).hitting_time
     # Vertices 3 and 8 are as far, by symmetry.
     order = np.argsort(times.mean(axis=0).round(6), stable=True)
     assert order.tolist() == TABLE_4_2[8].tolist()
@@ -59,7 +40,8 @@ def test_order_of_the_vertices_of_the_small_graph():
 def test_order_with_an_emphasis(share):
     # Alam 2018, Table 4.2, P_Clique: the mean time from a vertex to those emphasised.
     emphasis = [1, 4, 7]
-    times = walk_hitting_times(SMALL, minimum_commute(SMALL, emphasis, share).weights)
+    weights = minimum_commute(SMALL, emphasis, share).weights
+    times = measure(random_walk(SMALL, weights)).hitting_time
     order = np.argsort(times[:, emphasis].mean(axis=1))
     assert order.tolist() == TABLE_4_2[9].tolist()
 
@@ -73,15 +55,6 @@ def test_order_with_an_emphasis(share):
         ([1.0, 1.0, 0.0], "weights: vertex 3 has only weights of 0"),
     ],
 )
-@pytest.mark.parametrize("function", [random_walk, walk_hitting_times])
-def test_wrong_weights_are_refused(function, weights, message):
+def test_wrong_weights_are_refused(weights, message):
     with pytest.raises(ValueError, match=message):
-        function(Graph([[0, 1], [1, 2], [2, 3]]), weights)
-
-
-def test_weights_that_leave_separate_parts_are_refused():
-    with pytest.raises(
-        ValueError,
-        match=r"weights: .* positive .* vertices 2, 3 \(2 of 4\) cannot be reached from vertex 0",
-    ):
-        walk_hitting_times(Graph([[0, 1], [1, 2], [2, 3]]), [1.0, 0.0, 1.0])
+        random_walk(Graph([[0, 1], [1, 2], [2, 3]]), weights)

@@ -13,20 +13,20 @@ from .dimensions import axis_kind
 
 @dataclasses.dataclass(frozen=True)
 class Layers:
-    """The chosen depths, the surface first."""
+    """The layers to read from a file, the surface first."""
 
     depth: Float[np.ndarray, " layers"]
     "The depth of each layer in metres, positive down."
     places: Int[np.ndarray, " levels"] | None
-    "The numbers of the levels to read; `None` if the file has one level."
+    "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The levels, if they follow the sea bed so that depths are interpolated; else `None`."
+    "The levels that follow the sea bed, if depths are interpolated between them; or `None`."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The number of the highest level, if it is not among `places`; else `None`."
+    "The index of the highest level if it is not among `places`; or `None`."
     note: str = ""
-    "An explanation of the depths; may be empty."
+    "A note for the user on the source of the depths; may be empty."
 
 
 def choose_layers(
@@ -35,10 +35,10 @@ def choose_layers(
     dim: str | None,
     depths: float | int | Sequence[float | int] | None,
 ) -> Layers:
-    """Choose the layers for `depths` of [`jaxcell.drift.open_currents`][].
+    """Choose the layers to read by the argument `depths` of [`jaxcell.drift.open_currents`][].
 
-    A velocity without a dimension `dim` of depth has a single level. Its depth is the value of a
-    scalar coordinate, or else the level is at the surface.
+    `dim` is the dimension of depth. A velocity without this dimension has a single level, whose
+    depth is the value of a scalar coordinate, or 0 if there is none.
     """
     wanted = None if depths is None else _depths(file, depths)
     if dim is None:
@@ -68,7 +68,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """Find the depth of a velocity without a dimension of depth, and explain it in words."""
+    """Find the depth of a velocity without a dimension of depth, and describe its source."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue

@@ -22,7 +22,7 @@ class Axes:
     time: str | None
     depth: str | None
     y: str
-    "The dimension of y, of staggered points if `staggered`."
+    "The dimension along y: of the centres of cells, or of their sides if `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -35,9 +35,9 @@ class Axes:
 
     @property
     def between(self) -> int | None:
-        """The axis, -2 for y or -1 for x, along which the velocity is between centres; or `None`.
+        """The axis (-2 for y, -1 for x) along which the velocity lies between centres, or `None`.
 
-        Along the dimensions eta_u and xi_v the velocity is at the coordinates of centres.
+        Along the dimensions eta_u and xi_v it has the coordinates of centres.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
@@ -80,7 +80,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the kind of a dimension by its name, then by the attributes of its coordinate."""
+    """Find the axis of a dimension, by its name or by the attributes of its coordinate."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:
@@ -112,12 +112,12 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether a dimension has the name of nodes or elements of SCHISM."""
+    """Return whether one of the dimensions is of nodes or elements of the model SCHISM."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 
 def _check_lengths(file: OceanFile, axes: Axes) -> None:
-    """Raise if the lengths of a velocity along y and x do not fit the numbers of cells."""
+    """Raise if a velocity has too few or too many values along y or x for the number of cells."""
     sizes = file.dataset.sizes
     for axis, dim, rho in zip((-2, -1), (axes.y, axes.x), axes.rho, strict=True):
         if sizes[rho] == 1:
@@ -147,7 +147,7 @@ def unstructured(file: OceanFile, field: str) -> ValueError:
 def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
-    """Find the variable of longitudes or latitudes of the cells on the dimensions `(y, x)`."""
+    """Find the variable with the longitudes or latitudes of cells of the dimensions `(y, x)`."""
     along = dims[0] if which == "lat" else dims[1]
     candidates = (
         str(name)

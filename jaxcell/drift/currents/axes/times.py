@@ -37,8 +37,8 @@ class RecordTimes:
     values: Shaped[np.ndarray, " records"]
     "The time of each record, in order."
     start: cftime.datetime | None = None
-    """The beginning of the year of the first record, from which days are counted if the calendar is
-    not the standard one; else `None`."""
+    """The beginning of the year of the first record, from which days are counted in a calendar that
+    is not the standard one; `None` in the standard calendar."""
     dated: bool = True
     "True if the times have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
@@ -73,8 +73,9 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    """Read the times of a variable: as datetime64; as cftime dates if the calendar is not the
-    standard one; or in seconds if the times have no date.
+    """Read the times of a variable as datetime64, or as cftime dates of another calendar.
+
+    Times without a date are returned in seconds.
     """
     variable = file.dataset[name]
     if variable.dtype.kind in "MO":
@@ -117,7 +118,7 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of a calendar that is not standard, by its days since the `start`."""
+    """Convert a date of another calendar to datetime64, by its days since the `start` of a year."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
@@ -130,7 +131,7 @@ def _in_nanoseconds(dates: Any) -> Any:
 
 
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
-    """Return the numbers of the records for `time` of [`jaxcell.drift.open_currents`][].
+    """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
     A moment selects the nearest record, within half the median time between records. Of two equally
     near records it selects the later one, so that a date selects the daily mean at its noon.
@@ -207,7 +208,7 @@ def _is_index(value: Any) -> bool:
 
 
 def time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """Find the variable with the times along a dimension, or a single time if `dim` is `None`."""
+    """Find the variable with the times along a dimension, or with a single time if it is `None`."""
     variables = file.dataset.variables
     names = next(table("time")).names
     if dim is None:

@@ -17,7 +17,7 @@ _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of MITgcm as in ROMS, and order its sides as in ROMS.
+    """Rename the dimensions of a file of MITgcm, and order its sides, as in a file of ROMS.
 
     In a file of MITgcm the first side lies before the first centre, in a file of ROMS after it.
     Other files are returned unchanged.

@@ -1,4 +1,4 @@
-"""Files of NEMO, whose dimensions do not name the points of the grid.
+"""Files of NEMO, whose dimensions do not tell the centres of cells from their sides.
 
 `u` is on the eastern sides of the cells and `v` on the northern sides, along the axes of a curved
 grid. The dimensions of all points have the same names. Centres are in another file, the mesh.
@@ -23,9 +23,9 @@ _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of NEMO, joined with its mesh, after the points of the grid.
+    """Rename the dimensions of a file of NEMO as in ROMS, whose names tell centres from sides.
 
-    Other files are returned unchanged.
+    The variables of the mesh must be in the file. Other files are returned unchanged.
     """
     dataset = file.dataset
     kinds = {axis_kind(dataset, str(dim)): str(dim) for dim in dataset[u].dims}
@@ -56,8 +56,8 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
 def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
     """Return whether a velocity is on the sides of the cells of NEMO's grid.
 
-    The names of its depths, dimensions or positions decide; else the velocity is on the sides if
-    its positions are nearer to the sides of the mesh than to the centres.
+    The names of its depths, dimensions or positions decide. If they do not, the velocity is on the
+    sides if its positions are nearer to the sides of the mesh than to the centres.
     """
     dataset = file.dataset
     if dims & set(dataset.variables):
@@ -77,7 +77,7 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
 
 
 def _levelled(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """Select the levels of the velocity, or the highest level, from a variable of the mesh."""
+    """Reduce a variable of the mesh to the levels of the velocity, or to the highest level."""
     if depth is None:
         return array.isel({dim: 0}, drop=True)
     if array.sizes[dim] == file.dataset.sizes[depth]:

@@ -1,8 +1,8 @@
 """ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
 
 `u` is on the western and eastern sides of a cell and `v` on the southern and northern sides, along
-the axes of the grid, which may be turned against East and North. The levels divide the water column
-by a coordinate `s` from -1 at the sea bed to 0 at the surface.
+the axes of the grid, which may be turned against East and North. The levels are at fixed values of
+a coordinate `s`, from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ _Cells: TypeAlias = Float[np.ndarray, "y x"]
 _Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 
 ALONE = 0.1
-"""The distance in s within which a single level counts as the surface or the sea bed."""
+"""The distance in `s` within which a single level counts as the surface or the sea bed."""
 
 
 def to_centres(
@@ -44,9 +44,9 @@ class SLevels:
     stretching: Float[np.ndarray, " levels"]
     "The value of the stretching curve C(s) at each level, from -1 to 0."
     critical_depth: float
-    "The parameter h_c, in metres."
+    "The parameter h_c of the formula for the heights of levels, in metres."
     transform: int
-    "The parameter Vtransform, 1 or 2."
+    "The number of the formula for the heights of levels (Vtransform), 1 or 2."
     places: Int[np.ndarray, " levels"]
     "The number of each level in the file."
 
@@ -69,7 +69,7 @@ class SLevels:
         return np.where(np.isfinite(heights), heights, np.nan)
 
     def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
-        """Compute the distance of heights above the highest level or below the lowest level.
+        """Compute how far heights are above the highest level or below the lowest level.
 
         Levels are the middles of layers, so the levels of a complete file cover all heights from
         the sea bed to the surface.
@@ -106,7 +106,7 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
 
 
 def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
-    """Interpolate values at a height linearly between the levels of each cell.
+    """Interpolate values at the `wanted` heights, linearly between the levels of each cell.
 
     Above the highest and below the lowest level, the value of this level is taken.
     """
@@ -137,7 +137,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
 
 
 def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values"]:
-    """Read the values of the first existing variable or global attribute."""
+    """Read the values of the first of `names` that is a variable or global attribute."""
     for name in names:
         if name in file.dataset.variables:
             return file.read(file.dataset[name]).reshape(-1)

@@ -83,7 +83,7 @@ def active_targets(
 
 
 def late_gain(course: list[float]) -> float:
-    """Compute the share of the value that the last quarter of the blocks added."""
+    """Compute the share of the last value that the last quarter of a search added."""
     if not course:
         return 0.0
     return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))

@@ -14,9 +14,11 @@ from .pursuit import Pursuit
 _BEGINS = 6
 # Largest number of variables of the linear program for the probabilities of attacks.
 _MOST = 500_000
-# Largest number of moves times the longest attack for which cuts are made; the largest number of
-# cuts; and the largest product of the two numbers, without symmetries.
-_PROMISES, _CUTS, _WORK = 1500, 1500, 240_000
+CUTS = 1500
+"""Largest number of cuts per test."""
+# Largest number of moves times the longest attack for which cuts are made, and the largest product
+# of this number and the number of cuts, without symmetries.
+_PROMISES, _WORK = 1500, 240_000
 
 
 def capture_bound(
@@ -28,7 +30,6 @@ def capture_bound(
     stay: bool = False,
     captured: float = 0.0,
     tests: int = 0,
-    cuts: int | None = None,
 ) -> float:
     """Compute an upper bound on the least probability of capture by robots with any memory.
 
@@ -49,7 +50,6 @@ def capture_bound(
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `captured`: the least capture of a known walk; the bound cannot be lower.
     - `tests`: number of tests; each halves the range above `captured` in which the bound may be.
-    - `cuts`: largest number of cuts per test; by default up to 1,500, and fewer on larger graphs.
 
     **Returns:** the bound, at most 1.
 
@@ -78,10 +78,9 @@ def capture_bound(
         return bound
     ends = [int(end) for end in np.unravel_index(apart.argmax(), apart.shape)]
     pursuit = Pursuit(delays, attack, ends)
-    if cuts is None:
-        # Vertices that symmetries exchange share their cuts.
-        models = len(set(pursuit.models.values()))
-        cuts = min(_CUTS, _WORK * graph.vertices // (size * models))
+    # Vertices that symmetries exchange share their cuts.
+    models = len(set(pursuit.models.values()))
+    cuts = min(CUTS, _WORK * graph.vertices // (size * models))
     return pursuit.bound(captured, bound, tests, cuts)
 
 

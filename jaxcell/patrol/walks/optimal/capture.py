@@ -13,7 +13,15 @@ from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
-from ..arrival import captured_by_any, first_passage, on_device, states_at, whole_numbers
+from ....optimize.checked import check_count
+from ..arrival import (
+    captured_by_any,
+    check_reach,
+    first_passage,
+    on_device,
+    states_at,
+    whole_numbers,
+)
 from ..steps import Steps, SymmetricSteps
 from ..symmetries import MOST_SYMMETRIES, symmetries
 from .ascent import ALL_TARGETS, Ascent, late_gain
@@ -117,17 +125,16 @@ def maximin_capture(
         >>> patrol.maximin_capture(patrol.Graph([[0, 1], [1, 2]]), attack_time=1)
         Traceback (most recent call last):
             ...
-        ValueError: attack_time: a robot at vertex 0 needs 2 to come to vertex 2, where an ...
+        ValueError: attack_time: a robot needs 2 from vertex 0 to vertex 2, where an attack ...
     """
     require_x64("maximin_capture")
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
-        if count < 1:
-            raise ValueError(f"{name}: expected at least 1, got {count}")
+        check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    _check_reach(delays, attack)
-    delays = np.tile(delays, (memory, memory))
     whole = _with_memory(graph, memory, stay)
     among = ChainPolytope.on(whole, stay=stay)
+    check_reach(delays, attack, stay=stay)
+    delays = np.tile(delays, (memory, memory))
     arguments = on_device(delays, attack)
     if travel_times is None and not stay and np.ptp(attack) == 0:
         frames = _frames(delays, memory)
@@ -247,8 +254,8 @@ def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
 def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
-    Because of the floor, a robot visits even the part of the graph that it leaves to other robots,
-    once in 10^6 moves; rounding spoils the times of such visits.
+    Because each step has a least probability, a robot visits even vertices that it leaves to other
+    robots, once in 10^6 moves; rounding spoils the times of such visits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:
@@ -259,19 +266,3 @@ def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tupl
     if without >= (1 - 10 * _RARE) * value:
         return kept, without
     return matrices, value
-
-
-def _check_reach(
-    delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
-) -> None:
-    apart = scipy.sparse.csgraph.shortest_path(delays.astype(np.float64))
-    # `ChainPolytope.on` raises an error for a graph that is not connected.
-    if not np.isfinite(apart).all():
-        return
-    late = apart - attack
-    start, target = np.unravel_index(np.argmax(late), late.shape)
-    if late[start, target] > 0:
-        raise ValueError(
-            f"attack_time: a robot at vertex {start} needs {apart[start, target]:.0f} to come to "
-            f"vertex {target}, where an attack takes {attack[target]}; expected that at least"
-        )

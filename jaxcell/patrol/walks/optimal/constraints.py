@@ -76,8 +76,6 @@ def load_constraints(
 
     **Returns:** the constraints, for weights that sum to 1.
 
-    **Raises:** `ValueError` that names the file and the field; `FileNotFoundError`.
-
     At most a tenth of the steps along the last edge of a line:
 
         >>> import pathlib, tempfile

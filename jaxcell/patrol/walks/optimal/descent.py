@@ -14,6 +14,7 @@ from ....base.certificate import Certificate
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
+from ....optimize.checked import check_count
 from .polytope import ChainPolytope
 
 
@@ -33,7 +34,6 @@ class OptimizedWalk:
     """An optimised chain of a patroller."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
-    "The transition matrix."
     value: float
     "The value of the minimised or maximised quantity."
     certificate: Certificate
@@ -63,8 +63,7 @@ def minimize(
     all starts.
     """
     require_x64(what)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
+    check_count("starts", starts)
     begin = polytope.starts(starts, 1, seed)
     chains, values, steps = descend(measure, polytope, begin, arguments)
     best = int(np.nanargmin(values))
@@ -95,7 +94,7 @@ def descend(
     which takes twice as long.
 
     The measure is a function of the transition matrices `[robots, vertices, vertices]` and the
-    arguments. It is compiled once per shape, as long as it is the same object.
+    arguments. It is compiled once per shape if it is the same function object in each call.
 
     **Returns:** the chains, their values, and the number of steps taken.
     """

@@ -35,10 +35,7 @@ def maximum_entropy_rate(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
-    - `stay`: whether the patroller may wait at a vertex.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
+    - `graph`, `stationary`, `stay`, `throw`: as in [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
     nats per step. The residual of its certificate, in nats, bounds by how much another chain can
@@ -93,20 +90,15 @@ def maximum_return_time_entropy(
 
     **Arguments:**
 
-    - `graph`: a connected graph.
-    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
-    - `stay`: whether the patroller may wait at a vertex.
+    - `graph`, `stationary`, `stay`, `starts`, `seed`, `throw`: as in
+        [`jaxcell.patrol.walks.minimum_kemeny`][].
     - `horizon`: the longest return time that counts. By default, longer return times have a
         probability of at most 0.1 at each vertex, for any chain with the stationary distribution,
         or the uniform distribution if it is missing (Markov's inequality).
-    - `starts`: number of starts. The first follows a short closed tour.
-    - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
-    The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if 1 is
-    larger: to first order, no chain is better by a larger share.
+    The residual of its certificate is that of [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 
@@ -128,46 +120,14 @@ def maximum_return_time_entropy(
     return OptimizedWalk(walk.matrix, -walk.value, walk.certificate)
 
 
-def return_time_law(
-    P: Float[Array, "vertices vertices"], horizon: int
-) -> Float[Array, "steps vertices"]:
-    """Compute the probability that a chain first returns to a vertex after 1, 2, ... steps.
-
-    **Arguments:**
-
-    - `P`: the transition matrix.
-    - `horizon`: the last number of steps.
-
-    **Returns:** one row per number of steps, one column per vertex.
-
-    Two vertices; half of the steps go to the other vertex:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import patrol
-        >>> patrol.walks.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
-        [[0.5, 0.5], [0.25, 0.25], [0.125, 0.125]]
-    """
-    check_count("horizon", horizon)
-
-    def step(first, _):  # type: ignore[no-untyped-def]
-        back = jnp.diagonal(first)
-        return P @ (first - jnp.diag(back)), back
-
-    return jax.lax.scan(step, P, None, length=horizon)[1]
-
-
 def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> Float[Array, ""]:
     """Compute the entropy of the time of first return to a vertex, in nats.
 
     The entropy is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first
     return and `pi` the stationary distribution, up to the horizon.
 
-    **Arguments:**
-
-    - `P`: the transition matrix of an irreducible chain.
-    - `horizon`: the longest return time that counts.
-
-    **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
+    **Arguments:** the transition matrix of an irreducible chain, and the longest return time that
+    counts. **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
 
     Two vertices; half of the steps go to the other vertex. The entropy is nearly `2 log 2`:
 
@@ -176,7 +136,13 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
         >>> round(float(patrol.walks.return_time_entropy(jnp.full((2, 2), 0.5), 20)), 3)
         1.386
     """
-    law = return_time_law(P, horizon)
+    check_count("horizon", horizon)
+
+    def step(first, _):  # type: ignore[no-untyped-def]
+        back = jnp.diagonal(first)
+        return P @ (first - jnp.diag(back)), back
+
+    law = jax.lax.scan(step, P, None, length=horizon)[1]
     surprise = -jnp.log(jnp.where(law > 0, law, 1.0))
     return jnp.sum(dense.stationary(P) * jnp.sum(law * surprise, axis=0))
 

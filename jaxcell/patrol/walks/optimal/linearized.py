@@ -99,7 +99,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the misses with a time left, for earlier moves and for attacks of this duration."""
+        """Store the misses with a time `left`, for attacks of this duration and longer attacks."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

@@ -27,13 +27,11 @@ class ChainPolytope:
     """
 
     vertices: int
-    "Number of vertices."
     tails: Int[np.ndarray, "moves"]
     "The vertex at which each move begins."
     heads: Int[np.ndarray, "moves"]
     "The vertex at which each move ends."
     stationary: Float[np.ndarray, "vertices"] | None
-    "The prescribed stationary distribution, or `None`."
 
     @classmethod
     def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
@@ -44,9 +42,6 @@ class ChainPolytope:
         - `graph`: a connected graph.
         - `stationary`: array `[vertices]`, the share of the time to spend at each vertex.
         - `stay`: whether the patroller may wait at a vertex.
-
-        **Raises:** `ValueError` for a graph that is not connected, or for a stationary distribution
-        that no chain on the graph has.
         """
         moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
         if stay:
@@ -140,8 +135,8 @@ def _possible(
 ) -> Bool[np.ndarray, "moves"]:
     """Find the moves that a chain with the stationary distribution can make.
 
-    One linear program finds the largest flow within the shares of time. The flow can then change
-    along cycles of the graph that contains each move, and the reverse of each move with a flow.
+    One linear program finds a largest flow within the shares of time. A move is possible if it has
+    flow, or if the flow can change along a cycle that contains the move.
     """
     tails, heads = moves.T
     n, move = share.size, np.arange(len(moves))

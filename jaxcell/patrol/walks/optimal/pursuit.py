@@ -67,21 +67,18 @@ class Pursuit:
 
         A time shares its promise with the last possible time of a first arrival before it.
         """
-        vertices, goal = len(self.delays), np.array(self.targets)
-        arrives = np.zeros((longest + 1, vertices, goal.size), bool)
+        vertices, targets = len(self.delays), len(self.targets)
+        there = np.arange(vertices)[:, None] == self.targets
+        arrives = np.zeros((longest + 1, vertices, targets), bool)
+        # After a move, a robot is at the target, or first arrives there after the time left.
+        later = [there]
         for time in range(1, longest + 1):
-            for here in range(vertices):
-                for there in self.beside[here]:
-                    left = time - int(self.delays[here, there])
-                    if left >= 0:
-                        arrives[time, here] |= (
-                            (goal == there)
-                            if left == 0
-                            else (arrives[left, there] & (goal != there))
-                        )
+            for taken in range(1, time + 1):
+                arrives[time] |= (self.delays == taken) @ later[time - taken]
+            later.append(arrives[time] & ~there)
         order = arrives.transpose(1, 2, 0).reshape(vertices, -1)
         numbers = np.where(order, order.cumsum(axis=1) - 1, -1)
-        return np.maximum.accumulate(numbers.reshape(vertices, goal.size, -1), axis=2)
+        return np.maximum.accumulate(numbers.reshape(vertices, targets, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
         """Lower the bound `most` by `rounds` tests of probabilities above `least`."""
@@ -109,7 +106,7 @@ class _Search:
         self.programs = {here: _Program(pursuit, here, least) for here in models}
 
     def run(self, count: int, random: np.random.Generator) -> float:
-        """Make cuts, and return an upper bound on capture by robots that keep the probability."""
+        """Make at most `count` cuts, and return an upper bound on capture."""
         made, turn, last, models = 0, 0, 0, list(self.programs)
         # The search ends if walks from all models need no new cut.
         while made < count and turn - last <= len(models):
@@ -269,7 +266,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack, and its plan."""
+        """Return an upper bound on the least promise for a whole attack, and the best plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])

@@ -39,8 +39,8 @@ def maximize_least_capture(
 ) -> tuple[_Moves, float, float, int]:
     """Maximize the least probability of capture by linear programs, within a trusted distance.
 
-    At a maximum of the least of smooth functions, several functions are equal, often enough of them
-    to determine the maximum. Linear programs then converge as fast as Newton's method, while
+    At a maximum of the least of smooth functions, several functions are equal, and often determine
+    the maximum. Linear programs then converge as fast as Newton's method, while
     gradients of a soft minimum are slow. A program contains only the nearly best attacks.
 
     **Returns:** the chains of the robots, the probability, the relative gain that the linear

@@ -19,8 +19,6 @@ def scale_to_stationary(
     `share`. If the flow of a positive weight is 0 in all such flows, its probability tends to 0.
     Each step is the better of a Sinkhorn step, which is slow if some flows almost vanish,
     and a Newton step on the same dual problem.
-
-    **Raises:** `RuntimeError` if the sums stay off by more than 1e-9.
     """
     with np.errstate(divide="ignore"):
         kernel = np.log(weights)
