@@ -155,7 +155,7 @@ STOPS = (
         "A robot is put down anywhere and comes home by its bumps",
         Navigate,
         "@complex --bounces 45 100 135 --goal 1,1 --anywhere --heading unknown "
-        "--errors run=0.02 distance=0.05 turn=1 --measured --robots 20 --bumps 20",
+        "--errors run=0.02 distance=0.05 turn=1 --measured --robots 20 --bumps 25",
         _home,
     ),
     Stop(
