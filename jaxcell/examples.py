@@ -103,13 +103,16 @@ def gyres() -> "tuple[drift.Water, drift.Flow]":
 
 
 def patrol() -> "tuple[optimize.Graph, Bool[np.ndarray, '5 5']]":
-    """Make a graph of five vertices in a row, and their visibility up to the next vertex."""
+    """Make a path graph of five vertices, and its visibility matrix.
+
+    A robot sees its own vertex and the adjacent vertices.
+    """
     graph = optimize.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
     return graph, np.abs(np.subtract.outer(range(5), range(5))) <= 1
 
 
 def basins(cells: int = 8) -> "dynamics.Basins":
-    """Compute the basins of a map of [0, 1] that maps numbers above 1/2 to 0.6, others to 0.1."""
+    """Compute the basins of a map of [0, 1]: numbers above 1/2 go to 0.6, other numbers to 0.1."""
     return dynamics.basins(_two_ends, space.Box([0], [1], cells=[cells]))
 
 

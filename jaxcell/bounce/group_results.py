@@ -78,9 +78,9 @@ class BounceGroups(Result):
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """Find the groups of one angle after the other, without arrays over all cells.
+        """Iterate over the angles, and yield the groups of each, without arrays over all cells.
 
-        [`jaxcell.record.save_cells`][] writes results that exceed the memory in this way.
+        [`jaxcell.record.save_cells`][] uses this method to write results that exceed the memory.
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))

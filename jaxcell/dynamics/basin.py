@@ -82,13 +82,14 @@ class Basins(OnBox):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Without time outside the box; `None` if the mappings of all cells have the same duration."
+    """Time outside the box is not counted. `None` if the mappings of all cells have the same
+    duration."""
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
-    "Remedies, tried on a sample of points if cells and orbits disagree, or `None`."
+    "A trial of finer settings on a sample of points, or `None` if cells and orbits agree."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 

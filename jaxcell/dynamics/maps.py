@@ -162,16 +162,17 @@ def flow(
     crossed: int = 16,
     max_steps: int = 1000,
 ) -> Flow:
-    """Make the map of an autonomous field `x' = field(x, params)`, by Runge-Kutta steps of order 4.
+    """Build the map of an autonomous field `x' = field(x, params)` with Runge-Kutta steps.
 
     **Arguments:**
 
     - `field`: the velocity at a point, an array `[axes]`.
-    - `dt`: duration of a step.
+    - `dt`: duration of a Runge-Kutta step of order 4.
     - `steps`: number of steps per mapping. With `"crossing"` the number differs between cells: the
-        orbit of a cell is followed until it is `crossed` cells away (after Hsu's criterion). So
-        slow cells are not their own images, and the error of half a cell is small compared with
-        the distance.
+        orbit of a cell is followed until it is `crossed` cells away (according to Hsu's criterion).
+    - `crossed`: with `"crossing"`, the number of cells that an orbit crosses. So a cell with a slow
+        flow is not mapped to itself, and the rounding of an image to a cell, by up to half a cell,
+        is small compared with the distance to it.
     - `max_steps`: with `"crossing"`, the largest number of steps. A cell that has not crossed by
         then most likely holds an equilibrium.
 
@@ -193,7 +194,7 @@ def flow(
 
 
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
-    """Make the map of a forced field over one period of the force, from phase 0.
+    """Build the map of a forced field over one period of the force, from phase 0.
 
     **Arguments:** the velocity, `field(t, x, params)`; the period; and the number of Runge-Kutta
     steps in a period. **Returns:** a map for all functions of this package.
@@ -219,7 +220,7 @@ def section(
     dt: float,
     max_steps: int = 10_000,
 ) -> Section:
-    """Make the return map of a flow to a surface that it crosses upwards.
+    """Build the return map of a flow to a surface that it crosses upwards.
 
     Steps continue until `surface` changes its sign from negative to positive; the secant method
     then finds the crossing within the step. A point that does not return in `max_steps` maps to

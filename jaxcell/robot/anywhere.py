@@ -37,7 +37,7 @@ class AnywhereSettings:
     ahead: int = 1
     "The number of bumps that the choice of an angle looks ahead."
     seed: int = 0
-    "The seed for the sample of places by which the angles are compared."
+    "The seed of the sample of places that is used to compare the angles."
 
 
 def run_anywhere(
@@ -114,7 +114,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """The possible places of a robot on walls, updated by its straight runs and its turns."""
+    """The possible places of a robot on walls, updated after its straight runs and its turns."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
@@ -124,7 +124,11 @@ class SetFollower:
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
-        """Update the places by the length of a straight run in metres; `None` without a bump."""
+        """Update the possible places after a straight run of `run` metres.
+
+        `None` is a run without a bump, which is longer than any run in the room. It refutes all
+        places.
+        """
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:

@@ -74,7 +74,7 @@ class Follower(abc.ABC):
         return "1 configuration" if count == 1 else f"{count} configurations"
 
     def outcome(self) -> RunOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         cells, colors = tuple(self.cells), tuple(self.colors)
         if self.result == "localized":
             reason = self.localized

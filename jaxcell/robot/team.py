@@ -147,7 +147,7 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
 
 class Member:
-    """The state of a robot of a team, updated by its observations."""
+    """The state of a robot of a team, updated with its observations."""
 
     def __init__(self, actions: str) -> None:
         self.observations = ""
@@ -168,7 +168,7 @@ class Member:
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
-        """Update the state by the step of the next action, which may have bumped."""
+        """Update the state after a step; `bumped` is true if the step ended in a bump."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -180,7 +180,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state by all observations of a run, and by the turns between them."""
+        """Update the state with all observations of a run, and with the turns between them."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
@@ -191,7 +191,7 @@ class Member:
                 self.index += 1
 
     def outcome(self) -> RunOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         count = len(self._actions)
         if self._refuted:
             reason = f"action {self.index} of {count}: {self._refuted}"

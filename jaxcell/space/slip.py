@@ -35,24 +35,24 @@ class Slip:
     """
 
     step: float = 0.0
-    "Standard deviation of the relative error of a straight stretch, 0 to 1."
+    "Standard deviation of the relative error of a straight stretch, from 0 to 1."
     turn: float = 0.0
-    "Standard deviation of the relative error of a turn in place, 0 to 1."
+    "Standard deviation of the relative error of a turn in place, from 0 to 1."
     heading: float = 0.0
-    "Standard deviation of the drift of the heading on a metre of travel, in radians, 0 to 1."
+    "Standard deviation of the drift of the heading per metre of travel, in radians, from 0 to 1."
     bumper: float = 0.0
     """Standard deviation of the place where a wall is felt, in metres. If it is before the wall, a
     bump comes too soon; if it is behind the wall, a bump at the end of a step is missed."""
     give: float = 0.0
     "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0
-    """Turn toward the wall by a bump at an incidence of 45 degrees, in radians, -1 to 1. It is the
-    same at each bump. At an incidence `i` it is multiplied by `sin(2 i)`, so that a head-on bump
-    does not turn the robot."""
+    """Angle in radians, from -1 to 1, by which a bump at an incidence of 45 degrees turns the robot
+    toward the wall. The angle is not random. At an incidence `i` it is multiplied by `sin(2 i)`, so
+    a head-on bump does not turn the robot."""
     bump_skid: float = 0.0
     """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
-    travel, so a robot that drives back by its encoders goes too far. At an incidence `i` it is
-    multiplied by `cos(i)**2`."""
+    travel, so a robot that measures its way back with the encoders goes too far. At an incidence
+    `i` it is multiplied by `cos(i)**2`."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):

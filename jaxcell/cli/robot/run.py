@@ -93,8 +93,9 @@ class RobotRun(Printing):
     out: Path | None = None
     """Folder for the log, the recording and summary.json; it must not contain a log yet."""
     live: str | None = None
-    """Viewer that shows the recording during the run: "here" (without a display a web page, until
-    Ctrl-C), or the address of a viewer, such as rerun+http://laptop:9876/proxy."""
+    """Viewer that shows the recording during the run: "here" for a viewer on this computer (without
+    a display, a web page that is served until Ctrl-C), or the address of a running viewer, such as
+    rerun+http://laptop:9876/proxy."""
 
     def run(self) -> int:
         check(self)

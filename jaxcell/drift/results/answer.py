@@ -90,7 +90,7 @@ def _leaving(drift: "SeaDrift") -> str:
 
 
 def _certainty(drift: "SeaDrift") -> str:
-    """Write the distance between the map and simulated drifters, at the times of comparison."""
+    """Describe the difference between the distributions of the map and of simulated drifters."""
     of = drift.layers[0].compared
     trios = zip(of.hours.tolist(), of.total_variation, of.noise, strict=True)
     times = [
@@ -104,7 +104,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Write the number of groups and the time to them, for this step and for other steps."""
+    """Describe the number of groups and the time to them, for this step and for other steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"

@@ -59,15 +59,16 @@ class EdgeStates:
 def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStates:
     """Find the edge states between basins: saddles that attract the orbits on a boundary.
 
-    A segment between neighbouring cells of two basins is cut until its ends are nearly equal and
-    still lead to different attractors. Both ends are mapped until they have separated, and the
-    segment between them is cut again. So the pair of points follows the boundary to the edge state
-    (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of points.
-    An edge state with one unstable direction is the state that a transition by weak noise passes.
+    A segment between neighbouring cells of two basins is bisected until its ends are nearly equal
+    and still lead to different attractors. Both ends are mapped until they have separated, and the
+    segment between them is bisected again. So the pair of points follows the boundary to the edge
+    state (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of
+    points. An edge state with one unstable direction is the state that a transition by weak noise
+    passes.
 
     **Arguments:** a map, its basins, and a function that is called with the progress. **Returns:**
-    the edge states of at most 32 pairs of neighbouring basins, which are searched from three places
-    on the boundary of each pair.
+    the edge states. At most 32 pairs of neighbouring basins are searched, each from three places on
+    their common boundary.
 
     The middle of a double well, between the attractors -1 and 1:
 

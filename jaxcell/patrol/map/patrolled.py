@@ -58,17 +58,17 @@ class PatrolledMap(Result):
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
     attack: Vulnerability
-    "The capture of attacks on one cell."
+    "The probability of capture of attacks on one cell."
     captures: Capture
-    "The capture of attacks on each cell."
+    "The probability of capture of attacks on each cell."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` without one."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The capture while the remaining robots keep their old regions, or `None`."
+    "The capture after one robot has failed, if the others keep their old regions; or `None`."
     recovery: Capture | None = None
-    "The capture when the remaining robots patrol the new regions, or `None`."
+    "The capture after one robot has failed, if the others patrol the new regions; or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"

@@ -74,7 +74,7 @@ class GraphPatrol(Measures):
     walks_with_memory: MemoryPatrol | None = None
     "The walks of robots with memory, or `None`; other measures are of the walk without memory."
     idleness: Idleness | None = None
-    "The times between visits of these walks and of three other patrols, or `None`."
+    "The times between visits to vertices, for these walks and three other patrols, or `None`."
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1

@@ -121,7 +121,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select at most about `most` cells, on a coarser grid."""
+        """Select roughly `most` cells or fewer, on a coarser grid."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride

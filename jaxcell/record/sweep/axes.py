@@ -17,12 +17,17 @@ _MAX_LETTERS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A parameter of a sweep. A step of the axis has one value, or several adjacent values."""
+    """A parameter of a sweep as an axis.
+
+    A step of the axis stands for one value or, if there are too many values, for several adjacent
+    values.
+    """
 
     name: str
     dimension: str
     timeline: str
-    "The name of the timeline, with the factor from values to times, such as `angle x 10`."
+    """The name of the timeline. It contains the factor that converts values to times, as in `angle
+    x 10`."""
     times: Int[np.ndarray, "steps"]
     labels: tuple[str, ...]
     "The value of each step; the first value if a step has several values."

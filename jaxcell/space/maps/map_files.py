@@ -126,7 +126,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """Write the JSON text of a map, in metres, which `parse_json` reads to the same numbers."""
+    """Format a map as JSON, in metres, so that `parse_json` restores exactly the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',

@@ -56,11 +56,13 @@ class Localize(AnywhereStudy):
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
     metre. A belief then localizes the robot instead of a filter."""
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
-    """Turn toward the wall that a bump causes at an incidence of 45 degrees, in degrees; the wheels
-    do not measure the turn. At an incidence i the turn is sin(2 i) times as large."""
+    """Angle in degrees by which a bump at an incidence of 45 degrees turns the robot toward the
+    wall. The wheel encoders do not measure it. At an incidence i the angle is sin(2 i) times as
+    large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
-    """Distance that the wheels skid at a head-on bump, in metres; the robot then drives back too
-    far by this distance. At an incidence i the distance is cos(i)² times as large."""
+    """Distance in metres that the wheels skid at a head-on bump. The encoders count this distance,
+    so the robot drives back too far by it. At an incidence i the distance is cos(i)² times as
+    large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of finer cells of a belief, by default 100,000, and up to 400,000 for a slip
     below 2 %. More of them make its credible sets smaller on large maps, and take longer."""

@@ -26,8 +26,9 @@ class Drifters(SeaStudy):
     task: ClassVar[str] = "drifters"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Trajectories: files of the Global Drifter Program, OpenDrift, Parcels or in the CF
-    convention, a pattern, a Zarr store, an OPeNDAP address, or @drifters."""
+    """Trajectories: files (or a pattern of their names) of the Global Drifter Program, of
+    OpenDrift, of Parcels, or in the CF convention; a Zarr store; an OPeNDAP address; or
+    @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0
     """Duration of a move in days."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0

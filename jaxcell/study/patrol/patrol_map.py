@@ -42,9 +42,9 @@ class PatrolMap(CellStudy):
     other cell (centre), or the whole cell (cell), or its own whole cell is in view of the other
     centre (source, as in the attacks of the dissertation)."""
     strategy: Literal["commute", "capture"] = "commute"
-    """Aim of the walks: a short mean commute time between cells (commute), or a high least
-    probability of capture for the first of the attack times and for --start, a local optimum
-    (capture)."""
+    """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
+    probability of capture at the weakest cell (capture), which is searched to a local optimum for
+    the first of the attack times and for --start."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Least share of steps on the shortest closed tour through the cells that see the whole map;
     "auto" takes the share among 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more than 2,000

@@ -76,7 +76,7 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """The first result, with variables of length 0; `None` before a member is done."""
+        """A template of the results: the first result without its values; or `None` before it."""
         return self.contents.frame
 
     @property

@@ -22,7 +22,7 @@ class Axes:
     time: str | None
     depth: str | None
     y: str
-    "The dimension along y: of the centres of cells, or of their sides if `staggered`."
+    "The dimension along y: the cell centres, or the cell faces if `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -30,14 +30,15 @@ class Axes:
 
     @property
     def staggered(self) -> bool:
-        """True if the velocity is on the sides of the cells of a C-grid."""
+        """True if the velocity is on the cell faces of a C-grid."""
         return self.rho != (self.y, self.x)
 
     @property
     def between(self) -> int | None:
-        """The axis (-2 for y, -1 for x) along which the velocity lies between centres, or `None`.
+        """The axis (-2 for y, -1 for x) along which the velocity is staggered, or `None`.
 
-        Along the dimensions eta_u and xi_v it has the coordinates of centres.
+        A staggered velocity is on the cell faces, between the centres. Along eta_u and xi_v, a
+        velocity has the coordinates of the centres, so these dimensions do not count as staggered.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 

@@ -17,10 +17,11 @@ _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of MITgcm, and order its sides, as in a file of ROMS.
+    """Convert a file of MITgcm to the dimensions and the order of cell faces of ROMS.
 
-    In a file of MITgcm the first side lies before the first centre, in a file of ROMS after it.
-    Other files are returned unchanged.
+    In a file of MITgcm the first face lies before the first cell centre, in a file of ROMS after
+    it. So faces that lie before the first centre move to the end, or are left out. Other files are
+    returned unchanged.
     """
     dataset = file.dataset
     faces = [dim for dim in _FACES if dataset[u].sizes.get(dim, 1) > 1]
