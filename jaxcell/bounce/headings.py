@@ -10,9 +10,9 @@ from jaxtyping import Bool, Int
 class Headings:
     """The directions that a robot takes at successive bumps, in independent cycles.
 
-    The directions of one cycle differ by multiples of `cycles`. Directions with equal steps share a
-    *way*. Cycles that have the same ways in the same order meet the same walls and have the same
-    groups, so only the first of these cycles is followed. Its directions are *leading*.
+    The directions of one cycle differ by multiples of `cycles`. Directions with equal steps form a
+    class, the *way*. Cycles that have the same ways in the same order meet the same walls and have
+    the same groups, so only the first of these cycles is followed. Its directions are *leading*.
     """
 
     shift: int
@@ -39,8 +39,9 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles in the order of their smallest cells.
 
-        Slots are walls of the leading directions. `leads` is true for the slot that represents a
-        group, and `lowest` is the smallest cell of its group. A direction has `positions` cells.
+        A slot is a wall of a leading direction. `leads` is true for each slot that represents its
+        group, and `lowest` is the smallest cell of the group of each slot. A direction has
+        `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]

@@ -67,7 +67,7 @@ class AngleGroups:
     def of_walls(
         self, direction: int
     ) -> tuple[Int32[np.ndarray, "walls"], Int32[np.ndarray, "walls"]]:
-        """Find the group that each wall of a direction reaches, and the number of mappings."""
+        """Find the group of each wall of a direction, and the number of mappings to the group."""
         way = self.runs.steps.way[direction]
         slots = self.first[direction] + np.arange(np.diff(self.runs.begin)[way])
         place = self.groups.place[self.leader[slots]]
@@ -128,7 +128,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Make the first-return map from bump to bump of the given walls, padded to `slots` rows."""
+    """Build the first-return map from bump to bump for a list of walls, padded to `slots` rows."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

@@ -13,10 +13,11 @@ from .straight_runs import Runs
 class Walls:
     """Tables of the next wall after each wall, for grids of one shape and any bouncing angle.
 
-    Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]). A wall of a way is a
-    free square where a step of that way bumps. A robot that bumps at a wall of way `v`, and turns
-    to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its number among
-    the walls of its way. All ways and grids have equally many slots, and the last is never in use.
+    A *way* is a class of directions with equal steps (see [`jaxcell.bounce.Moves`][]). A wall of a
+    way is a free square where a step of that way bumps. A robot that bumps at a wall of way `v`,
+    and turns to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its
+    number among the walls of its way. All ways and grids have the same number of slots, and the
+    last slot is never in use.
     """
 
     way: Int[np.ndarray, "directions"]
@@ -26,7 +27,7 @@ class Walls:
     behind: Int32[np.ndarray, "grids ways slots"]
     "Number of other squares from which the robot runs into each wall; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
-    "`next[:, v, w]` has the slot of the wall of way `w` that follows each wall of way `v`."
+    "`next[:, v, w]` contains the slot of the wall of way `w` that follows each wall of way `v`."
     length: Int32[np.ndarray, "grids ways ways slots"]
     "Number of steps from each wall to the next; -1 for no wall."
 

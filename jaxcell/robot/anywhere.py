@@ -33,7 +33,8 @@ class AnywhereSettings:
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "Without a goal, an angle is chosen to minimize the worst or the mean size of the next sets."
+    """The size that the choice of an angle minimizes: the worst or the mean size of the next sets
+    of places. It has no effect if there is a goal."""
     ahead: int = 1
     "The number of bumps that the choice of an angle looks ahead."
     seed: int = 0
@@ -45,14 +46,15 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of the largest `displacement` of its
-    errors, and turns. It measures only the lengths of its straight runs.
+    The robot drives straight until it bumps, backs off by half of its largest `displacement`, and
+    turns. It measures only the lengths of its straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written at once; and the largest number of bumps.
 
-    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
-    `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the runs.
+    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], whose result is
+    `"localized"`, `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the
+    runs.
 
     A simulated point robot in an L-shaped room:
 
@@ -154,14 +156,14 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Turn the robot at all possible places by an angle in radians."""
+        """Add a turn of the robot, by an angle in radians, to all possible places."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
-        The places are turned only after the yield. Raises `ValueError` if a length or an angle is
-        not a number.
+        The turn is added to the possible places only after the yield. Raises `ValueError` if a
+        length or an angle is not a number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):
@@ -184,7 +186,7 @@ class SetFollower:
                 self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         place, where = None, "nowhere"
         if self.state is not None and self.state.wall.size:
             boundary = self.settings.filter.boundary

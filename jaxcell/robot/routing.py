@@ -1,4 +1,4 @@
-"""Find shortest paths through a grid by Lee's wave routing."""
+"""Find shortest paths through a grid with Lee's wave routing."""
 
 from collections.abc import Collection
 
@@ -15,7 +15,7 @@ def grid_steps(
 
     **Arguments:** a mask of free squares, whose row 0 is the lowest, and the `closed` steps between
     free squares, as pairs of a position and a direction: 0 East, 1 North, 2 West or 3 South. A
-    closed step is blocked from both sides.
+    closed step is blocked in both directions.
 
     **Returns:** a row for each of the four directions. The positions are the free squares, counted
     row by row, as in [`jaxcell.space.CellSpace`][].
@@ -55,7 +55,7 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
     [`grid_steps`][], and the position of the goal. **Returns:** the number of steps; -1 if the goal
     cannot be reached.
 
-    A row of four squares; between the last two there is a wall:
+    A row of four squares with a wall between the last two:
 
         >>> import numpy as np
         >>> from jaxcell import robot

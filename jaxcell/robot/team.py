@@ -37,7 +37,7 @@ class MemberTask(Task):
     bounce: float
     "The bouncing angle, in radians, counter-clockwise."
     actions: str
-    "The actions, one character each, as [`jaxcell.robot.member_actions`][] writes them."
+    "The actions, one character per action, as [`jaxcell.robot.member_actions`][] writes them."
 
     @property
     def start_direction(self) -> int:
@@ -103,7 +103,7 @@ def save_team(
 
     **Arguments:** the path of the file; its common fields, which are `cell_m`, `directions`,
     `step_m`, `robot_radius_m`, and any others; the poses at the start in metres and radians; the
-    bouncing angles in radians; and the actions by [`member_actions`][].
+    bouncing angles in radians; and the actions that [`member_actions`][] returns.
 
     A robot that makes two steps and turns at a wall:
 
@@ -213,8 +213,8 @@ def run_member(
 ) -> RunOutcome:
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
-    The robots do not see each other and share no clock, so they come a little early or late to the
-    places where two robots meet in the trajectory. At such a place, each robot turns without a
+    The robots do not see each other and share no clock, so they arrive a little early or late at
+    the places where two robots meet in the trajectory. At such a place, each robot turns without a
     step, as in the trajectory, and does not sense the other robot. If a step that is free in the
     trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and tries
     again, at most 3 times in all.

@@ -158,7 +158,7 @@ class Candidates(Result):
 
 
 class RunOnMap(Candidates):
-    """A simulated robot over time, and its possible cells."""
+    """The run of a simulated robot on a map, with its possible cells."""
 
     run: Localization
     may_lose: ClassVar[bool] = False

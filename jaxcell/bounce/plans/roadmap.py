@@ -67,7 +67,7 @@ class Roadmap:
         motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
-        """Make the roadmap of a cell space. The arguments are as for [`jaxcell.bounce.plan`][]."""
+        """Build the roadmap of a cell space, with the arguments of [`jaxcell.bounce.plan`][]."""
         angles = np.asarray(bounces, float)
         shift = different_shifts(angles, cells.directions)
         keep, change = _weights(keep, change)
@@ -168,13 +168,13 @@ class Roadmap:
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List all pairs of a cell and a goal on its run; a goal is given as its index in `goals`."""
+        """List all pairs of a cell and a goal on its run. Goals are indices in `goals`."""
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column, number = copies(self.place[goals] - first + 1)
         return self.order[first[column] + number], column
 
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
-        """List the cells of the run from `cell` to `goal`, without `cell` and with `goal`."""
+        """List the cells on the run from `cell` to `goal`, which includes `goal` but not `cell`."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
 
 

@@ -169,8 +169,9 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map both ends of each pair until they have separated. Returns the orbit of their middle, and
-    the ends."""
+    """Map both ends of each pair until they have separated.
+
+    Returns the orbit of their middle, and the ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]

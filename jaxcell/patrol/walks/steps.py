@@ -112,7 +112,7 @@ class SymmetricSteps(NamedTuple):
     def matrices(
         self, chance: Float[np.ndarray, "robots branches cells"]
     ) -> Float[np.ndarray, "robots states states"]:
-        """Build the transition matrices of all frames from the probabilities of steps in frame 0."""
+        """Build the transition matrices of all frames from the probabilities in frame 0."""
         frames = np.asarray(self.frames)
         count, vertices = frames.shape
         own = np.asarray(self._dense(chance))

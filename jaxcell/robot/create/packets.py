@@ -48,7 +48,7 @@ class Packet:
     name: str
     "The name of the packet, which is the key of its value."
     size: int
-    "The size of the packet in bytes."
+    "The number of bytes of the packet."
     low: int
     "The smallest value. Packets with negative values use the two's complement."
     high: int
@@ -164,7 +164,7 @@ def layout(ids: Iterable[int]) -> struct.Struct:
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
     """Encode the answer of the robot to a request for the packets and groups `ids`.
 
-    `values` are by name; values of other packets are ignored.
+    `values` maps the names of packets to their values; values of other packets are ignored.
 
     **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
