@@ -22,8 +22,7 @@ _FAR = 0.5
 
 
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
-    """Estimate the angle by which a bump turns a robot, from a log of
-    [`run_anywhere`][jaxcell.robot.run_anywhere].
+    """Estimate the angle by which a bump turns a robot, from a log of `run_anywhere`.
 
     At each bump of the log where the possible places lie within 1.5 m, places and headings are
     drawn from them. From each, a simulated robot drives to the next walls, once for each candidate

@@ -43,7 +43,7 @@ class Trajectories:
     """
 
     lon: Float[np.ndarray, "observations"]
-    "Longitudes in degrees, -180 to 180."
+    "Longitudes in degrees, from -180 to 180."
     lat: Float[np.ndarray, "observations"]
     "Latitudes in degrees."
     time: Float[np.ndarray, "observations"]
@@ -83,7 +83,8 @@ class Trajectories:
     ) -> "Trajectories":
         """Sort observations, and leave out invalid and repeated observations.
 
-        **Arguments:** as the fields; the numbers in `drifter` may be in any order, with gaps.
+        **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
+        with gaps.
         """
         known = np.flatnonzero(np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90))
         order = known[np.lexsort((time[known], drifter[known]))]
@@ -171,7 +172,7 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or in the CF convention.
+    """Read trajectories of the Global Drifter Program, OpenDrift or Parcels, or in CF files.
 
     A file has a matrix of drifters by observations, with common or separate times; or the drifters
     one after the other, with the number of observations per drifter (a ragged array); or the

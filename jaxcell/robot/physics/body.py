@@ -184,8 +184,7 @@ class PhysicsBody:
         self._model.geom_contype[self._boxes] = self._model.geom_conaffinity[self._boxes] = kinds
 
     def _pressed(self, side: int) -> bool:
-        """Check whether the left (`side` 1) or the right (`side` -1) half of the bumper is pressed.
-        """
+        """Check whether the left (`side` 1) or right (`side` -1) half of the bumper is pressed."""
         ahead, left = self._data.qpos[SHELL].tolist()
         return -(ahead + side * left) / math.sqrt(2) >= self.physics.threshold
 

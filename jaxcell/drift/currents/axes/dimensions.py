@@ -49,7 +49,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity by their names and attributes."""
+    """Find the dimensions of a velocity from their names and attributes."""
     _check_structured(file, name)
     dims: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
@@ -81,7 +81,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the axis of a dimension, by its name or by the attributes of its coordinate."""
+    """Find the axis of a dimension from its name or from the attributes of its coordinate."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:
@@ -113,7 +113,7 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether one of the dimensions is of nodes or elements of the model SCHISM."""
+    """Return whether one of the dimensions counts nodes or elements of the model SCHISM."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 
@@ -134,7 +134,7 @@ def _check_lengths(file: OceanFile, axes: Axes) -> None:
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:
-    """Make the error for unstructured grids, such as those of FVCOM and SCHISM."""
+    """Return the error for unstructured grids, such as the grids of FVCOM and SCHISM."""
     dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
     return file.error(
         field,
@@ -148,7 +148,7 @@ def unstructured(file: OceanFile, field: str) -> ValueError:
 def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
-    """Find the variable with the longitudes or latitudes of cells of the dimensions `(y, x)`."""
+    """Find the variable with the longitudes or latitudes of cells on the dimensions `dims`."""
     along = dims[0] if which == "lat" else dims[1]
     candidates = (
         str(name)

@@ -1,4 +1,4 @@
-"""Files of MITgcm and ECCO, whose velocities are on the western and southern sides of cells."""
+"""Files of MITgcm and ECCO, whose velocities are on the western and southern cell faces."""
 
 import dataclasses
 
@@ -40,7 +40,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     names = {x: "x_rho", y: "y_rho", x_side: "x_u", y_side: "y_v"}
 
     def placed(array: xr.DataArray) -> xr.Variable:
-        """Order the sides of a variable so that each follows its centre."""
+        """Order the cell faces of a variable so that each face follows its centre."""
         for side, centre in ((x_side, x), (y_side, y)):
             if side in array.dims:
                 count = dataset.sizes[centre]
