@@ -39,7 +39,7 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over a time, by Runge-Kutta steps, made by [`flow`][]."""
+    """The map of a vector field over a time, with Runge-Kutta steps. [`flow`][] returns it."""
 
     field: Field
     dt: float
@@ -81,7 +81,7 @@ class Flow:
 
 @dataclasses.dataclass(frozen=True)
 class Strobe:
-    """The map of a forced field over a period of the force, made by [`strobe`][]."""
+    """The map of a forced field over a period of the force. [`strobe`][] returns it."""
 
     field: Callable[[Any, Any, Any], Any]
     period: float
@@ -109,7 +109,7 @@ class Strobe:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The map of a surface to itself along a flow, made by [`section`][]."""
+    """The map of a surface to itself along a flow. [`section`][] returns it."""
 
     flow: Flow
     surface: Callable[[Any, Any], Any]
@@ -121,7 +121,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Follow a point to its return to the surface. Returns the new point, and the time."""
+        """Follow a point to its return to the surface, and return the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -297,7 +297,7 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps:
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find the time of height 0, from `below` at 0 to `above` at `dt`, by the Illinois method."""
+    """Find the time of height 0, from `below` at 0 to `above` at `dt`, with the Illinois method."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

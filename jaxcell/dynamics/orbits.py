@@ -16,12 +16,13 @@ from .maps import Map
 
 
 VISITS = 16
-"""Number of visits to the cells of an attractor that assign an orbit to it."""
+"""Number of visits to the cells of an attractor after which an orbit is assigned to it."""
 # Number of mappings between two checks for orbits that have ended, and the largest number.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""Numbers in place of an attractor, for orbits that reach none and orbits that leave the box."""
+"""Numbers that replace an attractor: for orbits that reach none, and for orbits that leave the
+box."""
 
 
 def orbit_basins(

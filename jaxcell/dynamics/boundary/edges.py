@@ -144,7 +144,7 @@ def _cut(
     label: Any,
     narrow: float,
 ) -> tuple[Float[np.ndarray, "pairs 2 axes"], Int[np.ndarray, "pairs 2"]]:
-    """Cut segments whose ends lead to different attractors, until they are short."""
+    """Bisect segments whose ends lead to different attractors, until the segments are short."""
     rows, size = np.arange(len(ends)), np.array(box.upper) - np.array(box.lower)
     parts = max(2, _POINTS // len(ends))
     place = np.linspace(0, 1, parts + 1)[:, None]
@@ -193,7 +193,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Solve for points that return after a period. Returns points, errors, and derivatives."""
+    """Solve for points that return after a period, and return points, errors, and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -212,7 +212,10 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refine a point of each state by Newton's method. Returns points, periods and multipliers."""
+    """Refine a point of each state with Newton's method.
+
+    Returns points, periods and multipliers.
+    """
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()

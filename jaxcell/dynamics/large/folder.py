@@ -10,7 +10,7 @@ import numpy as np
 class Folder:
     """Arrays over cells in files of a folder, and a record of the work that is done.
 
-    The files are of NumPy's format: `numpy.load("basin.npy", mmap_mode="r")` opens one. A killed
+    The files have NumPy's format: `numpy.load("basin.npy", mmap_mode="r")` opens a file. A killed
     computation continues from the record, `work.json`.
     """
 
@@ -43,7 +43,7 @@ class Folder:
         return array.view(np.ndarray)
 
     def finish(self, work: str, done: int) -> None:
-        """Record that a part of the work is done, when its arrays are on the disk."""
+        """Write the arrays to the disk, and record that a part of the work is done."""
         for array in self._arrays.values():
             array.flush()
         self.done[work] = done

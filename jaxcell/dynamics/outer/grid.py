@@ -109,7 +109,7 @@ class Grid:
         first: Int[np.ndarray, "cells axes"],
         last: Int[np.ndarray, "cells axes"],
     ) -> csr_array:
-        """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
+        """Build the matrix whose entry `i, j` is 1 if the block of cell `i` contains cell `j`.
 
         `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
         """

@@ -62,7 +62,7 @@ class PatrolledMap(Result):
     captures: Capture
     "The probability of capture of attacks on each cell."
     regions: Regions | None = None
-    "The region of each robot around a base station, or `None` without one."
+    "The region of each robot around a base station, or `None` if there is no base station."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
@@ -73,7 +73,7 @@ class PatrolledMap(Result):
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
-    "The search that found the policies, if they maximise capture; else `None`."
+    "The search that found the policies if they maximise capture; otherwise `None`."
     frontier: Frontier | None = None
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
@@ -96,7 +96,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "sizes"] | None,
         quantity("size", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
-    "The capture by teams of one robot, two robots, and so on up to all."
+    "The probability of capture by a team of one robot, of two robots, and so on."
     seed: int = 0
     "Seed of the patrol that a recording shows."
 

@@ -71,8 +71,8 @@ class Steps(NamedTuple):
     def pull(self, chance: _Chance, value: _Values) -> _Values:
         """Compute the products `P v` of the transition matrix and several vectors.
 
-        The derivative gathers, because every step has a step back; JAX's own derivative scatters,
-        which takes several times as long.
+        Because every step has a step back, the derivative can gather values. JAX's own derivative
+        scatters values, which takes several times as long.
         """
         return _pull(chance, value, self)
 

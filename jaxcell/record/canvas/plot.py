@@ -1,4 +1,4 @@
-"""Charts with bars and curves that do not depend on the time, drawn in a plane.
+"""Static charts with bars and curves, drawn in a plane.
 
 The charts of the viewer itself show only data over a timeline, or only one kind of mark.
 """
@@ -97,7 +97,7 @@ class Plot:
         self._lines(name, strips, color, 1.0, 5.0)
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
-        """Make a view of the chart, and of the entities `also` in the same plane."""
+        """Create a view of the chart, and of the entities `also` in the same plane."""
         box = -_LEFT, -_HEIGHT - _ABOVE, _WIDTH + _RIGHT, _BELOW
         return plane("/", name, box, (f"/{self.path}/**", *also))
 
