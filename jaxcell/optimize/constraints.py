@@ -134,8 +134,8 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds which numbers can be positive: multiplied by a large enough `t`, these
-    numbers can be 1 or more. A second program finds a point far from all bounds.
+    One linear program finds which numbers can be positive: after multiplication by a large enough
+    `t`, these numbers can be 1 or more. A second program finds a point far from all bounds.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:
@@ -213,7 +213,8 @@ def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
     """Describe a smallest set of constraints that contradict each other.
 
     If the least sum of violations is positive, the constraints with a price prove the
-    contradiction. Each of these is removed if the rest still contradict each other.
+    contradiction. Each of these constraints is removed if the remaining ones still contradict each
+    other.
     """
     price = _give_way(edges, constraints)[1]
     kept = [rule for rule, paid in zip(constraints, price, strict=True) if paid > _NO_PRICE]

@@ -20,7 +20,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extent:
-    """The size of a cell space, from which its memory is estimated before it is made."""
+    """The size of a cell space, which is used to estimate its memory before it is created."""
 
     workspace: Workspace | None
     rows: int
@@ -33,7 +33,7 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is made, from the area of its free space.
+        """Estimate the extent of a future cell space from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
         """

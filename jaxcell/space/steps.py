@@ -1,4 +1,4 @@
-"""Compute the end of a step from every square of a map of any shape, for one way at a time."""
+"""Compute the ends of steps from all squares of a map, for one class of directions at a time."""
 
 import dataclasses
 import functools
@@ -25,8 +25,8 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions whose steps end in the same square, from every start, are one *way*. The squares with
-    a possible step are computed for one way at a time to save memory.
+    Directions in which steps from any start end in the same square form a class, a *way*. The
+    squares from which a step is possible are computed for one way at a time, to save memory.
     """
 
     free: Bool[np.ndarray, "grids rows columns"]
@@ -41,7 +41,7 @@ class Steps:
     def on_grids(
         cls, free: Bool[np.ndarray, "grids rows columns"], directions: int, motion: Motion
     ) -> "Steps":
-        """Make the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
+        """Build the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
         rows, columns = free.shape[1:]
         shape = stencil(directions, motion, (rows, columns))
         margin = max(max(map(abs, square)) for way in shape.crossed for square in way)
@@ -63,7 +63,7 @@ class Steps:
 
     @classmethod
     def of(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space, as a batch of one grid."""
+        """Build the steps in a cell space, as a batch of one grid."""
         if cells.gridded:
             in_squares = Motion(motion.in_cells(cells.cell), motion.collision)
             return cls.on_grids(cells.free[None], cells.directions, in_squares)
@@ -71,7 +71,7 @@ class Steps:
 
     @classmethod
     def among_walls(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space by its walls, which may have any shape."""
+        """Build the steps in a cell space from its walls, which may have any shape."""
         ends_only = Motion(motion.in_cells(cells.cell), "endpoint")
         ends = cls.on_grids(cells.free[None], cells.directions, ends_only)
         near, blocked = _blocked_steps(cells, motion)
@@ -94,7 +94,7 @@ class Steps:
     def starts(
         self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
     ) -> Bool[np.ndarray, "grids rows columns"]:
-        """Find the free squares in which no step of a way ends.
+        """Find the free squares in which no step of the class `way` ends.
 
         `possible` are the squares from which a step of the way is possible.
         """
@@ -124,7 +124,7 @@ class Steps:
         return _listed(grid, (up, across))[square] + which * (self.free[0].size * sum(grid))
 
     def hop(self, way: int) -> int:
-        """Return the number of the square at the end of a step minus that at its start."""
+        """Return the number of the square at the end of a step minus the number at its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 

@@ -26,8 +26,8 @@ class TwoLevel:
     An incomplete factorisation removes the differences of the error between near states. It exists
     without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The remaining
     error is nearly equal in near states, because a slow chain stays long among a few states before
-    it goes on, as a drifter does in an eddy. So near states are joined in *aggregates*, and the
-    chain between aggregates has few states (Takahashi 1975).
+    it moves on, like a drifter in an eddy. So near states are joined in *aggregates*, and the chain
+    between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
