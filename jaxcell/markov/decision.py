@@ -107,7 +107,8 @@ class Optimum:
     def gap(self) -> float:
         """An upper bound on the error of every value, up to rounding.
 
-        The value of the policy is less than the largest possible value by at most twice this bound."""
+        The value of the policy is at most twice this bound below the largest possible value.
+        """
         return self.certificate.residual
 
 

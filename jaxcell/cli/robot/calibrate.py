@@ -86,7 +86,7 @@ class RobotCalibrate(Printing):
 
 
 def _asked(question: str) -> float:
-    """Ask a question on standard error, and read a number from standard input."""
+    """Print a question to standard error, and read a number from standard input."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

@@ -29,11 +29,11 @@ class Localize(AnywhereStudy):
     bounce: Annotated[Degrees | None, Only(bounces=False)] = None
     """Bouncing angle in degrees, counter-clockwise."""
     bounces: Annotated[tuple[Degrees, ...], Only(bounce=False)] = ()
-    """Bouncing angles among which the robot chooses at each bump. A robot that slips takes the
+    """Bouncing angles among which the robot chooses at each bump. A robot that slips chooses the
     angle after which the expected entropy of its belief at the next bump is least."""
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
-    """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
-    angles cannot tell apart."""
+    """Knowledge to reach: the cell, the position at any heading, or the class of cells that no
+    choice of these angles distinguishes."""
     aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
     """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts. With
     --anywhere it is the largest or the mean extent of the set of possible places."""
@@ -65,7 +65,8 @@ class Localize(AnywhereStudy):
     large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of finer cells of a belief, by default 100,000, and up to 400,000 for a slip
-    below 2 %. More of them make its credible sets smaller on large maps, and take longer."""
+    below 2 %. With more fine cells, the credible sets on large maps are smaller, and the
+    computation takes longer."""
 
     @property
     def choice(self) -> dict[str, Any]:

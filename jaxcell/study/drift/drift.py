@@ -70,8 +70,8 @@ class Drift(SeaStudy):
     of the cell drift (sampled). By default turned with --method source, and otherwise sampled."""
     edge: Literal["uniform", "exit"] | None = None
     """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
-    cell, as in the dissertation (uniform), or drift like all others and may leave the map (exit).
-    By default uniform with --method source, and otherwise exit."""
+    cell, as in the dissertation (uniform), or drift like all other drifters and may leave the map
+    (exit). By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they are held at the coast until the current carries them
     off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
@@ -80,7 +80,7 @@ class Drift(SeaStudy):
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
     gaps: Literal["open", "land"] = "open"
-    """Treatment of squares without data that are not land by the mask or the coastline: as an open
+    """Treatment of squares without data that are not land in the mask or the coastline: as an open
     edge (open), or as land (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
@@ -90,7 +90,7 @@ class Drift(SeaStudy):
     backward: bool = False
     """Follow drifters backward in time from the last record, to find where they come from."""
     start: str | None = None
-    """Place where a drifter is dropped, "lon,lat" in degrees."""
+    """Position at which a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None

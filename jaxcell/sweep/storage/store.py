@@ -25,11 +25,11 @@ TO_DO, DONE, FAILED = 0, 1, 2
 class SweepStore:
     """The folder of a sweep.
 
-    - `sweep.journal` has the specification, and records with the results of the chunks.
-    - `sweep.zarr` is the result. It is made from the journal when a run ends.
+    - `sweep.journal` contains the specification, and records with the results of the chunks.
+    - `sweep.zarr` is the result. It is built from the journal when a run ends.
     - `spec.toml` is a copy of the specification.
     - `failures.json` lists the failed members. It is written when a run ends.
-    - `lock` has the name of the process that writes to the store.
+    - `lock` contains the name of the process that writes to the store.
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
@@ -122,7 +122,7 @@ class SweepStore:
         return states, arrays
 
     def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Make arrays of states and variables in which no member is done."""
+        """Create arrays of states and variables in which no member is done."""
         arrays = {}
         for name, one in ({} if self.frame is None else self.frame.variables).items():
             dtype, inner = one.values.dtype, one.values.shape[1:]

@@ -18,7 +18,9 @@ _MAX_DEATHS = 3
 
 
 class Worker:
-    """A child process that computes jobs. It ends when this process ends, even by a kill.
+    """A child process that computes jobs.
+
+    It ends when this process ends, even if this process is killed.
 
     What tasks print to standard output goes to standard error.
     """
