@@ -41,7 +41,7 @@ Kind: TypeAlias = Literal[
 
 - `share`: a number from 0 to 1. `distribution`: shares that sum to 1 over the dimensions in the
     attribute `over` (by default the last dimension).
-- `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
+- `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for "no index".
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `place`: a position that is written as a point in metres.
 - `time`: not negative; may be infinite. `flag`: true or false.

@@ -33,7 +33,7 @@ class Moves:
     target: Int[Array, "ways positions"]
     "The position where the step ends; the position of the start if the robot bumps."
     way: Int[Array, "directions"]
-    "The way of each direction, which is its row of `target`."
+    "The way (class of directions with equal targets) of each direction: its row of `target`."
 
 
 @functools.lru_cache(maxsize=4)

@@ -117,7 +117,10 @@ def _measured(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The tables of [`Walls`][] with merged axes: a row per grid and way, or grid and two ways."""
+    """The tables of [`Walls`][] with merged axes: a row per grid and way (class of directions).
+
+    Tables for pairs of ways have a row per grid and two ways.
+    """
 
     ways: int
     next: Int[np.ndarray, "turns slots"]
@@ -192,7 +195,7 @@ def _once_around(
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
     """Follow each place of the first layer through all layers, back to the first layer.
 
-    Returns the place where it ends, and the number of mappings on the way.
+    Returns the place at which each orbit ends, and the number of mappings until then.
     """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
@@ -226,8 +229,8 @@ def _pull(
     """Count the mappings from places to their groups, layer by layer from the last to the first.
 
     `lead` contains the counts for the first layer, to which the last layer leads. If places of the
-    first layer are `wanted`, the count ends at a layer from which no place leads to them. Returns
-    the numbers of the layer where the count ends, and the longest transient of each cycle.
+    first layer are `wanted`, the count ends at a layer from which no place leads to a wanted place.
+    Returns the counts of the layer where the count ends, and the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

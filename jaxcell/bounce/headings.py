@@ -20,13 +20,13 @@ class Headings:
     cycles: int
     "Number of cycles."
     like: Int[np.ndarray, "cycles"]
-    "For each cycle, the first cycle with the same ways."
+    "For each cycle of headings, the first cycle whose directions have the same steps."
     alike: Int[np.ndarray, "directions"]
     "For each direction, the leading direction that has the same groups."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
-        """A mask of the leading directions."""
+        """A mask of the leading directions, whose cycles are followed."""
         return self.alike == np.arange(self.alike.size)
 
     @classmethod
@@ -66,9 +66,11 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "For each group, the slot that represents it or its equal group of a leading direction."
+    """For each group, the slot (a wall of a leading direction) that represents the group, or the
+    equal group of the leading directions."""
     number: Int[np.ndarray, "groups"]
-    "In direction `d`, slot `s` represents the group `number[begin[d] + place[s]]`."
+    """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
+    place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
 

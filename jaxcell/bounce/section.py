@@ -43,11 +43,12 @@ class AngleGroups:
     runs: Runs
     headings: Headings
     first: Int32[np.ndarray, "directions"]
-    "For each direction, the first slot of the leading direction with the same groups."
+    "For each direction, the index of the first slot of the leading direction with the same groups."
     wall: Int[np.ndarray, "slots"]
-    "The number of each wall in `runs`."
+    "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "The slot that represents the group that each slot reaches."
+    """For each slot (a wall of a leading direction), the slot that represents the group that it
+    reaches."""
     lead: Int32[np.ndarray, "slots"]
     "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups

@@ -26,19 +26,20 @@ class Runs:
 
     steps: Steps
     begin: Int[np.ndarray, "_"]
-    "The first wall of each way; the last entry is the number of all walls."
+    """The first wall of each way (class of directions with equal steps); the last entry is the
+    number of all walls."""
     square: Int[np.ndarray, "walls"]
     behind: Int[np.ndarray, "walls"]
     "Number of other squares from which the robot runs into each wall."
     bump: Int[np.ndarray, "bumps"]
-    "The squares that are walls of at least one way, in ascending order."
+    "The squares where a robot bumps in at least one direction, in ascending order."
     place: Int[np.ndarray, "walls"]
-    "The index in `bump` of the square of each wall."
+    "For each wall, the index in `bump` of its square."
     ahead: Int32[np.ndarray, "ways bumps"]
     """The wall that a robot in each square of `bump` meets in each way. Walls are counted from the
     first wall of the way."""
     length: Int32[np.ndarray, "ways bumps"]
-    "Number of steps to the wall ahead."
+    "Number of steps from each square of `bump` to the wall that the robot meets in each way."
 
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
@@ -61,7 +62,7 @@ class Runs:
         return cls(steps, begin, square, np.concatenate(behind), bump, place, ahead, length)
 
     def of_way(self, way: int) -> slice:
-        """Return the slice that selects the walls of one way in arrays over walls."""
+        """Return the slice of arrays over walls that selects the walls of one way."""
         return slice(self.begin[way], self.begin[way + 1])
 
     def of_directions(
@@ -114,11 +115,11 @@ class Runs:
 
 
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the walls of one way.
+    """Find the walls of one way, a class of directions with equal steps.
 
-    Returns the squares of the walls; the number of other squares from which the robot runs into
-    each wall; the order of the walls along the lines of the way; and the places of the walls on
-    these lines, in this order.
+    **Returns:** the squares of the walls; the number of other squares from which the robot runs
+    into each wall; the order of the walls along the lines in which the robot runs; and the
+    positions of the walls on these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

@@ -21,9 +21,9 @@ class Walls:
     """
 
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with equal steps) of each direction."
     count: Int32[np.ndarray, "grids ways"]
-    "Number of walls of each way."
+    "Number of walls of each way, a class of directions with equal steps."
     behind: Int32[np.ndarray, "grids ways slots"]
     "Number of other squares from which the robot runs into each wall; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
@@ -33,7 +33,7 @@ class Walls:
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":
-        """Tabulate the walls of grids. The tables grow with the square of the number of ways."""
+        """Tabulate the walls of grids. The size grows with the square of the number of ways."""
         runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
         way = np.repeat(np.arange(ways), np.diff(runs.begin))
         grid = runs.square // steps.free[0].size
@@ -54,7 +54,7 @@ class Walls:
 
     @property
     def slots(self) -> int:
-        """Number of slots of a way."""
+        """Number of slots per way: an upper bound on the number of walls of a way."""
         return self.behind.shape[-1]
 
 

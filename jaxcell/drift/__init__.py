@@ -1,7 +1,7 @@
 """Drifters: objects that float in the water of an ocean current (Alam 2018, chapter 5).
 
-The sea is cut into cells, in one or more layers. A drifter moves with the current of its layer; it
-can control only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
+The sea is divided into cells, in one or more layers. A drifter moves with the current of its layer;
+it can control only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
 North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
 `Water` numbers the cells of a layer from 0, row by row, and `Flow` has the velocities in cells per
 second. If the grid goes round the Earth, the last column is beside the first. Squares without a

@@ -28,7 +28,7 @@ _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
-"""The exits by which drifters leave the map."""
+"""The exits through which drifters leave the map."""
 # An unused slot; -1 is the sink.
 _NONE = -2
 
@@ -163,7 +163,7 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 def exit_shares(
     water: Water, flow: Flow, step: DriftStep, chain: Chain | ChainSequence
 ) -> Float[np.ndarray, "exits states"]:
-    """Compute the probability of leaving the map in a step by each exit.
+    """Compute the probability of leaving the map in a step through each exit.
 
     **Arguments:**
 

@@ -56,7 +56,7 @@ class Attractors:
     starts: Float[np.ndarray, "scattered axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "scattered"]
-    "The attractor on which the orbit from each of `starts` ends, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool

@@ -65,7 +65,7 @@ class Basins(OnBox):
     starts: Float[np.ndarray, "starts axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "starts"]
-    "The attractor on which the orbit from each of `starts` ends, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[

@@ -52,7 +52,7 @@ def orbit_basins(
 def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
-    """Return the attractor that contains each cell, -1 for none, and -2 for the outside sink."""
+    """Return the attractor that contains each cell, or -1; the outside sink has -2."""
     owner = np.full(box.size + 2, NONE, np.int32)
     owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):

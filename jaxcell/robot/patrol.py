@@ -64,7 +64,7 @@ class Patrol:
         self.visited: list[int] = []
         self.obstacles: list[tuple[int, int]] = []
         self.goal: int | None = None
-        "The drawn cell to which the robot is on its way, or `None`."
+        "The drawn cell to which the robot is driving, or `None`."
         self._task, self._ways = task, task.ways.copy()
         self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])

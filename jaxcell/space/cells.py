@@ -118,7 +118,7 @@ class CellSpace:
 
     @property
     def room(self) -> Workspace:
-        """The map of the cells. **Raises:** `ValueError` if they were made from a grid."""
+        """The map of the cells. **Raises:** `ValueError` if the cells were created from a grid."""
         if self.workspace is None:
             raise ValueError("cells: expected cells of a map, got cells of a grid")
         return self.workspace

@@ -79,7 +79,7 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the largest number of ways, the sets of directions with equal steps."""
+        """Estimate the largest number of ways, which are classes of directions with equal steps."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)

@@ -24,13 +24,15 @@ class Stencil:
     """
 
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with the same squares) of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The square in which a step of each way ends."
+    "The square in which a step of each way (class of directions) ends."
     crossed: tuple[tuple[_Square, ...], ...]
-    "For each way, the squares whose interior the step crosses, and the last square."
+    """For each way (class of directions), the squares whose interior the step crosses, and the last
+    square."""
     beside: tuple[tuple[tuple[_Square, _Square], ...], ...]
-    "For each way and each corner that the step touches, two squares, one of which has to be free."
+    """For each way (class of directions) and each corner that the step touches, two squares; at
+    least one of them has to be free."""
 
 
 @functools.lru_cache(maxsize=64)

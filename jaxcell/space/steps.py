@@ -31,11 +31,12 @@ class Steps:
 
     free: Bool[np.ndarray, "grids rows columns"]
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with equal steps) of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The rows and columns by which a step of each way moves."
+    "The numbers of rows and columns by which a step of each way (class of directions) moves."
     possible: Callable[[int], Bool[np.ndarray, "grids rows columns"]]
-    "A function that returns the squares from which a step of a way is possible."
+    """A function of a way (class of directions). It returns a mask of the squares from which a step
+    is possible."""
 
     @classmethod
     def on_grids(
@@ -116,7 +117,7 @@ class Steps:
         return targets
 
     def places(self, way: int, square: Int[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"]:
-        """Number squares along the lines that steps of a way follow, as [`line_places`][] does."""
+        """Number squares along the lines of repeated steps of `way`; see [`line_places`][]."""
         grid, (up, across) = self.free.shape[1:], self.offset[way].tolist()
         if self.free[0].size > _SMALL:
             return line_places(square, grid, (up, across))

@@ -126,7 +126,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """The index of the last entry up to each cell on the line of the cell; -1 for none."""
+        """The index of the last entry on the line of each cell up to it, or -1 if there is none."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]

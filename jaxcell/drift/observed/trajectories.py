@@ -29,7 +29,7 @@ _MAX_TIME = 1e17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectories:
-    """Observed positions of drifters, one drifter after the other.
+    """Observed positions of drifters, sorted by drifter.
 
     Three observations of one drifter, and two of another:
 
@@ -174,9 +174,9 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 def open_trajectories(path: Source) -> Trajectories:
     """Read trajectories of the Global Drifter Program, OpenDrift or Parcels, or in CF files.
 
-    A file has a matrix of drifters by observations, with common or separate times; or the drifters
-    one after the other, with the number of observations per drifter (a ragged array); or the
-    drifter of each observation.
+    A file has a matrix of drifters by observations, with common or separate times; or the
+    concatenated observations of the drifters, with the number of observations per drifter (a ragged
+    array); or the drifter of each observation.
 
     **Arguments:**
 

@@ -108,7 +108,8 @@ class Layer(LayerEnds, Compared):
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
-    "The flow from which the map is made: `flow` if it is periodic, else the mean of its records."
+    """The flow from which the map is computed: `flow` if it is periodic, otherwise the mean of its
+    records."""
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
@@ -198,7 +199,7 @@ class Layer(LayerEnds, Compared):
 
         **Arguments:**
 
-        - `sets`: the set of each cell, -1 for none.
+        - `sets`: the number of the set that contains each cell, or -1 if no set does.
         - `first`: the number of set 0 in the result.
         """
         replay, duration = self.compared.replay, self.behaviour.duration

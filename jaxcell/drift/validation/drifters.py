@@ -179,7 +179,8 @@ def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray,
     """Compute the larger Wasserstein distance of the distributions over columns and over rows.
 
     It is a lower bound of the distance over cells, and needs no linear program. Drifters off the
-    grid are left out. On a grid that goes round the Earth, drifters take the shorter way.
+    grid are left out. On a grid that goes round the Earth, distances are measured along the shorter
+    path.
     """
     if not (p.sum() > 0 and q.sum() > 0):
         return float("nan")

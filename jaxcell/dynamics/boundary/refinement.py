@@ -36,7 +36,7 @@ class Refined(NamedTuple):
     boundary: Float[np.ndarray, "cells axes"]
     "Centres of the finest cells at a boundary."
     basin: Int[np.ndarray, "cells"]
-    "The attractor of each cell in `boundary`, -1 for none."
+    "The attractor to which each cell in `boundary` leads, or -1 if it leads to no attractor."
     mapped: int
     "Number of finer cells whose images were computed."
 
@@ -229,7 +229,10 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the attractor of each point, -1 for none; `owner` is the attractor of each cell."""
+    """Find the attractor that each point reaches, or -1.
+
+    `owner` is the attractor that contains each cell.
+    """
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -33,7 +33,7 @@ class NearlyClosedSets:
     """Sets of cells that a chain hardly leaves, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
-    "The set of each cell at the start of the window, -1 for none."
+    "The set that contains each cell at the start of the window, or -1 if no set does."
     end: Int[np.ndarray, "cells"]
     """The set of each cell at the end of the window. For almost-invariant sets it equals `begin`; a
     coherent set has moved; for attracting regions it is the region where the mass of a basin

@@ -24,7 +24,7 @@ _MOST, _DROP = 64, 1e-2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cycle:
-    """A chain whose states form blocks that are visited one after the other, in rounds.
+    """A chain whose states form blocks, which the chain visits in a fixed order, round after round.
 
     Every step leads to a later block, except the steps that begin a new round. One backward sweep
     through the blocks computes the values of all states from the values of the states that begin a
@@ -43,7 +43,7 @@ class Cycle:
     rows: list[scipy.sparse.csr_array]
     "The steps from the states of each block to all states, in this order."
     again: Int[np.ndarray, "first"]
-    "The places of the states that begin a new round."
+    "The indices in `order` of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":

@@ -221,7 +221,7 @@ class _Problem:
     "An attack with a single time."
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a target is out of view, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
 
     @classmethod
     def of(

@@ -90,7 +90,7 @@ class CirculationAscent:
     graph: Graph
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a robot does not see a target, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     start: str
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."

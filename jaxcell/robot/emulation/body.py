@@ -35,7 +35,7 @@ class Noise:
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
-    """The angle by which a bump at 45 degrees turns the robot toward the wall, in radians; see
+    """The angle in radians by which a bump at 45 degrees turns the robot toward the wall; see
     [`jaxcell.space.Slip`][]."""
     bump_skid: float = 0.0
     """The distance in metres by which the wheels skid at a head-on bump; see

@@ -39,7 +39,7 @@ class GraphStudy(Study):
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
     time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
-    """Unit in seconds, to multiples of which the travel times of edges are rounded."""
+    """Unit of time in seconds. Travel times of edges are rounded to multiples of it."""
     base: str | None = None
     """Base station: a vertex where robots report. The result contains the age of the news at the
     base."""

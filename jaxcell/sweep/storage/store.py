@@ -1,4 +1,4 @@
-"""The store of a sweep: a journal that a run appends to, and the result made from the journal."""
+"""The store of a sweep: a journal to which a run appends, and the result built from the journal."""
 
 import dataclasses
 import itertools

@@ -30,7 +30,7 @@ class Ascent:
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a target is out of view, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     floor: float
     "The share of every step that is divided equally among the neighbours."

@@ -57,7 +57,7 @@ def charged_capture(
     **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
     walks, modified to return in time.
 
-    On a line of three vertices, the way to the other end and back takes 4 steps:
+    On a line of three vertices, a walk to the other end and back takes 4 steps:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
