@@ -58,7 +58,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split classes whose states repeats of one input distinguish, and return the new labels."""
+    """Split classes whose states are distinguished by repeating one input; return new labels."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:

@@ -44,7 +44,8 @@ class HiddenMap:
     """The probability of a move from the cell of the row to the cell of the column, with
     observation 0."""
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "For each angle by which the robot may turn, the probability of a move with observation 1."
+    """For each angle by which the robot may turn, the matrix of the probabilities of moves with
+    observation 1."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
@@ -176,7 +177,7 @@ class Estimate:
     probability: Float[np.ndarray, "configurations"]
     "The probability of each configuration if the robot is on the map; equal if unknown."
     nowhere: float
-    "The probability that the robot is nowhere on the map, 0 to 1."
+    "The probability, from 0 to 1, that the robot is nowhere on the map."
 
 
 def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: float) -> Estimate:

@@ -286,7 +286,10 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points on a grid of `shape` rows and columns; `wraps` if it goes round the Earth."""
+    """Mark the points on a grid of `shape` rows and columns.
+
+    `wraps` is true for a grid that goes round the Earth.
+    """
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)

@@ -106,7 +106,10 @@ class ChainSequence:
 
     @functools.cached_property
     def unrolled(self) -> Chain:
-        """The chain whose state `k * cells + i` is cell `i` at phase `k`; steps lead to `k + 1`."""
+        """The chain whose state `k * cells + i` is cell `i` at phase `k`.
+
+        Steps lead to phase `k + 1`.
+        """
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
         image = np.asarray(self.image) + later[:, None, None]
         both = (np.moveaxis(a, 1, 0) for a in (image, np.asarray(self.probability)))

@@ -44,9 +44,9 @@ class DecisionModel:
     chains: tuple[Chain, ...]
     "The chain of each action, over the same cells."
     reward: Float[Array, "actions cells"]
-    "The expected reward of taking the action in the cell."
+    "The expected reward of each action in each cell."
     allowed: Bool[Array, "actions cells"]
-    "`True` if the action can be taken in the cell; each cell has such an action."
+    "`True` for each action that can be taken in each cell; each cell has at least one."
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":

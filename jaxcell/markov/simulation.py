@@ -111,9 +111,9 @@ class _Tables:
     second: Int[Array, "entries"]
     part: UInt32[Array, "entries"]
     there: Bool[Array, "places"]
-    "A mask of the places in the target."
+    "A mask of the places (cells, numbered over all chains) that belong to the target."
     offset: Int[Array, "robots"]
-    "The place of cell 0 of the chain of each robot."
+    "For each robot, the place (number over all chains) of cell 0 of its chain."
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":

@@ -25,7 +25,7 @@ class MinimumCommute:
     """The weights of edges with the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]
-    "The weight of each edge; they are not negative and sum to 1."
+    "The weight of each edge. Weights are not negative and sum to 1."
     commute_time: float
     "The mean commute time over pairs of vertices, in steps or in the unit of the durations."
     tour: Int[np.ndarray, "steps"] | None

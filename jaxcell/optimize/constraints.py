@@ -88,9 +88,9 @@ class Room:
     signs: Int[np.ndarray, "prices"]
     "1 for a lower bound, -1 for an upper bound, 0 for an equality."
     owner: Int[np.ndarray, "prices"]
-    "The index of the constraint of each price; -1 for the sum of all weights."
+    "For each price, the index of its constraint, or -1 for the sum of all weights."
     units: Float[np.ndarray, "prices"]
-    "The largest coefficient of the constraint, by which the constraint is divided."
+    "The largest coefficient of each constraint. Constraints are divided by it."
     inside: Float[np.ndarray, "numbers"]
     "A point that satisfies all constraints."
 
@@ -115,7 +115,7 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
+        """Return the price of each of the first `count` constraints; 0 for one without effect."""
         owned = (self.owner >= 0) & (self.owner < count)
         # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0

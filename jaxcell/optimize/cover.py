@@ -145,7 +145,7 @@ def _packed(sets: Bool[np.ndarray, "sets elements"]) -> UInt64[np.ndarray, "word
 
 
 def _ranked(gain: Int[np.ndarray, "sets"], choice: int) -> int:
-    """Return the set at a place of the ranking, or the last set that adds elements."""
+    """Return the set at position `choice` of the ranking, or the last set that adds elements."""
     choice = min(choice, int(np.count_nonzero(gain)) - 1)
     value = np.partition(gain, -1 - choice)[-1 - choice]
     return int(np.flatnonzero(gain == value)[choice - np.count_nonzero(gain > value)])

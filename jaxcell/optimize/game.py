@@ -30,7 +30,7 @@ class Commitment:
     """The best mixture of the leader's strategies, and the answer of the follower to it."""
 
     weights: Float[Array, "strategies"]
-    "The weight of each strategy of the leader; they are not negative and sum to 1."
+    "The weight of each strategy of the leader. Weights are not negative and sum to 1."
     answer: Int[Array, "types"]
     "The target that each type of the follower chooses."
     value: float

@@ -35,7 +35,7 @@ class SpectralProblem:
 
     edges: Int[np.ndarray, "edges 2"]
     root: Float[np.ndarray, "vertices"]
-    "The vector `r`, positive."
+    "The positive vector `r` of the class docstring."
     bounds: scipy.sparse.csr_array
     limits: _Forces
 

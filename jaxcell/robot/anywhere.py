@@ -29,7 +29,7 @@ class AnywhereSettings:
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "A robot is localized if the extent of its possible places is at most twice this, in metres."
+    "Half of the largest extent, in metres, of the possible places of a localized robot."
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"

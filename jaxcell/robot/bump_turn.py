@@ -73,7 +73,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Find the least error of each turn over all starts of the runs, in square metres."""
+    """Find the least error, over all starts of the runs, for each turn, in square metres."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]

@@ -95,7 +95,7 @@ class LoggedRun:
 
     @property
     def direction(self) -> int | None:
-        """The number of the direction of the robot at the start, or `None`."""
+        """The number of the direction of the robot at the start, or `None` if it is unknown."""
         direction = self.header.get("direction")
         if direction is not None and (type(direction) is not int or direction < 0):
             raise ValueError(f"direction: expected a whole number or null, got {direction!r}")

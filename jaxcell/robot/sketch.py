@@ -220,7 +220,7 @@ def table_bytes(header: str) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise if a known direction does not exist, or a bouncing angle leads between directions."""
+    """Raise if a known direction does not exist, or an angle leads between two directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:

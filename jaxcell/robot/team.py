@@ -25,7 +25,7 @@ TRIES = 3
 
 @dataclasses.dataclass(frozen=True)
 class MemberTask(Task):
-    """The part of one robot of a team in a joint trajectory."""
+    """The task of one robot of a team: its actions in a joint trajectory."""
 
     kind = "team"
     robot: int

@@ -112,7 +112,7 @@ class Walker:
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Drive a step, or back to its start after a bump. Returns whether the robot bumped."""
+        """Drive a step, or back to its start after a bump, and return whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -186,7 +186,7 @@ class Walker:
         return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drive to a place in the frame of the odometry. Returns whether a bump ended the drive."""
+        """Drive to a point in the frame of the odometry. Returns whether a bump ended the drive."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False
@@ -206,7 +206,7 @@ class Walker:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
     def _count(self, moved: Moved) -> bool:
-        """Add a motion to the estimate of the pose. Returns whether a bump ended the motion."""
+        """Add a motion to the estimate of the pose, and return whether a bump ended the motion."""
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped

@@ -59,7 +59,7 @@ class Boundary:
 
     @functools.cached_property
     def diameter(self) -> float:
-        """The diagonal of the box around all walls, in metres."""
+        """The diagonal of the bounding box of all walls, in metres."""
         return float(np.linalg.norm(np.ptp(self.begin, axis=0)))
 
     def point(

@@ -117,7 +117,7 @@ def draw_places(
 
 
 def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
-    """Keep at most `_FOLLOWED` stretches of the set of each robot, drawn at random."""
+    """Keep at most `_FOLLOWED` randomly drawn stretches of the set of each robot."""
     number = np.bincount(state.robot, minlength=robots)
     if number.max(initial=0) <= _FOLLOWED:
         return state

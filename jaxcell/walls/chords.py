@@ -51,7 +51,7 @@ class Chords:
     arc: Float[np.ndarray, "2 2 rows"]
     "The arc length on `hit` where the run ends: a constant and a slope, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
-    "The largest change of this arc length by `displacement`, in metres."
+    "The largest change of the arc length `arc` due to `displacement`, in metres."
 
     @classmethod
     def of(

@@ -36,7 +36,8 @@ class Errors:
     distance: float = 0.0
     "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    "The largest distance that a robot counts between meeting a wall and feeling it, in metres."
+    """The largest distance, in metres, that a robot counts after it has met a wall and before it
+    feels the bump."""
     turn: float = 0.0
     "The largest error of the turn at a bump, in radians, without the turn that the bump causes."
     bump_turn: float = 0.0

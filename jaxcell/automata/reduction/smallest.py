@@ -26,8 +26,8 @@ _LARGEST = 1_000_000
 class Smallest:
     """A small machine with the outputs of an original machine, and a proved bound on its states.
 
-    Every string of symbols that can occur in the original machine can occur in the small one, with
-    the same outputs.
+    Every string of symbols that can occur in the original machine can occur in the small machine,
+    with the same outputs.
     """
 
     machine: MooreMachine

@@ -169,7 +169,8 @@ def all_plans(
     **Arguments:** as for [`jaxcell.bounce.plan`][], and
 
     - `store`: a folder such as `plans.zarr`, for plans that do not fit into memory. Plans are
-        written to it as they are found, and read from it. By default plans stay in memory.
+        written to the store as soon as they are found, and read from it. By default plans stay in
+        memory.
     - `progress`: a function that is called with the number of solved entries, and of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.

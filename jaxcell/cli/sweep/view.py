@@ -89,7 +89,7 @@ class SweepView:
 
 
 def detailed_study(task: str) -> type[Study]:
-    """Return the study of a task; raise if the task is a function."""
+    """Return the study of a task, and raise if the task is a function."""
     from ...sweep.workers.work import study_of
 
     if (study := study_of(task)) is None:

@@ -156,8 +156,8 @@ def rectangular_sides(
     """Compute the sides in metres of cells between meridians and parallels.
 
     A cell extends half way to its neighbours; at the edge of the grid, it extends as far outward as
-    inward. `lon` and `lat` are those of the whole grid, ascending; `rows` and `columns` select the
-    cells.
+    inward. `lon` and `lat` are the ascending coordinates of the whole grid; `rows` and `columns`
+    select the cells.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """

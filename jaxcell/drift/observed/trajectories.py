@@ -272,9 +272,10 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
 
 
 def _drogued(file: OceanFile, drifter: xr.DataArray, seconds: xr.DataArray) -> xr.DataArray | None:
-    """Mark observations of drifters with a drogue, by its status or the date of its loss.
+    """Mark observations of drifters that have a drogue, from its status or the date of its loss.
 
-    A missing date means that the drogue was never lost. Return `None` if the file has neither.
+    A missing date means that the drogue was never lost. The result is `None` if the file contains
+    neither status nor date.
     """
     variables = {str(name).lower(): name for name in file.dataset.variables}
     if (name := variables.get("drogue_status")) is not None:

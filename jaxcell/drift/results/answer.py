@@ -1,4 +1,4 @@
-"""The first lines of an answer: where drifters go, how soon, and how accurate the map is."""
+"""The first lines of an answer: the ends of drifters, their times, and the accuracy of the map."""
 
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ def answer(drift: "SeaDrift") -> tuple[str, ...]:
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """State that the records end before the time of interest, and how the current continues."""
+    """Explain which current is assumed at times after the records; `None` if there are none."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."

@@ -173,8 +173,8 @@ class LayerEnds(Ends):
     def ends(self) -> Absorption | None:
         """The probabilities of ending in each group, at each phase of a periodic current.
 
-        `None` if they would take more than 256 MiB, or minutes, or are not accurate enough: if
-        transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
+        The result is `None` if it would take more than 256 MiB, or minutes, or is not accurate
+        enough: if transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
         """
         behaviour, count = self.behaviour, self.behaviour.groups.count
         if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):

@@ -139,7 +139,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _other_steps(self) -> list[float]:
-        """The durations of other steps, in seconds; the second is the duration of the maps."""
+        """The durations of steps to compare, in seconds; the second is the duration of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
     @derived("", "time that the records cover", "h", kind="time")

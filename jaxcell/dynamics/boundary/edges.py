@@ -45,13 +45,14 @@ class EdgeStates:
     period: Int[np.ndarray, "edges"]
     "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
     multipliers: Complex[np.ndarray, "edges axes"]
-    "The eigenvalues of the derivative after a period, the largest first; NaN if the period is 0."
+    """The eigenvalues of the derivative of the map over one period, the largest first; NaN if the
+    period is 0."""
     orbit: Float[np.ndarray, "edges window axes"]
     "An orbit near each edge state."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
-        """Number of directions in which points leave each edge state; -1 if it has no period."""
+        """Number of unstable directions of each edge state, or -1 if the state has no period."""
         count = np.count_nonzero(np.abs(self.multipliers) > 1, axis=1)
         return np.where(self.period > 0, count, -1)
 

@@ -33,7 +33,7 @@ class Folder:
         self._arrays: dict[str, np.memmap] = {}
 
     def array(self, name: str, dtype: Any, size: int) -> np.ndarray:
-        """Open the array of this name, or create it."""
+        """Open the array with a name, or create it."""
         file = self.path / f"{name}.npy"
         if file.exists():
             array = np.load(file, mmap_mode="r+")
@@ -52,7 +52,7 @@ class Folder:
         os.replace(new, self._record)
 
     def parts(self, work: str, size: int, part: int) -> Iterator[slice]:
-        """Yield the parts of an array that are not done, and record each one afterwards."""
+        """Yield the parts of an array that are not done, and record each part afterwards."""
         for first in range(self.done.get(work, 0), size, part):
             yield slice(first, min(first + part, size))
             self.finish(work, min(first + part, size))

@@ -27,7 +27,7 @@ _INFINITY = 0x7FF0000000000000
 
 
 class Interval(NamedTuple):
-    """Arrays of lower and upper ends; for Boolean values, `False` is below `True`."""
+    """Intervals, as arrays of lower and upper ends. For Boolean values, `False` is below `True`."""
 
     lower: Any
     upper: Any

@@ -30,7 +30,7 @@ class MorseCertificate:
     mapped: int
     "Number of boxes whose images were computed."
     edges: int
-    "Number of pairs of a box and a box that touches its image."
+    "Number of pairs of boxes of which the second touches the image of the first."
 
     @property
     def proved(self) -> bool:

@@ -256,7 +256,7 @@ class _Search:
     def _thresholded(
         self, first: _Functions, last: _Functions | None, after: _Mass
     ) -> tuple[_Labels, _Labels, _PerSet]:
-        """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
+        """Choose the levels of sets, and return the sets at the start and the end, and the leakage.
 
         Each column of `first` and `last` is large on one set, at the start and at the end; `last`
         is `None` if the sets do not move. `after` is the mass at the end, with the blur.
@@ -346,7 +346,7 @@ def _rotation(
 
 
 def _densest(mass: _Functions) -> np.ndarray:
-    """Find the fewest cells with `_GATHERED` of the mass of each set. Returns a mask per set."""
+    """Return a mask, for each set, of the fewest cells with a share `_GATHERED` of its mass."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)
     # Cells are wanted while the mass of the cells before them is too small.

@@ -157,7 +157,7 @@ def _iterated(
 
 
 def _real_basis(values: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
-    """Return an orthonormal basis of the span of the leading eigenvectors, in real numbers."""
+    """Return a real orthonormal basis of the span of the leading eigenvectors."""
     chosen = vectors[:, np.argsort(-values.real, kind="stable")[:count]]
     # A complex eigenvector stands for its conjugate too.
     return scipy.linalg.orth(np.hstack([chosen.real, chosen.imag]), rcond=_ROUGH**2)

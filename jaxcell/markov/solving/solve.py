@@ -157,7 +157,10 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of products. Returns the sum, their number, and whether it converged."""
+    """Sum the series of products.
+
+    **Returns:** the sum, the number of products, and whether the series converged.
+    """
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
@@ -175,7 +178,7 @@ def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Column
 def _factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
 ) -> Callable[..., Columns]:
-    """Factor `I - matrix`. Returns a function that solves with it or with its transpose.
+    """Factor `I - matrix`, and return a function that solves with it or with its transpose.
 
     **Raises:** `RuntimeError` if the matrix is singular up to rounding.
     """

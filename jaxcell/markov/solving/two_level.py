@@ -64,7 +64,7 @@ class TwoLevel:
         return cls(matrix, factor, aggregate, coarse, steps)
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + Q x` roughly. Returns the solution and the number of products."""
+        """Solve `x = right + Q x` roughly, and return the solution and the number of products."""
         products = 0
 
         def left(x: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:

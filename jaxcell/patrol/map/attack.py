@@ -43,7 +43,7 @@ class Attack:
 
     @property
     def first(self) -> "Attack":
-        """This attack with only the first of its times."""
+        """A copy of this attack with only the first of its times."""
         return Attack(self.times[:1], self.start)
 
     def begins(

@@ -211,7 +211,7 @@ def _contact(
 
 
 def _among(cells: Int[np.ndarray, "visited"], chain: Chain, count: int) -> Chain:
-    """Extend a chain on given cells to all cells; it stays in place in the other cells."""
+    """Extend a chain on given cells to all cells; in the other cells, it stays in place."""
     image = np.tile(np.arange(count, dtype=np.int32), (len(chain.image), 1))
     probability = np.zeros(image.shape)
     probability[0] = 1

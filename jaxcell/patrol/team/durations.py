@@ -101,7 +101,7 @@ def _hitting(
     share: Float[np.ndarray, "vertices"],
     step: Float[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the mean hitting times; they are infinite to vertices without long-run visits.
+    """Compute the mean hitting times, which are infinite for targets without long-run visits.
 
     With the fundamental matrix `Z = (I - P + 1 pi)^-1`, the times are `(Z s)_i - (Z s)_j + pi s
     (z_jj - z_ij) / pi_j`.

@@ -77,7 +77,7 @@ class SeaMap:
     """The map of a layer in a recording; layer 0 is at the surface."""
 
     dry: ClassVar[str] = "land"
-    "The name of the squares without water in legends."
+    "The name, in legends, of squares without water."
     drift: SeaLayers
 
     def __init__(

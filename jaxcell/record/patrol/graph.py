@@ -110,7 +110,10 @@ class _Drawing:
     def lines(
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
-        """Log lines that show numbers from 0 to 1: near 1, a line is wide and yellow."""
+        """Log lines that show numbers from 0 to 1.
+
+        A line with a number near 1 is wide and yellow.
+        """
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 

@@ -110,7 +110,7 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Parse the next bytes of the line. Returns the values of each completed frame, by name."""
+        """Parse the next bytes of the line, and return the values of each completed frame."""
         frames = []
         buffer = self._buffer
         buffer += data
@@ -167,7 +167,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Parse the next bytes of the line. Returns the completed commands."""
+        """Parse the next bytes of the line, and return the completed commands."""
         commands = []
         buffer = self._buffer
         buffer += data

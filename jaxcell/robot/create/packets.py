@@ -15,7 +15,7 @@ METRES_PER_COUNT = math.pi * 0.072 / 508.8
 """The distance that a wheel of 72 mm rolls per encoder count, in metres."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The mask of packet 14 (overcurrent) for the two wheels; the other bits are for the brushes."""
+"""The bits of packet 14 (overcurrent) for the two wheels; its other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
@@ -190,6 +190,6 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 def encoder_difference(before: int, after: int) -> int:
     """Subtract two encoder readings, which wrap at 16 bits.
 
-    The difference in counts, positive or negative, is right up to 2**15 counts (14 m).
+    The difference in counts, positive or negative, is correct up to 2**15 counts (14 m).
     """
     return (after - before + 2**15) % 2**16 - 2**15

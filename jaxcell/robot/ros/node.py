@@ -130,7 +130,7 @@ class RosRobot(abc.ABC):
         """Create the publishers and the other subscriptions of the node."""
 
     def _connect_speeds(self) -> str:
-        """Prepare to send speeds. Returns their message type, `Twist` or `TwistStamped`."""
+        """Prepare to send speeds, and return their message type, `Twist` or `TwistStamped`."""
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod

@@ -87,7 +87,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
-    """Read at least `count` angles, which are in degrees in the file. Returns radians."""
+    """Read at least `count` angles in degrees from a file, and return them in radians."""
     values = fields.get(name)
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"

@@ -55,7 +55,7 @@ class AnywhereStudy(MapStudy):
             self.bounds()
 
     def bounds(self) -> "walls.Errors":
-        """Read the bounds of the errors."""
+        """Read the bounds of the errors from the parameter `errors`."""
         bounds = {}
         for text in self.errors:
             name, _, value = text.partition("=")

@@ -162,7 +162,7 @@ class PatrolGraph(GraphStudy):
     def _walks(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
-        """Find the walks of all robots; with a division, compare sharing and dividing a graph."""
+        """Find the walks of all robots; with `division`, compare sharing and dividing the graph."""
         import numpy as np
         import scipy.sparse
 

@@ -22,7 +22,7 @@ class Worker:
 
     It ends when this process ends, even if this process is killed.
 
-    What tasks print to standard output goes to standard error.
+    Output of tasks to standard output is redirected to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:

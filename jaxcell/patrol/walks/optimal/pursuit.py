@@ -202,7 +202,7 @@ class _Program:
         return len(self.rows) - 1
 
     def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
-        """Solve the linear program with the given rows active.
+        """Solve the linear program in which only `rows` are active.
 
         Returns the values of the columns and the prices of the rows, or `None` for both if the
         solver finds no solution.
@@ -268,7 +268,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack, and the best plan."""
+        """Return an upper bound on the least promise for a whole attack time, and its plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
