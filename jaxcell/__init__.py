@@ -1,12 +1,12 @@
-"""The global behaviour of simple robots, computed by cell-to-cell mapping.
+"""The global behaviour of simple robots, computed with cell-to-cell mapping.
 
-The state space of a robot, or of a drifter in the sea, is cut into *cells*. Every cell is mapped to
-its *image*, the cell at the end of one step from its centre. If each cell has one image, the map is
-*simple*, a graph in which each cell has one successor. If images have probabilities, the map is
-*generalized*, a finite Markov chain. Properties of the system are then computed from this map: its
-periodic or persistent groups, the time and the probability of reaching them, the observations that
-localize a robot, and the best plan, policy or mixture. This is the method of T. Alam's dissertation
-(2018). Docstrings name its sections, equations and algorithms.
+The state space of a robot, or of a drifter in the sea, is divided into *cells*. Every cell is
+mapped to its *image*, the cell at the end of one step from its centre. If each cell has one image,
+the map is *simple*, a graph in which each cell has one successor. If images have probabilities, the
+map is *generalized*, a finite Markov chain. Properties of the system are then computed from this
+map: its periodic or persistent groups, the time and the probability of reaching them, the
+observations that localize a robot, and the best plan, policy or mixture. This is the method of T.
+Alam's dissertation (2018). Docstrings name its sections, equations and algorithms.
 
 Packages, from the lowest floor up:
 

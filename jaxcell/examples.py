@@ -18,7 +18,7 @@ from .base.bundled import bundled
 
 
 def corridor(directions: int = 2) -> "space.CellSpace":
-    """Make a corridor of three squares of 1 m from West to East, with a wall around it."""
+    """Build a corridor of three squares of 1 m from West to East, with a wall around it."""
     return space.CellSpace.of(space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
 
 
@@ -28,7 +28,7 @@ def lab() -> "space.CellSpace":
 
 
 def ring() -> "automata.Filter":
-    """Make the filter of a robot that goes round three cells, and bumps in the last one."""
+    """Build the filter of a robot that cycles through three cells, and bumps in the last cell."""
     return automata.Filter.of(
         automata.subset_construction(np.array([1, 2, 0]), np.array([False, False, True]))
     )
@@ -44,7 +44,7 @@ def walker(x: float = 0.5, direction: int = 0) -> "robot.Walker":
 
 
 def patrol_task() -> "robot.PatrolTask":
-    """Make the task of a robot that patrols between the ends of the corridor."""
+    """Build the task of a robot that patrols between the ends of the corridor."""
     walk = np.array([[2, 1, 0]]), np.ones((1, 3))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "patrol.json")
@@ -55,22 +55,22 @@ def patrol_task() -> "robot.PatrolTask":
 
 
 def walk() -> "mapping.Chain":
-    """Make the chain of a random walk on three cells in a row, which turns back at the ends."""
+    """Build the chain of a random walk on a line of three cells, which turns back at the ends."""
     return _chain([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
 
 
 def ruin() -> "mapping.Chain":
-    """Make the chain of a random walk on four cells in a row, which stops at both ends."""
+    """Build the chain of a random walk on a line of four cells, which stops at both ends."""
     return _chain([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
 
 
 def stream() -> "mapping.Chain":
-    """Make a chain of four cells of the sea: 0 flows into 1, and 1 flows into 2 and 3."""
+    """Build the chain of four cells of the sea: cell 0 flows into 1, and cell 1 into 2 and 3."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def line_model() -> "markov.DecisionModel":
-    """Model a robot on three cells in a row that goes right or left, and gains 1 in the last."""
+    """Build the model of a robot that moves on a line of three cells, and gains 1 in the last."""
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
     return markov.DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
 
@@ -80,7 +80,7 @@ def _chain(matrix: Any) -> "mapping.Chain":
 
 
 def sea() -> "drift.Sea":
-    """Make a sea of two layers of three cells: the upper flows East, the lower flows West."""
+    """Build a sea of two layers of three cells: the upper flows East, the lower flows West."""
     layers = [water([[1, 1, 1]], depth) for depth in (0.0, 5.0)]
     ends = [1, 2, 2], [0, 0, 1]
     return drift.Sea.of(
@@ -89,7 +89,7 @@ def sea() -> "drift.Sea":
 
 
 def water(wet: npt.ArrayLike, depth: float = 0.0) -> "drift.Water":
-    """Make the water of a grid of squares of 1 km, from an array with 1 for water, 0 for land."""
+    """Build the water of a grid of squares of 1 km from an array: 1 for water, 0 for land."""
     wet = np.asarray(wet, bool)
     number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
     side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)
@@ -103,13 +103,16 @@ def gyres() -> "tuple[drift.Water, drift.Flow]":
 
 
 def patrol() -> "tuple[optimize.Graph, Bool[np.ndarray, '5 5']]":
-    """Make a graph of five vertices in a row, and their visibility up to the next vertex."""
+    """Build a path graph of five vertices, and its visibility matrix.
+
+    A robot sees its own vertex and the adjacent vertices.
+    """
     graph = optimize.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
     return graph, np.abs(np.subtract.outer(range(5), range(5))) <= 1
 
 
 def basins(cells: int = 8) -> "dynamics.Basins":
-    """Compute the basins of a map of [0, 1] that maps numbers above 1/2 to 0.6, others to 0.1."""
+    """Compute the basins of a map of [0, 1]: numbers above 1/2 go to 0.6, other numbers to 0.1."""
     return dynamics.basins(_two_ends, space.Box([0], [1], cells=[cells]))
 
 

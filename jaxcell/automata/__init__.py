@@ -31,13 +31,13 @@ construct them are linear in the total size of the sets.
 filter. For `k` maps, `k` open-world filters run side by side (`Environments`), and the robot is in
 one of the maps that are not refuted (section 2.4.4).
 
-`subset_construction` makes the automaton of a simple map, and `minimize` a filter with fewer states
-and the same colours. `smallest` finds the least machine with the same outputs, and `fewest_bytes`
-the one with the smallest tables, of `machine_bytes`. `equivalence` finds equivalent states of a
-machine with inputs, `homing_sequence` a fixed sequence of inputs that identifies its state, and
-`adaptive_choice` inputs that depend on observations. `credible` and `expected_entropy` are about
-beliefs. `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json` and
-`to_jflap` write files.
+`subset_construction` computes the automaton of a simple map, and `minimize` a filter with fewer
+states and the same colours. `smallest` finds the smallest machine with the same outputs, and
+`fewest_bytes` the machine with the smallest tables, whose size `machine_bytes` computes.
+`equivalence` finds equivalent states of a machine with inputs, `homing_sequence` a fixed sequence
+of inputs that identifies its state, and `adaptive_choice` inputs that depend on observations.
+`credible` and `expected_entropy` evaluate beliefs. `to_c_header`, `policy_to_c_header`,
+`machine_to_c_header`, `to_dot`, `to_json` and `to_jflap` write files.
 """
 
 from ..base.hosted import attach

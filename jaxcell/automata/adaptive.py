@@ -27,9 +27,10 @@ class Decisions:
     sets: list[tuple[int, ...]]
     "The states of each set, in ascending order."
     choice: list[int]
-    "The input for each set; -1 for a settled set, which needs none."
+    "The input for each set; -1 for a settled set, which needs no input."
     after: list[dict[int, int]]
-    "For each set, the number of the next set by observation; empty for a settled set."
+    """For each set, a dictionary from observations to the number of the next set; empty for a
+    settled set."""
     roots: list[int]
     "The numbers of the sets at which the strategy starts, as in the argument `roots`."
     lower: list[int]
@@ -54,19 +55,19 @@ def adaptive_choice(
     aim: Aim = "worst",
     limit: int = 5_000_000,
 ) -> Decisions:
-    """Find a strategy that identifies the state of a machine by inputs that depend on observations.
+    """Find a strategy of inputs that depend on observations, to identify the state of a machine.
 
     At first the machine may be in any state of one set, a *root*. An input moves each state to its
     image, and the observation excludes the states that would have given another observation. The
     strategy ends when the remaining states are *settled*: all are equivalent, or all are in one
     place.
 
-    A greedy strategy is computed first. It takes the input that divides a set best; if no input
-    distinguishes two states, it takes an input after which some pair is easier to distinguish. Then
-    all strategies are searched depth first. An input is skipped if it cannot improve the best
-    strategy, because a set costs at least as much as the pair of its states that is hardest to
-    distinguish. A complete search proves the strategy optimal; if `limit` ends the search, `lower`
-    is still a bound.
+    A greedy strategy is computed first. It chooses the input that divides a set best. If no input
+    distinguishes two states, it chooses an input after which at least one pair is easier to
+    distinguish. Then all strategies are searched depth first. An input is skipped if it cannot
+    improve the best strategy, because a set costs at least as much as the pair of its states that
+    is hardest to distinguish. A complete search proves the strategy optimal; if `limit` ends the
+    search, `lower` is still a lower bound.
 
     **Arguments:**
 
@@ -199,7 +200,7 @@ class Search:
         return total
 
     def parts(self, number: int) -> list[dict[int, int]]:
-        """Return a dictionary for each input: the number of the next set by observation."""
+        """Return a dictionary for each input, from observations to the number of the next set."""
         known = self.after[number]
         if known is not None:
             return known

@@ -39,7 +39,7 @@ class Belief:
     map, and its observations are tosses of a fair coin. If a coin explains the observations better
     than the map does, the robot is probably lost.
 
-    A robot that can turn by several angles takes, at each bump, the angle with the least
+    A robot that can turn by several angles chooses, at each bump, the angle with the least
     [`jaxcell.automata.expected_entropy`][].
 
     A robot in one of three cells in a row, which always moves on and bumps at the end:
@@ -67,7 +67,7 @@ class Belief:
         return BeliefState(self.hidden.start, 0.0)
 
     def observe(self, state: BeliefState, observation: int) -> BeliefState:
-        """Update the belief by an observation, 0 or 1, and choose the turn after a bump."""
+        """Update the belief with an observation, 0 or 1, and choose the turn after a bump."""
         if not observation:
             return self._after(state, 0, None)
         turned = [self._after(state, 1 + i, i) for i in range(self.hidden.angles)]
@@ -103,7 +103,7 @@ class Belief:
         return np.stack(smoothed[::-1])
 
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
-        """Find the most probable sequence of cells of a run, by Viterbi's algorithm.
+        """Find the most probable sequence of cells of a run with Viterbi's algorithm.
 
         The argument and the errors are those of [`Belief.smoothed`][].
         """
@@ -139,8 +139,8 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
     """Compute the mean entropy of the configuration of a robot after its next bump.
 
     The robot observes the number of its steps until the bump. Given this number, its configuration
-    has a distribution; the result is the mean entropy of these distributions. A robot that makes a
-    hundred steps without a bump observes only that.
+    has a distribution; the result is the mean entropy of these distributions. If a robot makes a
+    hundred steps without a bump, this fact is all that it observes.
 
     **Arguments:** a hidden map, and the probability of each cell now, up to a factor. **Returns:**
     the entropy in bits, 0 if all probabilities are 0.

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class Bounded:
     """A filter whose state is the set of possible cells, for maps with several images per cell.
 
-    The set contains the cell of the robot as long as the map allows all its steps. An observation
-    may make the set larger, because a cell has several images.
+    The set contains the cell of the robot while the map allows all its steps. An observation may
+    make the set larger, because a cell has several images.
 
     A robot in one of three cells in a row moves on or stays, and bumps at the end:
 
@@ -34,7 +34,7 @@ class Bounded:
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
     """For each observation, 0 and 1, the matrices whose product has an entry `True` where the robot
     may move from the cell of the row to the cell of the column. A matrix with fewer rows than cells
-    applies to blocks of cells: it moves each cell to the same place in another block."""
+    applies to blocks of cells: it moves each cell to the same position in another block."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
@@ -42,7 +42,7 @@ class Bounded:
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """Make the filter of a hidden map with one angle, by the moves of positive probability."""
+        """Build the filter of a hidden map with one angle, from moves of positive probability."""
         if hidden.angles > 1:
             raise ValueError(f"hidden: expected a map of one angle, got {hidden.angles}")
         moves, bumps = (part > 0 for part in (hidden.moves, hidden.bumps[0]))
@@ -57,7 +57,10 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
+        """Return the possible cells after an observation, 0 or 1.
+
+        The array is empty if the observation is impossible.
+        """
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)

@@ -52,7 +52,7 @@ def knowledge_cycles(
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
     """Find the nodes of a functional graph that are on a cycle.
 
-    These are the images of any power of the map whose exponent is at least the number of nodes.
+    They are the image of any power of the map whose exponent is at least the number of nodes.
     """
     for _ in range(successor.size.bit_length()):
         successor = successor[successor]

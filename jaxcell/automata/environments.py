@@ -27,7 +27,9 @@ class Environments:
     """
 
     def __init__(self, filters: Mapping[str, Filter]):
-        """Take the filter of each map by its name; closed-world filters get a trap.
+        """Combine the filters of several maps; the keys of `filters` are the names of the maps.
+
+        A closed-world filter gets a trap, in which it is refuted.
 
         **Raises:** `ValueError` if there are no filters.
         """

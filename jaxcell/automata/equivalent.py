@@ -58,7 +58,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split the classes of states that repeats of one input distinguish; return the new labels."""
+    """Split classes whose states are distinguished by repeating one input; return new labels."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -74,7 +74,7 @@ def _along(
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each `i`.
+    """Number the distinct pairs `(a[i], b[i])` in ascending order, and return each number.
 
     The entries of `b` are not negative.
     """

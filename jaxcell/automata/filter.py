@@ -21,7 +21,7 @@ class Filter:
     """A localization filter, an automaton with colours (Alam 2018, Definitions 2.4.5 and 2.4.6).
 
     State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.
-    [`Filter.of`][] makes a filter from an automaton; the constructor only checks its arguments.
+    [`Filter.of`][] builds a filter from an automaton; the constructor only checks its arguments.
 
     Three cells in a ring, with a bump between cells 2 and 0:
 
@@ -80,7 +80,7 @@ class Filter:
     def of(
         automaton: Automaton, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
     ) -> "Filter":
-        """Make the filter of a deterministic I-state automaton, by default without a trap.
+        """Build the filter of a deterministic I-state automaton, by default without a trap.
 
         `metadata` is a JSON object to store with the filter.
         """
@@ -112,7 +112,7 @@ class Filter:
 
     @property
     def trap(self) -> int | None:
-        """The number of the trap, the last state of an open-world filter; else `None`."""
+        """The number of the trap, the last state of an open-world filter; otherwise `None`."""
         return len(self.transition) - 1 if self.open_world else None
 
     @functools.cached_property
@@ -123,7 +123,7 @@ class Filter:
 
     @property
     def closed_transition(self) -> Int32[np.ndarray, "ordinary 2"]:
-        """The transitions between all states but the trap; -1 for an impossible observation."""
+        """The transitions between all states except the trap; -1 for an impossible observation."""
         if not self.open_world:
             return self.transition
         transition = self.transition[:-1]

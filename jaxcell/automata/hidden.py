@@ -25,8 +25,8 @@ FEW = 0.2
 class HiddenMap:
     """A hidden Markov model: a map with several images per cell, and observations of steps.
 
-    A *configuration* is a set of cells. Estimates are about configurations, because the cells of
-    one need not be distinguished.
+    A *configuration* is a set of cells. Estimates are about configurations, because the cells of a
+    configuration need not be distinguished.
 
     The first two of three cells are one configuration. A robot moves on or stays, and bumps at the
     end:
@@ -41,9 +41,11 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    "The probability of a move from the cell of the row to that of the column, with observation 0."
+    """The probability of a move from the cell of the row to the cell of the column, with
+    observation 0."""
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "For each angle by which the robot may turn, the probability of a move with observation 1."
+    """For each angle by which the robot may turn, the matrix of the probabilities of moves with
+    observation 1."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
@@ -60,7 +62,7 @@ class HiddenMap:
         start: Float[np.ndarray, "cells"],
         metadata: Mapping[str, Any] | None = None,
     ) -> "HiddenMap":
-        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix."""
+        """Create a map from its fields; matrices may be dense, and `bumps` a single matrix."""
         # A robot that runs a filter does not need SciPy.
         sparse = import_module("scipy.sparse")
         several = bumps if isinstance(bumps, list | tuple) else [bumps]
@@ -106,7 +108,8 @@ class HiddenMap:
         """Return the matrix of the probabilities of moves with an event.
 
         Event 0 is a step, and event `1 + i` is a bump and the turn by angle `i`. If there is one
-        angle, events are observations. Rows are the cells before the event, columns those after it.
+        angle, events are observations. Rows are the cells before the event, and columns the cells
+        after it.
         """
         return (self.moves, *self.bumps)[event]
 
@@ -174,11 +177,11 @@ class Estimate:
     probability: Float[np.ndarray, "configurations"]
     "The probability of each configuration if the robot is on the map; equal if unknown."
     nowhere: float
-    "The probability that the robot is nowhere on the map, 0 to 1."
+    "The probability, from 0 to 1, that the robot is nowhere on the map."
 
 
 def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: float) -> Estimate:
-    """Find the credible set: the fewest configurations that have a share of the probability.
+    """Find the credible set: the fewest configurations that contain a share of the probability.
 
     **Arguments:**
 

@@ -104,7 +104,7 @@ def _least(search: Search, family: _Family) -> int:
 
 
 def _greedy(search: Search, family: _Family) -> list[int]:
-    """Find a sequence by taking, at each step, the input that leaves the fewest states together."""
+    """Find a sequence greedily: each input leaves the fewest states together."""
 
     def together(family: _Family) -> int:
         return sum(len(search.sets[number]) - 1 for number in family)

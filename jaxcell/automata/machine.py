@@ -57,7 +57,7 @@ class MooreMachine:
     def of(
         source: Filter | Policy, output: Output | None = None, *, runs: bool = False
     ) -> "MooreMachine":
-        """Make the machine of a filter or a policy.
+        """Build the machine of a filter or a policy.
 
         **Arguments:**
 
@@ -95,11 +95,11 @@ class MooreMachine:
 
     @staticmethod
     def of_plan(actions: Sequence[float]) -> "MooreMachine":
-        """Make the machine of a plan. An action is 0 for a step, or the angle to turn at a bump.
+        """Build the machine of a plan. An action is 0 for a step, or the angle to turn at a bump.
 
         The machine reads observations. It has a state for the start, and a state after each action.
         With `n` different angles, in ascending order, its output is `i` to turn by angle `i`, `n`
-        to go on, `n + 1` at the end, and `n + 2 + i` at an end with a turn by angle `i`.
+        to continue, `n + 1` at the end, and `n + 2 + i` at an end with a turn by angle `i`.
 
             >>> from jaxcell import automata
             >>> automata.MooreMachine.of_plan([0, 1.5, 0, 0]).color.tolist()
@@ -115,7 +115,7 @@ class MooreMachine:
         return MooreMachine(transition, color, final=len(angles) + 1)
 
     def run(self, symbols: Iterable[int]) -> Int32[np.ndarray, "entries"]:
-        """Run the machine on symbols; return the outputs at the start and after each symbol."""
+        """Run the machine on symbols, and return the outputs at the start and after each symbol."""
         state, colors = 0, [self.color.item(0)]
         for index, symbol in enumerate(symbols):
             known = 0 <= symbol < self.transition.shape[1]

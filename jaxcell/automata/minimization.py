@@ -16,7 +16,7 @@ def minimize(filter: Filter) -> Filter:
     **Arguments:** a filter. **Returns:** the smallest filter.
 
     A robot bumps every second step on a ring of four cells with a path into it. The original filter
-    finds the cell on the ring; the colours tell only two halves of the ring apart:
+    finds the cell on the ring; the colours distinguish only two halves of the ring:
 
         >>> import numpy as np
         >>> from jaxcell import automata

@@ -26,13 +26,14 @@ def subset_construction(
     image: Integer[np.ndarray, "cells"],
     observation: Bool[np.ndarray, "cells"],
 ) -> Automaton:
-    """Make the deterministic automaton of the I-state graph of a map (Alam 2018, section 2.4.3).
+    """Build the deterministic automaton of the I-state graph of a map (Alam 2018, section 2.4.3).
 
-    The states are the non-empty sets of cells that observation strings leave possible; at the start
-    all cells are possible. The sets of a level of the breadth-first search are mapped together. A
-    set is identified by a hash, the sum of one random 64-bit word per cell. Sets with equal hashes
-    are compared cell by cell, so the result is exact. Time and memory are linear in the total size
-    of the sets, except for a sort at each level if the map does not keep the order of the cells.
+    The states are the non-empty sets of cells that are possible after observation strings; at the
+    start all cells are possible. The sets of a level of the breadth-first search are mapped
+    together. A set is identified by a hash, the sum of one random 64-bit word per cell. Sets with
+    equal hashes are compared cell by cell, so the result is exact. Time and memory are linear in
+    the total size of the sets, except for a sort at each level if the map does not preserve the
+    order of the cells.
 
     **Arguments:**
 

@@ -44,7 +44,7 @@ def bundled(name: str) -> Path:
 
 @functools.cache
 def bundled_names() -> Mapping[str, Path]:
-    """Return the path of each file of the bundled data, by its name without suffix."""
+    """Return the path of each file of the bundled data, keyed by its name without suffix."""
     return MappingProxyType(
         {
             path.stem: path

@@ -1,4 +1,4 @@
-"""Certificates, which contain the error of the solution that a solver returns."""
+"""Certificates: records of the error of a solution, computed from the solution itself."""
 
 import dataclasses
 import enum

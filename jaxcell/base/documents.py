@@ -58,7 +58,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def refused(field: str, expected: str, value: Any) -> ValueError:
-    """Make the error for a field with a wrong value."""
+    """Return the error for a field with a wrong value."""
     return ValueError(f"{field}: expected {expected}, got {reprlib.repr(value)}")
 
 
@@ -109,7 +109,7 @@ class Fields:
 
     values: Mapping[str, Any]
     where: str = ""
-    "The beginning of error messages: a file, or a place in a file such as `robots[1].`."
+    "The beginning of error messages: a file, or a position in a file such as `robots[1].`."
 
     def get(self, name: str) -> Any:
         """Get a field; `None` if it is missing."""
@@ -164,5 +164,5 @@ class Fields:
         return parts
 
     def refused(self, name: str, expected: str) -> ValueError:
-        """Make the error for a field with a wrong value that is too long to show."""
+        """Return the error for a field with a wrong value that is too long to show."""
         return ValueError(f"{self.where}{name}: expected {expected}")

@@ -17,7 +17,7 @@ import lazy_loader  # type: ignore[import-untyped]
 def attach(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Make a package import the names in its `.pyi` file when they are first used.
+    """Prepare a package to import the names in its `.pyi` file when they are first used.
 
     **Returns:** the `__getattr__`, `__dir__` and `__all__` of the package.
     """

@@ -23,9 +23,9 @@ LIMIT = "JAXCELL_MEMORY"
 def free() -> int | None:
     """Measure the bytes that this process may still use; return `None` if they are unknown.
 
-    This is the least of four numbers: the available memory of the machine, and the memory that is
-    left under three limits: of control groups (containers and batch jobs), of addresses
-    (`ulimit -v`), and `JAXCELL_MEMORY`.
+    The result is the smallest of four numbers: the available memory of the machine, and the memory
+    that is left under each of three limits. The limits are those of control groups (containers and
+    batch jobs), of the address space (`ulimit -v`), and of `JAXCELL_MEMORY`.
     """
     known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
@@ -48,7 +48,7 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
 
     - `needed`: estimated bytes.
     - `doing`: the computation, for the error.
-    - `instead`: advice to use less memory, or a function that makes it from the free bytes.
+    - `instead`: advice to use less memory, or a function of the free bytes that returns the advice.
     """
     if needed <= NEGLIGIBLE:
         return
@@ -76,7 +76,7 @@ def read_size(text: str, name: str) -> int:
 
 
 def _known() -> list[tuple[int, str]]:
-    """Measure the bytes that are left under each limit; return them with the limit in words."""
+    """Measure the bytes that are left under each limit, and return them with its description."""
     return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
 
 

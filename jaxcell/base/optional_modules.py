@@ -30,13 +30,13 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error for a missing module, which says what needs it and how to install it."""
+    """Return the error for a missing module, with the reason for its use and its installation."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 
 
 def import_module(name: str) -> ModuleType:
-    """Import an optional module; if it is missing, the error says how to install it."""
+    """Import an optional module, or raise an error that explains how to install it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

@@ -35,7 +35,7 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield the name of a temporary file or folder, which replaces `path` when the block ends.
+    """Yield the name of a temporary file or folder, which replaces `path` after a `with` block.
 
     If the block raises an error, the temporary file is removed. So `path` is never incomplete.
     """

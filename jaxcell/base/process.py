@@ -20,7 +20,7 @@ def has_display() -> bool:
 
 @contextlib.contextmanager
 def no_output() -> Iterator[None]:
-    """Discard standard output in the block, including that of compiled code."""
+    """Discard standard output inside a `with` block, also from compiled code."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
@@ -58,7 +58,7 @@ def _exit(number: int, _: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS and LAPACK to one thread in the block.
+    """Limit BLAS and LAPACK to one thread inside a `with` block.
 
     Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS spin
     while they wait, which makes them up to twenty times slower if JAX or another process runs too.

@@ -1,8 +1,8 @@
 """Quantities describe the numbers of a result: meaning, units, dimensions and kind.
 
 A result is a dataclass. Its fields are annotated with a [`quantity`][]; methods under [`derived`][]
-compute more quantities. Datasets, JSON, tables in the terminal, variables of sweeps, and checks of
-numbers are all made from these descriptions.
+compute more quantities. These descriptions determine datasets, JSON, tables in the terminal,
+variables of sweeps, and checks of numbers.
 
 Two robots that share a corridor:
 
@@ -41,7 +41,7 @@ Kind: TypeAlias = Literal[
 
 - `share`: a number from 0 to 1. `distribution`: shares that sum to 1 over the dimensions in the
     attribute `over` (by default the last dimension).
-- `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
+- `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for "no index".
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `place`: a position that is written as a point in metres.
 - `time`: not negative; may be infinite. `flag`: true or false.
@@ -131,11 +131,11 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 class Result:
     """The base class of results of studies: dataclasses with described quantities.
 
-    A field may itself be a result, which is called a part. The summary has the part as an object,
-    and the names of the variables of the part in datasets begin with the name of the field, except
-    labels of dimensions. A tuple of results, such as the field `layers`, becomes a list in the
-    summary, and variables `layer_...` along a dimension `layer` in datasets. A field `cells` with a
-    cell space gives datasets their coordinates.
+    A field may itself be a result, which is called a part. The summary contains the part as an
+    object, and the names of the variables of the part in datasets begin with the name of the field,
+    except labels of dimensions. A tuple of results, such as the field `layers`, becomes a list in
+    the summary, and variables `layer_...` along a dimension `layer` in datasets. A field `cells`
+    with a cell space gives datasets their coordinates.
     """
 
     title: ClassVar[str] = ""
@@ -220,13 +220,15 @@ def _figures(module: str) -> ModuleType:
 PROBABILITY = 1e-8
 
 Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""Value and limit of each check, by name. A value with the limit `inf` is only reported."""
+"""Value and limit of each check, keyed by its name. A value with the limit `inf` is only
+reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
     """Find the described quantities of a class of results.
 
-    Coordinates come first, then the leading quantities, then the others in order of definition.
+    Coordinates come first, then the leading quantities, then the other quantities in the order of
+    their definition.
 
     **Arguments:**
 
@@ -260,7 +262,7 @@ def quantities(result: type) -> dict[str, Quantity]:
 def values(
     result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
 ) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities of a result; leave out quantities with the value `None`.
+    """Compute the quantities of a result, except quantities with the value `None`.
 
     Members of enumerations become names in lower case. Zeros become positive, because their sign
     may depend on the processor.

@@ -9,8 +9,8 @@ import jax
 def configure_jax() -> None:
     """Turn on 64-bit numbers, and a compilation cache in a private directory of the user.
 
-    JAX runs the programs in the cache, so other users must not be able to write there. If no such
-    directory can be made, there is no cache.
+    JAX runs the programs in the cache, so other users must not be able to write to it. If no such
+    directory can be created, there is no cache.
     """
     jax.config.update("jax_enable_x64", True)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

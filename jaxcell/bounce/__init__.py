@@ -9,35 +9,36 @@ the bouncing angle,
     C(z) = the same position, direction theta + phi                         otherwise.
 
 It senses 0 on a step and 1 on a bump. Angles are in radians, and multiples of the angle between two
-directions. `Moves` holds the ends of steps, which depend on the walls alone; a bouncing angle adds
-a turn by `shift` directions. `Motion` has the length of a step and the rule of collision.
+directions. `Moves` contains the ends of steps, which depend only on the walls; a bouncing angle
+adds a turn by `shift` directions. `Motion` has the length of a step and the rule of collision.
 Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
 
 **Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
 cells where it bumps. The first-return map to these cells has tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find the
-groups of a map. `grid_groups` computes totals for many grids and angles, from `walls` by
-`wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random rooms.
+groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result of
+`walls` to `wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random
+rooms.
 
 **Localization** (section 2.4). A robot may start in any cell. Each observation excludes cells,
 until the number of possible cells stays the same and the filter repeats its states (a *knowledge
-cycle*). `localization_filter` makes the filter, and `localize` runs it; the results are
+cycle*). `localization_filter` builds the filter, and `localize` runs it; the results are
 `LocalizationFilter` and `Localized`. `heading_filter_sizes` counts the states of the filter if the
 heading is known. A robot that chooses among several angles at each bump is localized to one cell on
 most maps. `localization_policy` finds the choice with the fewest bumps; the results are
 `LocalizationPolicy` and `AdaptivelyLocalized`.
 
-**A robot that slips** is in a fine cell (`FineCells`): a square, the direction that the robot takes
-for its heading, and the error of this heading. With random errors the map is a hidden Markov model,
-`slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`. `slipping_run` drives
-such a robot until its belief is in few cells. At each bump the robot takes the angle that leaves
-the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs of a plan.
-`slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the probability that
-this policy has arrived; the result is `SlippedPlan`.
+**A robot that slips** is in a fine cell (`FineCells`): a square, the direction in which the robot
+believes to be heading, and the error of this belief. With random errors the map is a hidden Markov
+model, `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`. `slipping_run`
+drives such a robot until its belief is in few cells. At each bump the robot takes the angle that
+leaves the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs of a plan.
+`slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the probability that a
+robot with this policy has arrived; the result is `SlippedPlan`.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step
-costs `w_1`, and so does a bump with the same angle as the bump before. A bump with another angle
-costs `w_2`. A plan is a cheapest path on pairs of a cell and the last angle. Its graph, a
+costs `w_1`, and so does a bump with the same angle as the previous bump. A bump with another angle
+costs `w_2`. A plan is a cheapest path in the graph of pairs (cell, last angle). Its graph, a
 `Roadmap`, has only the cells where robots bump and the cells into which they turn, because all
 other cells lie on straight runs. Functions: `plan`, `replay`, `all_plans`.
 

@@ -15,7 +15,7 @@ from .dynamics import Bounces
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anywhere(Result):
-    """Simulated robots that start anywhere, and the places where their filter expects them."""
+    """Simulated robots that start anywhere, and the possible places according to their filter."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
     picture: ClassVar[str] = "median_extent"
@@ -165,7 +165,11 @@ class HomeFromAnywhere(Anywhere):
 
 
 def _first_of_the_last(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """Find the bump from which a condition holds to the end, `inf` if it fails at the last bump."""
+    """Find the number of the bump from which a condition holds for good, or `inf`.
+
+    It is `inf` for a robot whose condition does not hold at the last bump. Bumps are counted from
+    1.
+    """
     fails = ~holds[:, ::-1]
     since = holds.shape[1] - fails.argmax(axis=1) + 1.0
     return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

@@ -169,13 +169,13 @@ def coverage_policy(
     - `error`, `reliability`, `target`: as for [`noisy_bounce_map`][] and [`coverage_target`][].
     - `weights`: the weights of the persistent groups of one angle, as for
         [`jaxcell.markov.limiting_distribution`][].
-    - `progress`: called with the number of finished angles.
+    - `progress`: a function that is called with the number of finished angles.
 
     **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.
 
     **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits.
 
-    A room of two by two squares is covered evenly by any policy:
+    Any policy covers a room of 2 by 2 squares evenly:
 
         >>> import math
         >>> import numpy as np
@@ -225,7 +225,7 @@ def coverage_policy(
 
 
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
-    """Make a target for coverage, as a distribution over the positions.
+    """Compute a target for coverage, as a distribution over the positions.
 
     **Arguments:** a cell space, and the relative worth of each position: `None` if all positions
     have the same worth; a function of arrays `x, y` of centres in metres; an array over the

@@ -26,14 +26,14 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
-    Directions in which all positions have the same target share a *way*: on a grid, 360 directions
-    have 16 ways. So the steps are computed once per way.
+    A *way* is a class of directions in which every position has the same target: on a grid, steps
+    of one cell in 360 directions have 16 ways. So the steps are computed once per way.
     """
 
     target: Int[Array, "ways positions"]
     "The position where the step ends; the position of the start if the robot bumps."
     way: Int[Array, "directions"]
-    "The row of `target` for each direction."
+    "The way (class of directions with equal targets) of each direction: its row of `target`."
 
 
 @functools.lru_cache(maxsize=4)
@@ -125,7 +125,9 @@ def bounce_map(
 
 @jax.jit
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
-    """Compute the bounce map from the moves; works under `jit`, and `vmap` over both arguments.
+    """Compute the bounce map from the moves.
+
+    The function works under `jit`, and under `vmap` over both arguments.
 
     **Arguments:** the moves, and the number of directions by which the robot turns at a bump.
     **Returns:** a map over all cells.
@@ -142,7 +144,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """Compute the image of each cell and a mask of the bumps, for NumPy or for JAX arrays."""
+    """Compute the image of each cell and a mask of the bumps, with NumPy or JAX."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
@@ -166,7 +168,8 @@ def check_cell(cell: int, size: int, name: str = "start") -> int:
 def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     """Describe the time, x, y and the heading of robots as quantities of a result.
 
-    `path` is the attribute of the result with the cells of the robots, of the dimensions `dims`.
+    `path` is the name of the attribute that contains the cells of the robots, and `dims` are its
+    dimensions.
     """
     visited = operator.attrgetter(path)
 
@@ -191,7 +194,7 @@ def motion_violations(
     bumped: Bool[np.ndarray, "times-1 robots"],
     turn: Int[np.ndarray, "times-1"] | None = None,
 ) -> Bool[np.ndarray, "times-1 robots"]:
-    """Find the moves that break a rule: robots that bump stay and turn, other robots go straight.
+    """Find the moves that break a rule: a bump turns a robot in place; otherwise it goes straight.
 
     `turn` is the number of directions by which robots turn at a bump, or `None` if it is unknown.
     """

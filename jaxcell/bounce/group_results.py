@@ -78,9 +78,9 @@ class BounceGroups(Result):
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """Find the groups of one angle after the other, without arrays over all cells.
+        """Iterate over the angles, and yield the groups of each, without arrays over all cells.
 
-        [`jaxcell.record.save_cells`][] writes results that exceed the memory in this way.
+        [`jaxcell.record.save_cells`][] uses this method to write results that exceed the memory.
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
@@ -137,7 +137,7 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """Compute the sum or the maximum of values over the cells of each group, padded with -1."""
+        """Reduce values over the cells of each group by `collect`, and pad the groups with -1."""
         table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
         for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)

@@ -26,7 +26,7 @@ def _to_walls(
 
 
 def padded(rows: Sequence[Shaped[np.ndarray, "_"]]) -> Shaped[np.ndarray, "rows size"]:
-    """Stack rows, padded with zeros to the length of the longest."""
+    """Stack rows of different lengths, padded with zeros."""
     table = np.zeros((len(rows), max(map(len, rows))), rows[0].dtype)
     for line, row in zip(table, rows, strict=True):
         line[: len(row)] = row
@@ -47,7 +47,7 @@ def bounce_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
-    """Find the periodic groups of a bounce map by its first-return map from bump to bump.
+    """Find the periodic groups of a bounce map with its first-return map from bump to bump.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][].
 

@@ -10,9 +10,9 @@ from jaxtyping import Bool, Int
 class Headings:
     """The directions that a robot takes at successive bumps, in independent cycles.
 
-    The directions of one cycle differ by multiples of `cycles`. Directions with equal steps share a
-    *way*. Cycles that have the same ways in the same order meet the same walls and have the same
-    groups, so only the first of these cycles is followed. Its directions are *leading*.
+    The directions of one cycle differ by multiples of `cycles`. Directions with equal steps form a
+    class, the *way*. Cycles that have the same ways in the same order meet the same walls and have
+    the same groups, so only the first of these cycles is followed. Its directions are *leading*.
     """
 
     shift: int
@@ -20,13 +20,13 @@ class Headings:
     cycles: int
     "Number of cycles."
     like: Int[np.ndarray, "cycles"]
-    "For each cycle, the first cycle with the same ways."
+    "For each cycle of headings, the first cycle whose directions have the same steps."
     alike: Int[np.ndarray, "directions"]
     "For each direction, the leading direction that has the same groups."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
-        """A mask of the leading directions."""
+        """A mask of the leading directions, whose cycles are followed."""
         return self.alike == np.arange(self.alike.size)
 
     @classmethod
@@ -39,8 +39,9 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles in the order of their smallest cells.
 
-        Slots are walls of the leading directions. `leads` is true for the slot that represents a
-        group, and `lowest` is the smallest cell of its group. A direction has `positions` cells.
+        A slot is a wall of a leading direction. `leads` is true for each slot that represents its
+        group, and `lowest` is the smallest cell of the group of each slot. A direction has
+        `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -65,9 +66,11 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "For each group, the slot that represents it or its equal group of a leading direction."
+    """For each group, the slot (a wall of a leading direction) that represents the group, or the
+    equal group of the leading directions."""
     number: Int[np.ndarray, "groups"]
-    "In direction `d`, slot `s` represents the group `number[begin[d] + place[s]]`."
+    """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
+    place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
 

@@ -42,21 +42,21 @@ def joint_image(
     shift: Int[Array, "robots"],
     state: Int[Array, "robots"],
 ) -> JointImage:
-    """Make one step of several robots at once: the joint bounce map (Alam 2018, Eq. 3.9).
+    """Compute one step of several robots at once: the joint bounce map (Alam 2018, Eq. 3.9).
 
     All robots set out together, straight and at the same pace, from the centre of their cell to the
     centre of the next. A robot bumps if
 
     - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
-    - it would meet another robot: where both steps end, by changing places, by crossing on
-        diagonals, or, if steps are several cells long, anywhere on the way;
+    - it would meet another robot: both steps end in the same cell, the robots change places, their
+        diagonals cross, or, if steps are several cells long, they meet on the way;
     - its step leads to or through the place of a robot that bumps. This holds along a queue: each
         robot that bumps blocks the robot behind it.
 
-    A robot that bumps stays, and turns by its bouncing angle once, however many robots and walls it
-    meets. So two robots never come to one position, and the order of the robots makes no
-    difference. Two robots *collide* if they would meet, or if one of them bumps and blocks the step
-    of the other. Robots are points: discs wider than a cell are not kept apart.
+    A robot that bumps stays in its position, and turns by its bouncing angle once, even if it meets
+    several robots and walls. So two robots never come to one position, and the order of the robots
+    makes no difference. Two robots *collide* if they would meet, or if one of them bumps and blocks
+    the step of the other. Robots are points: discs wider than a cell are not kept apart.
 
     The function works under `jit`, and under `vmap` over any of the arguments.
 
@@ -108,7 +108,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow many joint states at once. The result has the batch axes `steps, lanes`."""
+    """Follow the orbits of many joint states. The result has the batch axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

@@ -19,7 +19,7 @@ def noisy_bounce_map(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Chain:
-    """Make the generalized map of a robot that turns imprecisely (Alam 2018, section 3.3.3).
+    """Build the generalized map of a robot that turns imprecisely (Alam 2018, section 3.3.3).
 
     The robot moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle
     with probability `reliability`. Otherwise it turns to another direction that differs by at most
@@ -48,7 +48,7 @@ def noisy_bounce_map(
 def noisy_turns(
     bounce: float, error: float, reliability: float, directions: int
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
-    """List the possible turns at a wall as numbers of directions, first the turn without error.
+    """List the possible turns at a wall as numbers of directions; the first turn has no error.
 
     **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
     each.
@@ -96,7 +96,7 @@ def noisy_chain(
     turns: Int[Array | np.ndarray, "branches"],
     probability: Float[Array | np.ndarray, "branches"],
 ) -> Chain:
-    """Make the chain of a robot that turns at random at a wall; the first turn has no error."""
+    """Build the chain of a robot that turns randomly at a wall; the first turn has no error."""
     directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
     position = jnp.arange(positions, dtype=jnp.int32)[None]

@@ -43,11 +43,12 @@ class AngleGroups:
     runs: Runs
     headings: Headings
     first: Int32[np.ndarray, "directions"]
-    "For each direction, the first slot of the leading direction with the same groups."
+    "For each direction, the index of the first slot of the leading direction with the same groups."
     wall: Int[np.ndarray, "slots"]
-    "The number of each wall in `runs`."
+    "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "The slot that represents the group that each slot reaches."
+    """For each slot (a wall of a leading direction), the slot that represents the group that it
+    reaches."""
     lead: Int32[np.ndarray, "slots"]
     "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
@@ -67,7 +68,7 @@ class AngleGroups:
     def of_walls(
         self, direction: int
     ) -> tuple[Int32[np.ndarray, "walls"], Int32[np.ndarray, "walls"]]:
-        """Find the group that each wall of a direction reaches, and the number of mappings."""
+        """Find the group of each wall of a direction, and the number of mappings to the group."""
         way = self.runs.steps.way[direction]
         slots = self.first[direction] + np.arange(np.diff(self.runs.begin)[way])
         place = self.groups.place[self.leader[slots]]
@@ -128,7 +129,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Make the first-return map from bump to bump of the given walls, padded to `slots` rows."""
+    """Build the first-return map from bump to bump for a list of walls, padded to `slots` rows."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

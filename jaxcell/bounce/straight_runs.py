@@ -19,25 +19,27 @@ AT_ONCE = 2**20
 class Runs:
     """The ends of all straight runs on some grids of one shape.
 
-    Directions with equal steps share a *way*, as in `jaxcell.space.steps.Steps`. A *wall* of a way
-    is a free square where a robot that moves in this way bumps. Walls are listed way by way, and
-    within a way by their squares. Squares are numbered grid by grid.
+    A *way* is a class of directions with equal steps, as in `jaxcell.space.steps.Steps`. A *wall*
+    of a way is a free square where a robot that moves in one of these directions bumps. Walls are
+    listed way by way, and within a way by their squares. Squares are numbered grid by grid.
     """
 
     steps: Steps
     begin: Int[np.ndarray, "_"]
-    "The first wall of each way; the last entry is the number of all walls."
+    """The first wall of each way (class of directions with equal steps); the last entry is the
+    number of all walls."""
     square: Int[np.ndarray, "walls"]
     behind: Int[np.ndarray, "walls"]
     "Number of other squares from which the robot runs into each wall."
     bump: Int[np.ndarray, "bumps"]
-    "The squares that are walls of any way."
+    "The squares where a robot bumps in at least one direction, in ascending order."
     place: Int[np.ndarray, "walls"]
-    "The index in `bump` of the square of each wall."
+    "For each wall, the index in `bump` of its square."
     ahead: Int32[np.ndarray, "ways bumps"]
-    "The wall ahead of each square of `bump` in each way, counted from the first wall of the way."
+    """The wall that a robot in each square of `bump` meets in each way. Walls are counted from the
+    first wall of the way."""
     length: Int32[np.ndarray, "ways bumps"]
-    "Number of steps to the wall ahead."
+    "Number of steps from each square of `bump` to the wall that the robot meets in each way."
 
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
@@ -60,7 +62,7 @@ class Runs:
         return cls(steps, begin, square, np.concatenate(behind), bump, place, ahead, length)
 
     def of_way(self, way: int) -> slice:
-        """Return the slice of the walls of one way in arrays over walls."""
+        """Return the slice of arrays over walls that selects the walls of one way."""
         return slice(self.begin[way], self.begin[way + 1])
 
     def of_directions(
@@ -68,10 +70,10 @@ class Runs:
     ) -> tuple[
         Int32[np.ndarray, "directions"], Int32[np.ndarray, "slots"], Int[np.ndarray, "slots"]
     ]:
-        """List the walls of chosen directions, one direction after the other.
+        """List the walls of the `chosen` directions, one direction after the other.
 
-        Returns the index of the first wall of each direction in this list, and the direction and
-        the number of each listed wall.
+        **Returns:** the index of the first wall of each direction in this list, and the direction
+        and the number of each listed wall.
         """
         way = self.steps.way
         count = np.where(chosen, np.diff(self.begin)[way], 0)
@@ -83,7 +85,7 @@ class Runs:
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
-        """List the free squares run by run, about a million at a time.
+        """Yield the free squares of a way, sorted by straight runs, about a million at a time.
 
         Each part has the squares, the walls at the ends of their runs, counted from the first wall
         of the way, and the numbers of steps to these walls.
@@ -100,7 +102,7 @@ class Runs:
     def of_cells(
         self, cells: CellSpace
     ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
-        """Find the wall to which the robot runs from each position in each way, and the steps.
+        """Find the wall to which the robot runs from each position in each way, and the run length.
 
         Walls are counted from the first wall of the way.
         """
@@ -113,11 +115,11 @@ class Runs:
 
 
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the walls of one way.
+    """Find the walls of one way, a class of directions with equal steps.
 
-    Returns the squares of the walls; the number of other squares from which the robot runs into
-    each wall; the order of the walls along the lines of the way; and the places of the walls on
-    these lines, in this order.
+    **Returns:** the squares of the walls; the number of other squares from which the robot runs
+    into each wall; the order of the walls along the lines in which the robot runs; and the
+    positions of the walls on these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

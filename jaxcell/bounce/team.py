@@ -36,7 +36,7 @@ def team_trajectory(
     The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. Then
     a part of the trajectory ends, and the next part begins with a turn of one robot in place, by
     one direction to either side. All such turns that lead to new joint states are tried. The part
-    that visits the most new positions is taken; of equal parts, the part with the fewest
+    that visits the most new positions is chosen; among equal parts, the part with the fewest
     collisions, and then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
     ...). The trajectory ends when all positions are visited that can be reached from the starts by
     steps in any directions. Only positions where a step ends count as visited.
@@ -164,7 +164,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions that steps in any directions reach from the starts, with the starts."""
+    """Count the positions that robots can reach from the starts, including the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -253,11 +253,11 @@ class _Part:
 
     @property
     def gain(self) -> int:
-        """Number of positions that the part visits, and no earlier part."""
+        """Number of positions that the part visits, but no earlier part."""
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: JointImage) -> None:
-        """Add steps, up to the step that ends the part."""
+        """Append steps up to the step that ends the part."""
         states = np.asarray(steps.image[: self.limit - self.length])
         stop = len(states)
         self.growing = self.length + stop < self.limit

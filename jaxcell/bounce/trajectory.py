@@ -161,7 +161,7 @@ class TeamTrajectory(Result):
 
     @functools.cached_property
     def _first_visits(self) -> Int[np.ndarray, "2 positions"]:
-        """The time of the first visit to each position, and its robot; -1 for none."""
+        """The time of the first visit to each position, and the visitor; -1 without a visit."""
         position, first = np.unique(self.cell % self.cells.positions, return_index=True)
         visits = np.full((2, self.cells.positions), -1, np.int32)
         visits[:, position] = np.divmod(first, self.cell.shape[1])

@@ -13,26 +13,27 @@ from .straight_runs import Runs
 class Walls:
     """Tables of the next wall after each wall, for grids of one shape and any bouncing angle.
 
-    Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]). A wall of a way is a
-    free square where a step of that way bumps. A robot that bumps at a wall of way `v`, and turns
-    to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its number among
-    the walls of its way. All ways and grids have equally many slots, and the last is never in use.
+    A *way* is a class of directions with equal steps (see [`jaxcell.bounce.Moves`][]). A wall of a
+    way is a free square where a step of that way bumps. A robot that bumps at a wall of way `v`,
+    and turns to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its
+    number among the walls of its way. All ways and grids have the same number of slots, and the
+    last slot is never in use.
     """
 
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with equal steps) of each direction."
     count: Int32[np.ndarray, "grids ways"]
-    "Number of walls of each way."
+    "Number of walls of each way, a class of directions with equal steps."
     behind: Int32[np.ndarray, "grids ways slots"]
     "Number of other squares from which the robot runs into each wall; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
-    "`next[:, v, w]` has the slot of the wall of way `w` that follows each wall of way `v`."
+    "`next[:, v, w]` contains the slot of the wall of way `w` that follows each wall of way `v`."
     length: Int32[np.ndarray, "grids ways ways slots"]
     "Number of steps from each wall to the next; -1 for no wall."
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":
-        """Tabulate the walls of grids. The tables grow with the square of the number of ways."""
+        """Tabulate the walls of grids. The size grows with the square of the number of ways."""
         runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
         way = np.repeat(np.arange(ways), np.diff(runs.begin))
         grid = runs.square // steps.free[0].size
@@ -53,7 +54,7 @@ class Walls:
 
     @property
     def slots(self) -> int:
-        """Number of slots of a way."""
+        """Number of slots per way: an upper bound on the number of walls of a way."""
         return self.behind.shape[-1]
 
 

@@ -116,7 +116,7 @@ def _limited(args: Sequence[str]) -> list[str]:
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:
-    """Parse the words of a command line. Returns the name and the options of the command."""
+    """Parse the words of a command line, and return the name and the options of the command."""
     words = list(args)
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _of_options(message: str, command: Any) -> str:
-    """Replace parameters by options in a message: the first word, and words in backquotes."""
+    """Replace the parameters in a message (the first word, and words in backquotes) by options."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _of_options(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions with which all angles of a command agree."""
+    """Find the smallest number of directions whose spacing divides all angles of a command."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

@@ -1,4 +1,4 @@
-"""Pages of help: the pages of tyro with an example, and with units and conditions of options."""
+"""Help pages: the pages of tyro with an example, and with units and conditions of options."""
 
 import ast
 import difflib
@@ -93,7 +93,7 @@ def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
 # Cached, because reading the source takes half of the time of a page.
 @functools.cache
 def displayed(kind: type) -> type:
-    """Make a class with the options of a command for its page of help.
+    """Create a class with the options of a command for its help page.
 
     Required options come first, then the command's own options, then options of many commands.
     """
@@ -147,7 +147,7 @@ def _documentation(kind: type) -> dict[str, str]:
 
 
 def _when(kind: type, alternatives: Sequence[Only]) -> str:
-    """Write the conditions of an option as a sentence."""
+    """Format the conditions of an option as a sentence."""
     begin = "Needed" if any(isinstance(each, Needed) for each in alternatives) else "Only"
     listed = as_options(kind, ", or ".join(map(str, alternatives)))
     return f"{begin} {listed}." if listed else ""

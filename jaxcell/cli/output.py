@@ -1,4 +1,4 @@
-"""Output of commands: JSON, and files that are written atomically."""
+"""The output of commands: JSON objects, and files that are written atomically."""
 
 import dataclasses
 import os

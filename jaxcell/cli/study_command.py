@@ -63,7 +63,7 @@ class StudyCommand(Printing):
         )
 
     def answer(self, say: Say = silent) -> tuple[Result, dict[str, Any]]:
-        """Run the study. Returns the result, and the JSON object that `--json` prints."""
+        """Run the study, and return the result and the JSON object that `--json` prints."""
         from .. import record
 
         question, began = self.question, time.perf_counter()
@@ -132,7 +132,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Make the class of the command of a study."""
+    """Create the class of the command of a study."""
     own = {
         "__doc__": study.__doc__,
         # The study itself checks the parameters, after all options have been read.
@@ -150,7 +150,7 @@ def _write_summary(summary: dict[str, Any], out: Path) -> None:
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:
-    """Compare parts of a result with another method; return the comparisons as JSON."""
+    """Compare parts of a result with another method, and return the comparisons as JSON."""
     began = time.perf_counter()
     with status("computing parts again by another method"):
         comparisons = question.verify(result)
@@ -163,7 +163,7 @@ def _verified(question: Study, result: Result) -> dict[str, Any]:
 
 
 def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
-    """Print the outcome of a verification on standard error; return whether all numbers agree."""
+    """Print the outcome of a verification on standard error, and return whether all agree."""
     for comparison in verified["comparisons"]:
         if not comparison["agrees"]:
             note(f"jaxcell {name}: --verify: {comparison['what']}: {comparison['where']}")

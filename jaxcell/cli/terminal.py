@@ -58,7 +58,7 @@ def status(
 def progress(
     text: str, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[..., None]]:
-    """Show the current work, its progress, and an estimate of the time that is left.
+    """Show the current work, its progress, and an estimate of the remaining time.
 
     Yields a function to call with the name of the work, the amount done, the total amount, and
     further text. `clock` returns a time in seconds.

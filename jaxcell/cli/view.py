@@ -58,7 +58,7 @@ class View:
 
 @contextlib.contextmanager
 def shown_live(viewer: str) -> Iterator[str]:
-    """Open a viewer for a recording that is being made, and yield its address.
+    """Open a viewer for a recording that is being written, and yield its address.
 
     `viewer` is an address or `here`: a window or, without a display, a page served until Ctrl-C.
     """

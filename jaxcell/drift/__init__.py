@@ -1,29 +1,28 @@
 """Drifters: objects that float in the water of an ocean current (Alam 2018, chapter 5).
 
-The sea is cut into cells, in one or more layers. A drifter moves with the current of its layer; it
-can control only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
+The sea is divided into cells, in one or more layers. A drifter moves with the current of its layer;
+it can control only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
 North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
 `Water` numbers the cells of a layer from 0, row by row, and `Flow` has the velocities in cells per
 second. If the grid goes round the Earth, the last column is beside the first. Squares without a
 velocity are land, or sea without data, which is an open edge. At coasts drifters stay or strand.
 
-**The map.** The *flow map* sends a point to its position after a time `dt`. By one step of Euler's
-method (Eq. 5.3), with `F` the flow,
+**The map.** The *flow map* sends a point to its position after a time `dt`. With one step of
+Euler's method (Eq. 5.3), and `F` the flow,
 
-    z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
-
-or by the Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of its
-centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
-with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of a
-bounded *disturbance set* `A(z)`,
+    z(dt) = z(0) + dt F(z(0)) which `advect` computes, and `flow_map` for all centres or with the
+    Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of its
+    centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
+    with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of
+    a bounded *disturbance set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 
 which makes the sea a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)`
 (Eq. 5.5). A `DriftStep` has the duration and the rules of a step; `METHODS` has the rules of the
 dissertation, and rules that agree better with simulated drifters. `exit_shares` computes the
-probability of each exit. `drift_maps` makes a map for each phase of a periodic current
-(`Flow.repeated`): the time of the period at which a step begins.
+probability of each exit. `drift_maps` computes a map for each phase of a periodic current
+(`Flow.repeated`). The phase is the time of the period at which a step begins.
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters at the times of interest (`asked_hours`), `distances_by_cell`
@@ -67,8 +66,8 @@ shares of drifters that go between regions, and their residence times.
 **Depth.** `Sea` combines layers. `reachable` finds the cells that a chain may visit,
 `reachable_by_layer` the cells that drifters may visit if they go down once (Alg. 5.4), and
 `reachable_at_depth` the cells that they may visit if they go up and down at any time. A *voyage*
-brings a drifter to a goal by going up (-1), going down (1), or drifting (0). The *policy* of a
-Markov decision process, `voyage_model`, chooses the action in each cell, with
+brings a drifter to a goal: in each step the drifter goes up (-1), goes down (1), or drifts (0). The
+*policy* of a Markov decision process, `voyage_model`, chooses the action in each cell, with
 
     r = 100 for a step that leads to the goal, else -1                               (Eq. 5.10)
     V(z) = max over u of the mean of r + g V(z'), with g the discount        (value iteration)

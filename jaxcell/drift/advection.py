@@ -38,7 +38,7 @@ def advect(
     method: str = "euler",
     steps: int = 1,
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Move points with the flow. Works under `jit`, `vmap` and `grad`.
+    """Move points with the flow. The function works under `jit`, `vmap` and `grad`.
 
     **Arguments:**
 
@@ -81,7 +81,7 @@ def carried(
 def in_chunks(
     move: Callable[[int, np.ndarray, np.ndarray], _Pair], x: _Points, y: _Points
 ) -> tuple[_Points, _Points]:
-    """Apply `move` to chunks of points that fit the cache of a processor, which is faster.
+    """Apply `move` to chunks of points that fit into the cache of a processor, for speed.
 
     The arguments of `move` are the number of the first point of a chunk, and its `x` and `y`.
     """

@@ -16,7 +16,7 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells that have land beside them. An open edge of the map is no coast.
+    """Mark the cells with land beside them. An open edge of the map is not a coast.
 
     **Arguments:** the water of a layer. **Returns:** a mask over its cells.
 
@@ -38,7 +38,7 @@ def beaching(
     afloat: float | int,
     stranded: float | int = np.inf,
 ) -> tuple[Chain | ChainSequence, Int[np.ndarray, "coast"]]:
-    """Add a beach to the map for each cell at a coast.
+    """Add a beach to the drift map for each cell at a coast.
 
     A beach is an additional state of the chain. In a step, a drifter in a cell at a coast strands
     with probability `1 - 2^(-duration / afloat)`, and otherwise drifts on; a drifter on a beach
@@ -127,7 +127,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Move drifters by the drift map of a layer, for `seconds` rounded to whole steps.
+        """Move drifters with the drift map of a layer for `seconds`, rounded to whole steps.
 
         `afloat` and `stranded` are the times of [`beaching`][].
         """

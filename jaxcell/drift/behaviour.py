@@ -13,11 +13,11 @@ from ..markov import Absorption, LimitingDistribution
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongTermBehaviour:
-    """The groups of cells in which drifters of one layer end, and the times until they get there.
+    """The groups of cells in which drifters of one layer end, and the times until they arrive.
 
     These are the results of Alg. 5.1 of Alam 2018. In a periodic current they depend on the time of
-    release, so all arrays are over the cells at each phase of the current, phase after phase, as in
-    the `unrolled` map; `begins` has the results for drifters that are released at phase 0.
+    release, so all arrays have an entry per phase and cell, phase after phase, as in the `unrolled`
+    map; `begins` contains the results for drifters that are released at phase 0.
     """
 
     chain: Chain | ChainSequence
@@ -56,7 +56,7 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        This takes a linear solve and 8 bytes per cell for every group.
+        Each group takes a linear solve, and 8 bytes per cell.
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
@@ -66,7 +66,7 @@ class LongTermBehaviour:
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
         """The probability of ending off the grid if it is 0 or 1, and NaN for other cells.
 
-        It is found without a linear solve.
+        It is computed without a linear solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan
@@ -85,11 +85,11 @@ class LongTermBehaviour:
 
     @property
     def basin(self) -> Int[Array, "cells"]:
-        """The only persistent group in which a drifter from each cell may end; -1 if there are
-        several such groups, or if the drifter may leave the grid.
+        """The only persistent group in which a drifter from each cell may end.
 
-        The cells that have the number of a group are its domain of attraction, which includes the
-        group itself.
+        It is -1 if there are several such groups, or if the drifter may leave the grid. The cells
+        that have the number of a group are its domain of attraction, which includes the group
+        itself.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])
@@ -117,7 +117,7 @@ def long_term_behaviour(
     **Raises:** `ValueError` for a duration that is not positive; `RuntimeError` if the solve
     stalls and `throw` is set.
 
-    In each step, half of the drifters in cell 0 go on to cell 1, and from there to 2 or 3:
+    In each step, half of the drifters in cell 0 move to cell 1. From cell 1 they move to 2 or 3:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()

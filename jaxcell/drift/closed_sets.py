@@ -32,11 +32,11 @@ def nearly_closed_sets(
 ) -> NearlyClosedSets:
     """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
-    A set is no persistent group if a single drifter leaves it, so persistent groups depend on the
-    step. The share of drifters that leave a set in a day hardly depends on the step. Drifters are
-    released with uniform density in space. Connected pieces of water with less than a hundredth of
-    the cells are left out. The search spreads drifters over the neighbouring cells at the end of
-    the window, because otherwise it would find single cells in the middles of eddies.
+    If a single drifter leaves a set, the set is not a persistent group. So persistent groups depend
+    on the step. The share of drifters that leave a set in a day hardly depends on the step.
+    Drifters are released with uniform density in space. Connected pieces of water with less than a
+    hundredth of the cells are left out. The search spreads drifters over the neighbouring cells at
+    the end of the window, because otherwise it would find single cells in the middles of eddies.
 
     **Arguments:**
 
@@ -78,10 +78,10 @@ def coherent_sets(
     """Find coherent sets: water that moves together, and hardly mixes with its surroundings.
 
     This applies [`jaxcell.markov.coherent_sets`][] to a window of time; the current need not be
-    periodic. Two choices are needed to find vortices. The window is mapped in few steps, preferably
-    in one, because the grid spreads drifters by up to a cell in every step. Drifters are also
-    spread over the neighbouring cells at the end of the window, because otherwise single cells are
-    the most coherent sets.
+    periodic. Two choices are needed to find vortices. First, the window is mapped in few steps,
+    preferably in one, because the grid spreads drifters by up to a cell in every step. Second,
+    drifters are spread over the neighbouring cells at the end of the window, because otherwise
+    single cells are the most coherent sets.
 
     **Arguments:**
 
@@ -121,7 +121,7 @@ def coherent_sets(
 
 
 def _blur(water: Water) -> Chain:
-    """Make a chain that spreads the drifters of each cell evenly over it and its neighbours."""
+    """Build a chain that spreads the drifters of each cell over the cell and its neighbours."""
     every = np.arange(water.cells, dtype=np.int32)
     around = np.vstack([every, np.where(water.neighbor >= 0, water.neighbor, every)])
     return Chain(around, np.full(around.shape, 1 / len(around)))
@@ -131,7 +131,7 @@ def _blur(water: Water) -> Chain:
 class ClosedSets(Result):
     """The nearly closed sets of each layer: sets of cells that drifters hardly leave.
 
-    Two cells that drifters seldom exchange, in steps of an hour:
+    Two cells between which drifters seldom move, in steps of an hour:
 
         >>> import numpy as np
         >>> from jaxcell import drift, examples, mapping

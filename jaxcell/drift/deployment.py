@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deployment:
-    """Cells in which to drop drifters, from which every cell may be visited in the long run."""
+    """Cells in which to drop drifters so that they may visit every cell in the long run."""
 
     cells: Int[np.ndarray, "drifters"]
     "One cell of each persistent group, then cells of each transient group."
@@ -29,12 +29,12 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells that each cell leads to in its group, and that no earlier cell leads to."
+    "The number of cells in the group of each cell that this cell leads to, but no earlier cell."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoverageCurve:
-    """The number of cells that may be visited, by the number of drifters."""
+    """The number of cells that may be visited, as a function of the number of drifters."""
 
     cells: Int[np.ndarray, "drifters"]
     "The cell in which each drifter is dropped, in order."
@@ -49,7 +49,7 @@ class VisibleDeployment:
     cover: Int[np.ndarray, "views"]
     "Cells from which cameras see all cells, in the order in which they were chosen."
     cells: Int[np.ndarray, "drifters"]
-    "The cells of the cover in which drifters are dropped: one cell at most per persistent group."
+    "The cells of the cover in which drifters are dropped: at most one cell per persistent group."
     least: int | None = None
     "A lower bound on the size of any cover; `None` if the cover is greedy."
 
@@ -57,9 +57,9 @@ class VisibleDeployment:
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
-    In a persistent group any cell leads to all others. The cell with the smallest number is chosen,
-    while the dissertation draws a cell at random. The cells of a transient group are examined from
-    the longest absorption time to the shortest, and in the order of their numbers if times are
+    In a persistent group any cell leads to all others, so the cell with the smallest number is
+    chosen. The dissertation draws a cell at random. The cells of a transient group are examined
+    from the longest absorption time to the shortest, and in the order of their numbers if times are
     equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
     the dissertation chooses the cell that leads to the most other cells; in a map without
     disturbances these cells lead to equal numbers of cells.
@@ -117,10 +117,10 @@ def _first_ancestor(
 ) -> Int[np.ndarray, "transients"]:
     """For each cell in `order`, find the first source that leads to it within its transient group.
 
-    Sources, like the result, are places in `order`; the result exceeds all places if no source
-    leads to a cell. Shortest paths begin at an additional node: an edge to a source costs its
-    place, and edges within a group, the matrix `within`, cost nothing. A cell is reached at any
-    phase at which it is in the `same` group as at phase 0.
+    Sources and results are positions in `order`. If no source leads to a cell, its result exceeds
+    all positions. Shortest paths begin at an additional node: an edge to a source costs its
+    position, and the edges in the matrix `within`, which stay in a group, cost nothing. A cell is
+    reached at any phase at which it is in the `same` group as at phase 0.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -137,17 +137,17 @@ def _first_ancestor(
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     """Find the fewest cells from which all cells may be visited.
 
-    The cells are one cell of each strongly connected component to which no other component leads.
-    Each such component needs a drifter, and all other components are reached from them.
+    They are one cell of each *source*, a strongly connected component to which no other component
+    leads. Each source needs a drifter, and all other components are reached from the sources.
 
     A persistent group gets no drifter if a transient cell leads to it, although a drifter from that
     cell may end in another group. To put a drifter in each group, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
     **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain. **Returns:** the
-    smallest cell of each such component, in order.
+    smallest cell of each source, in order.
 
-    From cell 0 a drifter may come anywhere:
+    A drifter from cell 0 may reach all cells:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()
@@ -226,8 +226,8 @@ def visible_deployment(
     """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
-    it lies wholly within the disc. Distances are computed by the sides of the camera's cell. Of
-    several cells of the cover in one persistent group only the first one gets a drifter, because
+    it lies wholly within the disc. Distances are measured in the sides of the camera's cell. If
+    several cells of the cover are in one persistent group, only the first gets a drifter, because
     this drifter will visit the others in the long run.
 
     **Arguments:**
@@ -267,7 +267,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Raise `ValueError` if cameras do not see all of their own cells, or for too many cells."""
+    """Raise `ValueError` if a camera does not see its whole own cell, or for too many cells."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "

@@ -1,4 +1,4 @@
-"""Drifters at points, not in cells: they follow the flow, diffuse, and stop where they leave."""
+"""Drifters at points instead of cells: they follow the flow, diffuse, and stop where they leave."""
 
 import math
 
@@ -74,9 +74,9 @@ def diffuse(
     y: Float[Array, "points"],
     duration: Float[Array, ""] | float,
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Move points by a random walk with the diffusivity of the flow.
+    """Move points in a random walk with the diffusivity of the flow.
 
-    A point that would enter a square outside the mask `wet` stays in its place.
+    A point that would enter a square outside the mask `wet` does not move.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))

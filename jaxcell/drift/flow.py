@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the copy of the first at the end of a periodic flow."""
+        """The rate at each record, without the copy of the first that ends a periodic flow."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
@@ -134,7 +134,7 @@ class Flow:
         return length * steps_in(duration, length)
 
     def phases(self, duration: float | int) -> int:
-        """Count the steps of some duration in a period; 1 if the flow is not periodic."""
+        """Count the steps of a duration in a period; 1 if the flow is not periodic."""
         return 1 if self.period is None else steps_in(float(self.period), duration)
 
 
@@ -167,7 +167,7 @@ def _extended(
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
     """Interpolate the flow in every square linearly in time.
 
-    Before the first record and after the last one a flow that is not periodic stays constant.
+    A flow that is not periodic is constant before the first record and after the last record.
     """
     records = flow.rate.shape[0]
     if flow.period is not None:
@@ -219,7 +219,7 @@ def steps_in(seconds: float | int, duration: float | int) -> int:
 def _neighbours(
     place: Float[Array, "*points"], size: int, wraps: bool
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
-    """Find the cells on both sides of places on an axis, and the weight of the second cell."""
+    """Find the two cells around each coordinate on an axis, and the weight of the second cell."""
     if wraps:
         first = jnp.floor(place)
         near = (first % size).astype(jnp.int32)
@@ -234,8 +234,9 @@ def crossing_time(water: Water, flow: Flow) -> float:
     """Compute the time in seconds in which drifters move by one cell on average.
 
     The mean is over all cells and records. Alam 2018 takes steps "sufficiently long to cross a
-    cell" but does not name the cell. In the time to cross the fastest cell nearly all other cells
-    are their own images; in the time to cross the slowest, drifters in fast cells cross the map.
+    cell" but does not name the cell. In the time to cross the fastest cell, nearly all other cells
+    are their own images. In the time to cross the slowest cell, drifters in fast cells cross the
+    map.
 
     **Arguments:** the water and the flow of a layer. **Returns:** the time, more than 0.
 

@@ -28,7 +28,7 @@ _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
-"""The exits by which drifters leave the map."""
+"""The exits through which drifters leave the map."""
 # An unused slot; -1 is the sink.
 _NONE = -2
 
@@ -138,7 +138,7 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 
     **Arguments:**
 
-    - `water`, `flow`: as for [`drift_map`][]; a periodic flow is made by [`Flow.repeated`][].
+    - `water`, `flow`: as for [`drift_map`][]; [`Flow.repeated`][] makes a flow periodic.
     - `step`: a step whose duration divides the period or is a multiple of it, as from
         [`Flow.fitted`][]. The number of Runge-Kutta substeps is doubled until it is at least the
         number of records in a step, and a substep is at most half a cell long on average.
@@ -163,15 +163,15 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 def exit_shares(
     water: Water, flow: Flow, step: DriftStep, chain: Chain | ChainSequence
 ) -> Float[np.ndarray, "exits states"]:
-    """Compute the probability of leaving the map in a step by each exit.
+    """Compute the probability of leaving the map in a step through each exit.
 
     **Arguments:**
 
     - `water`, `flow`, `step`: as for [`drift_maps`][].
     - `chain`: the map that [`drift_maps`][] made from them.
 
-    **Returns:** the probability from each cell at each phase, for each of `EXITS`: into sea without
-    data, by stranding on land, and off the edge of the grid in the east, north, west and south.
+    **Returns:** the probability from each cell at each phase, for each of `EXITS`: sea without
+    data, stranding on land, and the edge of the grid in the east, north, west and south.
 
     One cell with an open edge, whose water moves by half a cell to the East in a step:
 
@@ -246,7 +246,7 @@ def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[
 def _ends(
     water: Water, flow: Flow, step: DriftStep, start: float | int, origin: _Origin
 ) -> Iterator[tuple[_Points, _Points, _Points]]:
-    """Yield `x` and `y` of the places where drifters from some cells end, and their weights.
+    """Yield `x` and `y` of the end points of drifters from some cells, and their weights.
 
     The arrays have a row per sample point and a column per cell.
     """
@@ -291,7 +291,7 @@ def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarra
 
 
 def _diffused(x: _Ends, y: _Ends, deviation: _Points) -> tuple[_Points, _Points, _Points]:
-    """Spread one point per cell by a normal distribution, integrated over the squares around it.
+    """Spread the point of each cell with a normal distribution, integrated over nearby squares.
 
     **Returns:** the columns and rows of the squares, and their shares.
     """
@@ -310,7 +310,7 @@ def _diffused(x: _Ends, y: _Ends, deviation: _Points) -> tuple[_Points, _Points,
 
 
 def _transitions(image: _Squares, share: _Points) -> scipy.sparse.csr_array:
-    """Make a transition matrix from the images of each cell and their shares; -1 is the sink."""
+    """Build a transition matrix from the images of each cell and their shares; -1 is the sink."""
     stays, cells = image >= 0, image.shape[1]
     origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
     return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
@@ -361,7 +361,7 @@ def _set_probabilities(targets: _Squares, rho: float) -> _Points:
 def _with_uniform_boundary(
     water: Water, image: _Squares, probability: _Points
 ) -> tuple[_Squares, _Points]:
-    """Map each cell at a coast or an edge to its neighbours and itself, with equal probability."""
+    """Map each cell at a coast or an edge to its neighbours and itself with equal probability."""
     cells = np.flatnonzero(water.boundary)
     # Existing neighbours come first, in their order.
     near = water.neighbor[:, cells]

@@ -74,7 +74,7 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Make the exchange by the drift map of a layer, after `seconds` rounded to whole steps."""
+        """Compute the exchange after `seconds`, rounded to whole steps, from the map of a layer."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
@@ -85,7 +85,7 @@ class Exchange(Result):
 
         - `water`, `flow`: water and flow of the surface.
         - `count`: the number of drifters from each region, released uniformly in its cells.
-        - `seed`: seed of the places of release, and of diffusion.
+        - `seed`: seed of the points of release, and of diffusion.
         """
         random = np.random.default_rng(seed)
         origin = np.concatenate(
@@ -168,8 +168,8 @@ def read_regions(
     - `path`: a collection of features, polygons or multipolygons, in degrees.
     - `water`: the cells; a region consists of the cells whose centre is within its polygon.
 
-    **Returns:** the name of each region, which is the property `name` of its feature, or else its
-    number; and the mask of the cells of each region.
+    **Returns:** the name of each region, which is the property `name` of its feature, or its number
+    if the feature has no name; and the mask of the cells of each region.
 
     **Raises:** `ValueError` for a file that is not GeoJSON, a feature that is not a polygon or has
     no water, or repeated names; `OSError` if the file does not exist.

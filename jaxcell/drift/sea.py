@@ -17,7 +17,7 @@ from .water import Water
 class Sea:
     """The cells of several layers of the sea, numbered layer after layer, the surface first.
 
-    A drifter drifts within its layer, and can move to the cell directly above or below (Alam 2018,
+    A drifter drifts within its layer, and may move to the cell directly above or below (Alam 2018,
     section 5.3.2).
 
     Two layers of three cells; the water of the surface flows East, and the water below it West:
@@ -120,12 +120,12 @@ class Sea:
 
     @property
     def ascent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going up; its rows are 0 for cells with no cell above."""
+        """The transition matrix of going up; the row of a cell with no cell above is 0."""
         return self._steps(self.above)
 
     @property
     def descent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going down; its rows are 0 for cells with no cell below."""
+        """The transition matrix of going down; the row of a cell with no cell below is 0."""
         return self._steps(self.below)
 
     def _steps(self, to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells that a mask over the cells at each phase marks at one phase or more."""
+        """Mark the cells that are in `mask`, a mask per phase and cell, at one phase or more."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

@@ -16,7 +16,7 @@ _LONGEST = 1000
 
 @dataclasses.dataclass(frozen=True)
 class DriftStep:
-    """A step of a drift map: its duration, and the rules by which it maps each cell.
+    """A step of a drift map: its duration, and the rules for the images of each cell.
 
     The *image* of a cell is the cell to which the flow takes its centre,
     [`jaxcell.drift.Water.landing`][]. Disturbances may bring the drifter to other cells; the image
@@ -39,7 +39,7 @@ class DriftStep:
     spread: str = "turned"
     """The disturbances. `"turned"`: the drift turned by 45 degrees to either side. `"all"`: the
     eight neighbours of the image; then connected water tends to be one persistent group.
-    `"sampled"`: no disturbance, and `rho` has no effect. In place of the centre `samples` x
+    `"sampled"`: no disturbance, and `rho` has no effect. Instead of the centre, `samples` x
     `samples` points of the cell drift, and the probability of a cell is the share of the points
     that end in it (Hsu 1987). This choice is required if the flow has a diffusivity, which spreads
     the points at the end of the step."""

@@ -39,7 +39,8 @@ class Voyage:
     time: Float[Array, "cells"]
     "The expected number of steps to arrive; `inf` for cells from which the drifter may fail."
     conditional_time: Float[Array, "cells"]
-    "The expected number of steps of drifters that arrive; `inf` for cells from which none can."
+    """The expected number of steps of drifters that arrive; `inf` for cells from which no drifter
+    can arrive."""
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
@@ -75,10 +76,11 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     The actions are, in this order, drift (0), up (-1) and down (1). A move up or down takes one
     step, in which the drifter does not drift, and needs a cell above or below.
 
-    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10), so `101 p - 1` for a
-    step that leads to the goal with probability `p`. The dissertation defines no reward after an
-    arrival or after leaving the map. Here the voyage ends with the arrival, without further reward.
-    A drifter off the map pays 1 per step, as on the map; otherwise it would be better to leave.
+    The reward is 100 for a step that leads to the goal, and -1 otherwise (Eq. 5.10); so its mean is
+    `101 p - 1` for a step that leads to the goal with probability `p`. The dissertation defines no
+    reward after an arrival or after leaving the map. Here the voyage ends with the arrival, without
+    further reward. A drifter off the map pays 1 per step, as on the map; otherwise it would be
+    better to leave.
 
     **Arguments:**
 
@@ -111,7 +113,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
 
 def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99) -> Voyage:
-    """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
+    """Compute the navigation policy of Alam 2018, Alg. 5.5, with value iteration.
 
     With a discount the policy may prefer a quick path that often fails;
     [`surest_voyage`][jaxcell.drift.surest_voyage] avoids this.
@@ -223,7 +225,7 @@ def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]
 
 
 def _at_goal(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
-    """Make a mask of the goal over the cells at each phase."""
+    """Return a mask of the goal, with an entry per phase and cell."""
     return np.tile(cell_mask(sea.cells, goal, "goal"), sea.phases)
 
 

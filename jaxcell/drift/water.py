@@ -165,18 +165,18 @@ class Water:
 
     @property
     def reach(self) -> Float[np.ndarray, "rows columns"]:
-        """The largest distance from the centre of a square to a place in it, in metres.
+        """The largest distance from the centre of a square to a point in it, in metres.
 
         It is 1.01 times half the diagonal, because the Earth is not a sphere.
         """
         return np.hypot(self.dx, self.dy) / 2 * 1.01
 
     def cell(self, lon: float | int, lat: float | int) -> int:
-        """Find the cell whose centre is nearest to a place.
+        """Find the cell whose centre is nearest to a point.
 
         **Arguments:**
 
-        - `lon`, `lat`: the place in degrees; longitudes may differ by whole turns.
+        - `lon`, `lat`: the point in degrees; longitudes may differ by whole turns.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
@@ -233,8 +233,8 @@ class Water:
 
         A drifter ends in the cell that contains its end point, if this cell is in the connected
         piece of water of its origin. Otherwise it ends in the nearest cell of that piece; distances
-        are in metres by the sides of the origin, and of equally near cells the one with the
-        smallest number is taken.
+        are in metres, measured in the sides of the origin, and among equally near cells the cell
+        with the smallest number is chosen.
 
         **Arguments:**
 
@@ -286,7 +286,10 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points on a grid of `shape` rows and columns; `wraps` if it goes round the Earth."""
+    """Mark the points on a grid of `shape` rows and columns.
+
+    `wraps` is true for a grid that goes round the Earth.
+    """
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
@@ -295,7 +298,10 @@ def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
 def square(
     x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
 ) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
-    """Find the row and column of the square that contains each point; ties go up and right."""
+    """Find the row and column of the square of each point.
+
+    A point on an edge belongs to the upper or right square.
+    """
     row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column
 

@@ -56,7 +56,7 @@ class Attractors:
     starts: Float[np.ndarray, "scattered axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "scattered"]
-    "The attractor on which the orbit from each of `starts` ends, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -75,15 +75,15 @@ def attractors(
 ) -> list[Attractors]:
     """Find the attractors that the periodic groups of cell maps represent.
 
-    A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes a group that
-    attracts nothing. So orbits of the map itself, not of the map of cells, start in a few cells of
-    each group and are followed until they have settled. Orbits that approach each other within half
-    a cell are on one attractor. (The second stage of Hsu 1987 is a generalized map of cells near
-    the groups. With small steps, it would spread over the whole neighbourhood of an attractor.)
-    Orbits from random points find attractors that are too small for the cells, and estimate the
-    share of starts that lead to each attractor. If there are more than 8,192 groups, only groups
-    with the largest basins are treated in this way. From each other group, one orbit is followed
-    until it visits cells of a known attractor.
+    A limit cycle or a chaotic attractor becomes many periodic groups, and a saddle becomes a group
+    that attracts no orbits. So orbits of the map itself, not of the map of cells, start in a few
+    cells of each group and are followed until they have settled. Orbits that approach each other
+    within half a cell are on one attractor. (The second stage of Hsu 1987 is a generalized map of
+    cells near the groups. With small steps, it would spread over the whole neighbourhood of an
+    attractor.) Orbits from random points find attractors that are too small for the cells, and
+    estimate the share of starts that lead to each attractor. If there are more than 8,192 groups,
+    only groups with the largest basins are treated in this way. From each other group, one orbit is
+    followed until it visits cells of a known attractor.
 
     `members` are the parameters of several maps, whose orbits are computed in one batch. The
     `groups` of each member end with the two sinks. `scattered` orbits start at random points.
@@ -114,7 +114,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Find the period of an orbit, to 1e-3 of a cell; 0 if it exceeds half of the window."""
+    """Find the period of an orbit to within 1e-3 of a cell; 0 if it exceeds half of the window."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -220,7 +220,7 @@ def _lead_others(
     known: Attractors,
     follow: int,
 ) -> None:
-    """Add the attractors of groups without orbits to `known`, by following a cell of each."""
+    """Follow one cell of each group without orbits, and add its attractor to `known`."""
     others = _first_cells(box, groups, begun)
     if not others.size:
         return
@@ -267,7 +267,7 @@ def _transient(
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
-    """Map points `settle` times. Returns the orbits of the mappings that follow."""
+    """Map points `settle` times, and return the orbits of the mappings after these."""
     return padded(lambda *rows: _orbits_of(map, box, params, *rows, settle), (member, start))
 
 

@@ -54,7 +54,7 @@ class Basins(OnBox):
         quantity("cell", "whether its group leads to several attractors, as a saddle", kind="flag"),
     ]
     left: Bool[np.ndarray, "cells"]
-    "`True` if the cell leads out of the box."
+    "`True` for each cell whose orbit leaves the box."
     orbit: Float[np.ndarray, "attractors window axes"]
     "An orbit on each attractor."
     sampled: Annotated[
@@ -65,7 +65,7 @@ class Basins(OnBox):
     starts: Float[np.ndarray, "starts axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "starts"]
-    "The attractor on which the orbit from each of `starts` ends, -1 for none."
+    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -82,13 +82,15 @@ class Basins(OnBox):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Without time outside the box; `None` if the mappings of all cells have the same duration."
+    """Time outside the box is not counted. `None` if the mappings of all cells have the same
+    duration."""
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
-    "Remedies, tried on a sample of points if cells and orbits disagree, or `None`."
+    """A trial of remedies (orbits, and finer cells) on a sample of points, made if cells and orbits
+    disagree; otherwise `None`."""
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -203,7 +205,7 @@ def basins(
     - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled type.
     - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
         takes one image per cell; or `"orbits"`, the orbit of each centre, which takes many images
-        per cell, and is right where cells are too coarse, such as near a chaotic attractor.
+        per cell, but is correct where cells are too coarse, such as near a chaotic attractor.
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
@@ -273,7 +275,7 @@ def basins_of_each(
 
 
 def with_trial(map: Map, basins: Basins) -> Basins:
-    """Add a trial of remedies to basins if cells and orbits disagree."""
+    """Add a trial of remedies (orbits, and finer cells) to basins if cells and orbits disagree."""
     if basins.disagreement <= DOUBTFUL:
         return basins
     return dataclasses.replace(basins, trial=tried(map, basins))
@@ -311,9 +313,9 @@ def by_cells(
     changed: float | None,
     new: Callable[[str, Any, int], np.ndarray] = lambda _, kind, size: np.empty(size, kind),
 ) -> Basins:
-    """Make basins in which each cell leads to the attractor of its group.
+    """Build basins in which each cell leads to the attractor of its group.
 
-    `new` makes the arrays over cells: a function of name, data type and size.
+    `new` is a function of name, data type and size that creates the arrays over cells.
     """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     basin = new("basin", np.int32, box.size)

@@ -18,7 +18,8 @@ Value = TypeVar("Value")
 
 
 CHUNK = 1 << 18
-"""Number of cells that are computed at once; it bounds the memory in addition to the result."""
+"""Number of cells that are computed at once. It limits the memory that is needed in addition to the
+result."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
 
@@ -35,7 +36,7 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
 
 
 def padded(compute: Callable[..., Any], rows: Sequence[np.ndarray], size: int | None = None) -> Any:
-    """Apply a compiled function to arrays, padded to few lengths; return arrays without padding."""
+    """Apply a compiled function to padded arrays, and return its results without the padding."""
     count = len(rows[0])
     filled = (with_last(array, size or bucket(count)) for array in rows)
     return jax.tree.map(lambda array: np.asarray(array)[:count], compute(*filled))
@@ -81,6 +82,6 @@ def _coarse(rows: int) -> int:
 
 
 def in_threads(compute: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
-    """Compute parts on two threads, because XLA leaves cores idle between two parts."""
+    """Compute `parts` on two threads, because XLA leaves cores idle between two parts."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(compute, parts)

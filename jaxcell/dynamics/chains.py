@@ -25,25 +25,25 @@ def chain(
     quadrature: int = 4,
     key: Any = None,
 ) -> Chain:
-    """Make the generalized map of a box: images of points inside each cell, with additive noise.
+    """Build the generalized map of a box: images of points inside each cell, with additive noise.
 
     Each cell is mapped from `samples` of its points (Hsu 1981, Ulam's method), and normal noise is
     added to each image. The points of a cell are an additive recurrence from a random start, which
     spreads them evenly: the error decreases with about the power -0.6 of their number, instead of
     the power -0.5 of random points. Images outside the box go to the sink of the chain.
 
-    Few samples or nodes make large errors in rare events. So `chain.half` is a second chain with
-    half as many samples and one more node. [`jaxcell.markov.hitting_times`][] and
-    [`jaxcell.markov.arrival_probabilities`][] report the differences between the results of both
-    chains as `moved`. In tests against closed forms they were 1 to 4 times the error. If they are
-    too large, take more samples, more nodes, or shorter mappings: the noise of a mapping must be
-    small compared with the regions of interest.
+    Few samples or nodes cause large errors in the probabilities of rare events. So `chain.half` is
+    a second chain with half as many samples and one more node. [`jaxcell.markov.hitting_times`][]
+    and [`jaxcell.markov.arrival_probabilities`][] report the differences between the results of
+    both chains as `moved`. In tests against closed forms, these differences were 1 to 4 times the
+    error. If they are too large, take more samples, more nodes, or shorter mappings: the noise of a
+    mapping must be small compared with the regions of interest.
 
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights. By default as many as give 16
-        images per cell, one per point and node, and at least 4.
+    - `samples`: number of points of each cell, with equal weights. The default gives about 16
+        images per cell, one image per point and node, but is at least 4.
     - `noise`: standard deviation of the noise, one number for all axes or one per axis.
     - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise. Each
         node is added to each image, with its weight. With `n` nodes, polynomials up to degree
@@ -138,7 +138,7 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Return the steps of a sequence that fills a cube evenly, by a generalized golden ratio."""
+    """Return the steps of a sequence that fills a cube evenly, from a generalized golden ratio."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

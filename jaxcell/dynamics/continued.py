@@ -25,7 +25,7 @@ _FAR = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Continuation(Result):
-    """Attractors and their basins along a list of parameters, matched along the list."""
+    """Attractors and basins for each of a list of parameters, with matching names of attractors."""
 
     title: ClassVar[str] = "Attractors along parameters"
     tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
@@ -35,7 +35,7 @@ class Continuation(Result):
     members: list[Basins]
     "The basins for each set of parameters; a list, because a tuple adds tables to the summary."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "The name of each attractor in each member, a number that stays the same along the list."
+    "The name of each attractor in each member: a number that does not change along the list."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
@@ -99,9 +99,10 @@ def continuation(
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
     An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
-    Hausdorff distance of both orbits is small. The matching with the least distances is taken. A
-    vanished attractor keeps its name, and gets it again if it reappears in its old place; until
-    then it counts as merged with the attractor in whose basin it lies.
+    Hausdorff distance of both orbits is small. The matching with the least distances is chosen. If
+    an attractor vanishes, its name is reserved, and an attractor that appears in the same place
+    gets this name. Until then the vanished attractor counts as merged with the attractor in whose
+    basin it lies.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], except that `params` has numbers, and
     arrays of one length for the parameters that vary. **Returns:** the basins of all members,
@@ -157,7 +158,7 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Number the attractors of a list of basins, so that an attractor has one number in all."""
+    """Number the attractors of a list of basins; an attractor has the same number in all."""
     labels: list[np.ndarray] = []
     # For each name, the last orbit of the attractor, its basins, and its number in them.
     known: dict[int, tuple[np.ndarray, Basins, int]] = {}

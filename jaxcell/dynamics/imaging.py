@@ -31,7 +31,7 @@ def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np
     - `box`: the cells.
     - `params`: the parameters of the map, its second argument.
     - `follow`: number of further mappings of an image outside the box before it counts as lost,
-        because a transient or an attractor may pass outside.
+        because transients and attractors may leave the box and return.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
@@ -120,7 +120,7 @@ def torn_axes(
 ) -> list[tuple[int, ...]]:
     """Warn of periodic axes along which a map has different values at the two ends.
 
-    Returns these axes for each member, judged by 64 points.
+    Returns these axes for each member, according to a test at 64 points.
     """
     points, params = _anywhere(box), stacked(members)
     each = [params_of(params, k) for k in range(len(members))]
@@ -226,7 +226,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take up to `steps` steps from each point, until it is far enough from its first cell."""
+    """Take up to `steps` steps from each point, until it is far enough from its start."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -254,7 +254,7 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """Follow points outside the box until they return. Returns their cells or sinks."""
+    """Follow points outside the box until they return, and return their cells or sinks."""
 
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)

@@ -39,7 +39,7 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over a time, by Runge-Kutta steps, made by [`flow`][]."""
+    """The map of a vector field over a time, with Runge-Kutta steps. [`flow`][] returns it."""
 
     field: Field
     dt: float
@@ -81,7 +81,7 @@ class Flow:
 
 @dataclasses.dataclass(frozen=True)
 class Strobe:
-    """The map of a forced field over a period of the force, made by [`strobe`][]."""
+    """The map of a forced field over a period of the force. [`strobe`][] returns it."""
 
     field: Callable[[Any, Any, Any], Any]
     period: float
@@ -109,7 +109,7 @@ class Strobe:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The map of a surface to itself along a flow, made by [`section`][]."""
+    """The map of a surface to itself along a flow. [`section`][] returns it."""
 
     flow: Flow
     surface: Callable[[Any, Any], Any]
@@ -121,7 +121,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Follow a point to its return to the surface. Returns the new point, and the time."""
+        """Follow a point to its return to the surface, and return the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -162,16 +162,17 @@ def flow(
     crossed: int = 16,
     max_steps: int = 1000,
 ) -> Flow:
-    """Make the map of an autonomous field `x' = field(x, params)`, by Runge-Kutta steps of order 4.
+    """Build the map of an autonomous field `x' = field(x, params)` with Runge-Kutta steps.
 
     **Arguments:**
 
     - `field`: the velocity at a point, an array `[axes]`.
-    - `dt`: duration of a step.
+    - `dt`: duration of a Runge-Kutta step of order 4.
     - `steps`: number of steps per mapping. With `"crossing"` the number differs between cells: the
-        orbit of a cell is followed until it is `crossed` cells away (after Hsu's criterion). So
-        slow cells are not their own images, and the error of half a cell is small compared with
-        the distance.
+        orbit of a cell is followed until it is `crossed` cells away (according to Hsu's criterion).
+    - `crossed`: with `"crossing"`, the number of cells that an orbit crosses. So a cell with a slow
+        flow is not mapped to itself, and the rounding of an image to a cell, by up to half a cell,
+        is small compared with the distance to it.
     - `max_steps`: with `"crossing"`, the largest number of steps. A cell that has not crossed by
         then most likely holds an equilibrium.
 
@@ -193,7 +194,7 @@ def flow(
 
 
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
-    """Make the map of a forced field over one period of the force, from phase 0.
+    """Build the map of a forced field over one period of the force, from phase 0.
 
     **Arguments:** the velocity, `field(t, x, params)`; the period; and the number of Runge-Kutta
     steps in a period. **Returns:** a map for all functions of this package.
@@ -219,7 +220,7 @@ def section(
     dt: float,
     max_steps: int = 10_000,
 ) -> Section:
-    """Make the return map of a flow to a surface that it crosses upwards.
+    """Build the return map of a flow to a surface that it crosses upwards.
 
     Steps continue until `surface` changes its sign from negative to positive; the secant method
     then finds the crossing within the step. A point that does not return in `max_steps` maps to
@@ -296,7 +297,7 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps:
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find the time of height 0, from `below` at 0 to `above` at `dt`, by the Illinois method."""
+    """Find the time of height 0, from `below` at 0 to `above` at `dt`, with the Illinois method."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

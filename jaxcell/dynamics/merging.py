@@ -41,7 +41,10 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Give one label to all orbits that visit a common part of a cell; parts overlap by half."""
+    """Label orbits, with equal labels for orbits that visit a common part of a cell.
+
+    Adjacent parts overlap by half.
+    """
     orbits = len(place)
     bits = orbits.bit_length()
     orbit, halves = _visited(box, place, parts)
@@ -69,7 +72,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Find the halves of parts that orbits visit. Returns the orbit and place of each visit."""
+    """Find the halves of parts that orbits visit, and return the orbit and half of each visit."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

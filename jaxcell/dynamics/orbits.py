@@ -16,12 +16,13 @@ from .maps import Map
 
 
 VISITS = 16
-"""Number of visits to the cells of an attractor that assign an orbit to it."""
+"""Number of visits to the cells of an attractor after which an orbit is assigned to it."""
 # Number of mappings between two checks for orbits that have ended, and the largest number.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""Numbers in place of an attractor, for orbits that reach none and orbits that leave the box."""
+"""Numbers that replace an attractor: for orbits that reach none, and for orbits that leave the
+box."""
 
 
 def orbit_basins(
@@ -51,7 +52,7 @@ def orbit_basins(
 def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
-    """Return the attractor that contains each cell, -1 for none, and -2 for the outside sink."""
+    """Return the attractor that contains each cell, or -1; the outside sink has -2."""
     owner = np.full(box.size + 2, NONE, np.int32)
     owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):

@@ -25,7 +25,7 @@ def basin_stability(
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 
-    Cells to the right of the middle stay, the others go to the left end:
+    Cells to the right of the middle stay, and other cells go to the left end:
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()

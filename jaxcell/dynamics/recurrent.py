@@ -1,4 +1,4 @@
-"""Reachable cells, by images of several points of each cell."""
+"""Reachable cells, found from images of several points of each cell."""
 
 import itertools
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _PART = 1 << 8
 def grid_images(
     map: Map, params: Any, centres: np.ndarray, width: np.ndarray, samples: int, part: int
 ) -> Iterator[Float[np.ndarray, "part points axes"]]:
-    """Map a grid of points of cells, from face to face. Yields images of `part` cells at a time."""
+    """Map a grid of points of cells, from face to face, and yield the images of `part` cells."""
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=width.size))) * width
     for k in range(0, len(centres), part):
@@ -31,7 +31,7 @@ def grid_images(
 def unstable_set(
     map: Map, box: Box, start: Any, params: Any = None, *, samples: int = 7
 ) -> Int[np.ndarray, "reached"]:
-    """Find the cells that a map reaches from given points, by a grid of points of each cell.
+    """Find the cells that a map reaches from given points, with a grid of points in each cell.
 
     From equilibria, these cells cover their unstable manifolds (Dellnitz & Hohmann 1996), and so
     the attractor that contains them.

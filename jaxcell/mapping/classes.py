@@ -58,7 +58,7 @@ class PersistentGroups:
 def reaching(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Bool[np.ndarray, "cells"]:
-    """Return a mask of the cells from which a set of cells can be reached, including the set.
+    """Return a mask of the cells from which a set can be reached, including the set.
 
     `matrix` is a transition matrix without explicit zeros, and `target` a mask of the set.
     """
@@ -97,7 +97,7 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
 
     **Returns:** [`PersistentGroups`][].
 
-    Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
+    Cells 1 and 2 lead to each other, cell 3 leads to itself, and cell 0 leads to both groups:
 
         >>> import numpy as np
         >>> from jaxcell import mapping

@@ -146,8 +146,8 @@ def _unions(
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
     """Find the set of domiciles to which each node of a graph leads.
 
-    The first nodes are the domiciles, which have no edges: the sink, then the groups. All edges
-    lead to preceding nodes. Returns the number of the set of each node, and the sets.
+    The first nodes are the domiciles: the sink, then the groups. They have no edges to other nodes.
+    All edges lead to preceding nodes. Returns the number of the set of each node, and the sets.
     """
     number = list(range(domiciles))
     sets: list[tuple[int, ...]] = [(place + SINK,) for place in range(domiciles)]

@@ -43,8 +43,8 @@ class Chain:
     image: Int[Array, "branches cells"]
     probability: Float[Array, "branches cells"]
     half: "Chain | None" = None
-    """For a chain that is estimated from samples, the chain from half of the samples; else `None`.
-    The results of both chains differ by about the sampling error."""
+    """For a chain that is estimated from samples, the chain from half of the samples; otherwise
+    `None`. The results of both chains differ by about the sampling error."""
 
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
         """Copy and check two arrays of shape `[branches, cells]`.
@@ -60,7 +60,7 @@ class Chain:
 
     @classmethod
     def from_scipy(cls, matrix: Any) -> "Chain":
-        """Make the chain of a transition matrix, sparse or dense.
+        """Create the chain of a transition matrix, sparse or dense.
 
         Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
         probability of the sink.
@@ -149,7 +149,7 @@ class Chain:
 
 
 def _kept(array: Any, kind: Any) -> Any:
-    """Convert to an array of JAX that shares no memory with a NumPy array."""
+    """Convert an array to a JAX array that shares no memory with a NumPy array."""
     if isinstance(array, jax.Array):
         return array.astype(kind)
     return jax.device_put(np.array(array, kind))
@@ -158,7 +158,7 @@ def _kept(array: Any, kind: Any) -> Any:
 def slots_of(
     rows: scipy.sparse.csr_array,
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
-    """Return the images of each cell and their probabilities from a transition matrix.
+    """Convert a transition matrix to the images of each cell and their probabilities.
 
     Duplicate entries of the matrix are summed in place, and zeros are removed.
     """

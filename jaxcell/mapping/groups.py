@@ -17,7 +17,7 @@ class PeriodicGroups:
     """
 
     group: Int[Array | np.ndarray, "*batch cells"]
-    "The number of the group that each cell reaches; groups are in the order of smallest cells."
+    "The number of the group that each cell reaches; groups are ordered by their smallest cells."
     step: Int[Array | np.ndarray, "*batch cells"]
     "Number of mappings until each cell is on its periodic group; 0 for cells of the group."
     group_period: Int[Array | np.ndarray, "*batch groups"]
@@ -85,7 +85,10 @@ class GroupTotals:
 
 @jax.jit
 def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
-    """Compute [`jaxcell.mapping.periodic_groups`][] by doubling the map, as for an accelerator."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] by repeated squaring of the map.
+
+    This is the method for an accelerator.
+    """
     periodic = periodic_cells(image)
     leader, step = follow(image, periodic, jnp.ones_like(image))
     leads = periodic & (leader == jnp.arange(image.shape[0], dtype=image.dtype))
@@ -101,7 +104,7 @@ def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
 def periodic_cells(
     image: Int[Array | np.ndarray, "cells"],
 ) -> Bool[Any, "cells"]:
-    """Find the cells that return to themselves under a map, an array of JAX or NumPy.
+    """Find the cells that return to themselves under a map, a JAX or NumPy array.
 
     The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. Then
     the images are the periodic cells: if `f^m` and `f^2m` have equally many images, `f^m` permutes
@@ -133,10 +136,10 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group of each cell, and sum weights on the way to the group.
+    """Find the smallest cell of the group of each cell, and sum the weights up to the group.
 
-    A mapping has the weight of the cell before it. If all weights are 1, the sum is the number of
-    mappings until the cell is on its group.
+    A mapping has the weight of the cell that is mapped. If all weights are 1, the sum is the number
+    of mappings until the cell is on its group.
     """
     xp = image.__array_namespace__()
     cells = image.shape[0]

@@ -33,7 +33,7 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
 
     **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
 
-    Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to the first two:
+    Cells 1 and 2 lead to each other, cell 3 leads to itself, and cell 0 leads to cell 1:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell.mapping import periodic_groups
@@ -87,9 +87,9 @@ def _missed(image: Int[np.ndarray, "cells"]) -> float:
 def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host by peeling.
 
-    Cells without preimages are transient, so they are removed. Then the cells are removed whose
-    preimages were all removed, and so on while there are many. Few cells of a dissipative map
-    remain, and their groups are found as usual.
+    Cells without preimages are transient, so they are removed. Then the cells whose preimages were
+    all removed are removed as well, and so on, while many cells can be removed. Few cells of a
+    dissipative map remain, and their groups are found as usual.
     """
     dropped, left = _peeled(image)
     place = np.empty_like(image)
@@ -117,7 +117,8 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute the groups of a map after padding it to one of a few lengths.
 
-    JAX compiles once per length. The cells of the padding lead to the last cell, the last group.
+    JAX compiles once per length. The cells of the padding lead to the last cell, which is the last
+    group.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)

@@ -26,7 +26,7 @@ class Section:
     duration: Int[Array | np.ndarray, "*batch slots"]
     "Number of mappings until the return, at least 1."
     lowest: Int[Array | np.ndarray, "*batch slots"]
-    "The smallest cell on the way from each slot to its successor, including the successor."
+    "The smallest cell on the orbit from each slot to its successor, including the successor."
     live: Bool[Array | np.ndarray, "*batch slots"]
     "A mask of the slots in use; other slots return to themselves."
 

@@ -13,7 +13,7 @@ from .generalized import Chain
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ChainSequence:
-    """A periodic sequence of chains over the same cells, which act in turn, as in a tide or a year.
+    """A periodic sequence of chains over the same cells, one per step, as in a tide or a year.
 
     The *phase* is the number of the chain that acts next. The product of all chains, the *period
     map*, is not sparse, so it is never computed: distributions are pushed, and values are pulled,
@@ -21,7 +21,8 @@ class ChainSequence:
     states are the cells at phase 0, then the cells at phase 1, and so on. It has as many edges as
     all chains together, and its strong components at phase 0 are those of the period map.
 
-    Two cells change places, and then stay; half of cell 1 leaves the space, so no set is closed:
+    The first chain exchanges two cells. In the second, both cells stay, and half of cell 1 leaves
+    the space, so no set is closed:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -39,7 +40,7 @@ class ChainSequence:
 
     @classmethod
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
-        """Make a sequence from chains, one for each phase."""
+        """Create a sequence from chains, one for each phase."""
         sizes = {chain.cells for chain in chains}
         if len(sizes) != 1:
             raise ValueError(
@@ -105,7 +106,10 @@ class ChainSequence:
 
     @functools.cached_property
     def unrolled(self) -> Chain:
-        """The chain whose state `k * cells + i` is cell `i` at phase `k`; steps lead to `k + 1`."""
+        """The chain whose state `k * cells + i` is cell `i` at phase `k`.
+
+        Steps lead to phase `k + 1`.
+        """
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
         image = np.asarray(self.image) + later[:, None, None]
         both = (np.moveaxis(a, 1, 0) for a in (image, np.asarray(self.probability)))

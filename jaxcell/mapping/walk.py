@@ -1,4 +1,4 @@
-"""Find periodic groups on a processor, by one walk over the map, cell by cell.
+"""Find periodic groups on a processor in one walk over the map, cell by cell.
 
 XLA compiles the loop to one function of machine code, whose steps touch a few bytes. To prevent
 XLA from copying arrays, a step reads only from arrays that it has already written.
@@ -17,7 +17,7 @@ from .groups import PeriodicGroups
 
 @jax.jit
 def walked_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
-    """Compute [`jaxcell.mapping.periodic_groups`][] by Alg. 2.1, mapping every cell once."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] with Alg. 2.1, which maps every cell once."""
     if not image.size:
         return PeriodicGroups(image, image, image, jnp.zeros((), image.dtype))
     groups = _walk(image.astype(jnp.int32))
@@ -55,8 +55,8 @@ def _chains(
 
     - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
         chain, -1 minus the smallest cell of the group.
-    - `place`: for each cell, its place in its chain; for the first cell of a chain, the number of
-        steps to the group.
+    - `place`: for each cell, its position in its chain; for the first cell of a chain, the number
+        of steps to the group.
     - `period`: for the smallest cell of each group, its period; 0 for other cells. The additional
         last entry is overwritten by each chain that leads to a known group.
     """
@@ -114,8 +114,8 @@ def _numbered(
 ) -> tuple[Int[Array, "places"], Int[Array, "places-1"], Int[Array, ""]]:
     """Number the groups in the order of their smallest cells.
 
-    Returns the number of each group at its smallest cell, the periods of the groups, and how many
-    groups there are. `period` is the result of `_chains`.
+    Returns the number of each group at its smallest cell, the periods of the groups, and the number
+    of groups. `period` is the result of `_chains`.
     """
 
     def step(state: Any) -> Any:
@@ -136,7 +136,7 @@ def _ended(
     place: Int[Array, "cells"],
     number: Int[Array, "places"] | None,
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """Compute the group of each cell, and the number of steps to it, from its chain and place.
+    """Compute the group of each cell, and the number of steps to it, from the results of `_chains`.
 
     If `number` is `None`, the smallest cell of a group stands for the number of the group.
 

@@ -29,10 +29,10 @@ are the least nonnegative solutions of
 but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the `k` of Doob's
 transform `p_ij h_j / h_i`. The law of the *first passage* is the probability of arriving first at
 time `n`. The probability that none of several independent robots has arrived is the product of
-their probabilities (section 4.4.6). `arrival_probabilities`,
-`hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`; `first_arrival`,
-`mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that start in different
-cells); `sample_walks` draws a few walks step by step.
+their probabilities (section 4.4.6). `arrival_probabilities`, `hitting_times`,
+`conditional_hitting_times`; `first_passage`, `survival`; `first_arrival`, `mean_first_arrival`, and
+`simulate_arrival`, which simulates runs (`Distinct` is the start of robots in different cells);
+`sample_walks` draws a few walks step by step.
 
 **Nearly closed.** A chain with sets that it seldom leaves has eigenvalues near 1. `leading_modes`
 computes eigenvalues, and eigenvectors from both sides. `almost_invariant_sets` are hardly left or

@@ -102,8 +102,8 @@ class Race:
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
         """Compute the probability that no robot has arrived, for the next chunks of steps.
 
-        `values` are, for each chain, the current probabilities that one robot has not arrived,
-        by its start. Returns the joint probability at each step, and `values` at the end.
+        `values` contain, for each chain and each start, the current probability that one robot has
+        not arrived. Returns the joint probability at each step, and `values` at the end.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -133,9 +133,9 @@ def first_arrival(
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
-    **Arguments:** a chain for each robot, the same object for robots that move alike; a start for
-    each robot, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of one chain;
-    the target; and a number of steps.
+    **Arguments:** a chain for each robot, which is the same object for robots that move in the same
+    way; a start for each robot, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for
+    robots of one chain; the target; and a number of steps.
 
     **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
     after 0 steps if a robot begins in the target. The running sum is the probability of capture.
@@ -167,10 +167,10 @@ def mean_first_arrival(
 ) -> MeanArrival:
     """Compute the expected number of steps until the first of several robots is in a set of cells.
 
-    It is the sum over time of the probability that no robot has arrived. If the probabilities of a
-    robot shrink during some steps by factors between `a` and `b`, for all starts, they do so in all
-    later periods of that length. So two geometric series enclose the rest of the sum. They agree as
-    soon as the robots have forgotten their starts, long before the rest is negligible.
+    It is the sum over time of the probability that no robot has arrived. If, for all starts, the
+    probabilities of a robot decrease during some steps by factors between `a` and `b`, they do so
+    in all later periods of that length. So two geometric series enclose the rest of the sum. Both
+    agree as soon as the robots have forgotten their starts, long before the rest is negligible.
 
     **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
     number of steps.
@@ -178,8 +178,8 @@ def mean_first_arrival(
     **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
     certificate bounds the relative error, up to rounding.
 
-    Two random walks on a line of three cells start in its middle. In every second step, the
-    probability that one of them arrives at the right end is 3/4:
+    Two random walks start in the middle of a line of three cells. In every second step, the
+    probability that at least one of them arrives at the right end is 3/4:
 
         >>> from jaxcell import examples, markov
         >>> chain = examples.walk()

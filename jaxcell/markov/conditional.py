@@ -22,10 +22,10 @@ def arrival_probabilities(
 
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells.
 
-    **Returns:** the probability for each start, exactly 1 if the chain cannot fail to arrive, and 0
+    **Returns:** the probability for each start, exactly 1 if the chain is certain to arrive, and 0
     if it cannot arrive. The residual of the certificate is the largest difference of the
-    probability of a cell from the mean over its images. If the chain was made of samples, `moved`
-    estimates the error that they cause.
+    probability of a cell from the mean over its images. If the chain was estimated from samples,
+    `moved` estimates the sampling error.
 
     A random walk between two ends, where it stays:
 

@@ -26,8 +26,8 @@ _TIE = 1e-12
 class DecisionModel:
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
-    An action moves by the probabilities of its chain. The rest of a row, up to 1, is the
-    probability of leaving for the sink, where nothing more is gained.
+    The chain of an action has the probabilities of its moves. The rest of a row, up to 1, is the
+    probability of leaving for the sink, where no more rewards are gained.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -44,13 +44,13 @@ class DecisionModel:
     chains: tuple[Chain, ...]
     "The chain of each action, over the same cells."
     reward: Float[Array, "actions cells"]
-    "The expected reward of taking the action in the cell."
+    "The expected reward of each action in each cell."
     allowed: Bool[Array, "actions cells"]
-    "`True` if the action can be taken in the cell; each cell has such an action."
+    "`True` for each action that can be taken in each cell; each cell has at least one."
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
-        """Make a model from a chain for each action, and arrays `[actions, cells]`.
+        """Create a model from a chain for each action, and arrays `[actions, cells]`.
 
         By default all actions are allowed everywhere. Rewards of actions that are not allowed are
         ignored.
@@ -90,11 +90,11 @@ class DecisionModel:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Optimum:
-    """The value of every cell and the best action there."""
+    """The value of every cell, and the best action in it."""
 
     value: Float[Array, "cells"]
     policy: Int[Array, "cells"]
-    "The action to take in each cell; of equally good actions, the first."
+    "The action to take in each cell; the first of equally good actions."
     certificate: Certificate
     "The certificate; its residual bounds the error of every value."
 
@@ -105,8 +105,10 @@ class Optimum:
 
     @property
     def gap(self) -> float:
-        """A bound of the error of every value, up to rounding. The value of the policy is less than
-        the largest possible value by at most twice this bound."""
+        """An upper bound on the error of every value, up to rounding.
+
+        The value of the policy is at most twice this bound below the largest possible value.
+        """
         return self.certificate.residual
 
 
@@ -118,7 +120,7 @@ def value_iteration(
     max_sweeps: int = 100_000,
     throw: bool = True,
 ) -> Optimum:
-    """Find the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
+    """Find the best policy of a decision model with value iteration (Alam 2018, Alg. 5.5).
 
     As in the dissertation, the reward of the first step is discounted too: the value is
     `V = discount * max_u (r_u + P_u V)`. Most texts and programs use
@@ -156,7 +158,7 @@ def value_iteration(
 
 
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
-    """Return the chain of a policy: in each cell it moves by the action of the policy.
+    """Return the chain of a policy, which takes the action of the policy in each cell.
 
     **Arguments:** a model, and an action for each cell. **Returns:** the chain.
 
@@ -205,7 +207,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Sweep repeatedly. Returns values, the policy, a bound of the error, and a count of sweeps."""
+    """Sweep repeatedly, and return values, the policy, an error bound, and the number of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -240,8 +242,9 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values or, if no action leaves, of the values plus the mean of
-        `low` and `high`."""
+        """Bound the error of the values.
+
+        If no action leaves, it is the error of the values plus the mean of `low` and `high`."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

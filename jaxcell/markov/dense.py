@@ -4,9 +4,9 @@ They work under `jit`, `vmap` and `grad`, and do not check the matrix: its rows 
 all cells except transient cells must be one closed class. Derivatives are exact for changes of the
 matrix that keep the sums of its rows.
 
-All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
-even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a generalized
-inverse of `I - P` with `G 1 = 1`. The stationary distribution is `u' G` (Hunter 1982).
+All quantities follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution,
+which exists even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a
+generalized inverse of `I - P` with `G 1 = 1`. The stationary distribution is `u' G` (Hunter 1982).
 
 A random walk on a line of three cells:
 
@@ -35,8 +35,8 @@ def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """Compute the expected number of steps from each cell to the first visit of each other cell.
 
-    The entry `i, j` is the time from `i` to `j`. Of a chain with transient cells, the times from
-    these cells are right, and the times to these cells are wrong.
+    The entry `i, j` is the time from `i` to `j`. If the chain has transient cells, the times from
+    these cells are correct, but the times to these cells are wrong.
     """
     inverse = jnp.linalg.inv(_shifted(P))
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
@@ -56,7 +56,8 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    The derivative by an entry of `P` that is 0 counts as 0, although its limit is infinite.
+    The derivative with respect to an entry of `P` that is 0 counts as 0, although its limit is
+    infinite.
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

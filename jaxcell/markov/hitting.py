@@ -101,9 +101,9 @@ def _error(part: Transient, gain: _Ends, value: _Ends) -> float:
 def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
     """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
 
-    It is the sum of `p (x' - x)` over the steps from a cell. So each row counts as if it summed to
-    exactly 1, although its rounding may be as large as a rare step out of the part. Differences
-    between cells with nearly equal values keep all their digits.
+    It is the sum of `p (x' - x)` over the steps from a cell. So each row is treated as if its sum
+    were exactly 1, although its rounding error may be as large as the probability of a rare step
+    out of the part. Differences between cells with nearly equal values keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -138,8 +138,8 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the
     time for each start, 0 in the target, and `inf` if the chain may never arrive, because it can
     end elsewhere or leave the space first. The residual of the certificate bounds the relative
-    error of every finite time. If the chain was made of samples, `moved` estimates the error that
-    they cause.
+    error of every finite time. If the chain was estimated from samples, `moved` estimates the
+    sampling error.
 
     A random walk on a line of three cells:
 
@@ -160,7 +160,7 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
 def with_moved(
     solution: Solution, chain: Chain, solve: Callable[..., Solution], there: Cells
 ) -> Solution:
-    """Add `moved` to a solution: the change of each value if half of the samples are used."""
+    """Add `moved` to a solution: the change of each value if only half of the samples are used."""
     if chain.half is None:
         return solution
     value, other = solution.value, solve(chain.half, there, throw=False).value
@@ -177,8 +177,8 @@ def times_until_left(
 ) -> Solution:
     """Compute the expected number of steps from each cell `inside` until these cells are left.
 
-    The result is written into `time`, which has the times of the other cells. `what` is the name
-    of the calling function, for errors.
+    The result is written into `time`, which already contains the times of the other cells. `what`
+    is the name of the calling function, for errors.
     """
     steps, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
@@ -228,7 +228,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the number of cells of chains, one per `owner`; raise `ValueError` if they differ."""
+    """Return the common number of cells of chains, one per `owner`; raise if the numbers differ."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

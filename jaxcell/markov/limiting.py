@@ -44,8 +44,8 @@ def limiting_distribution(
     start.
 
     **Arguments:** a chain, its persistent groups, and the weights of the groups: `"basin"` (the
-    default), the probability of ending in each group after a start in a random cell; `"size"`,
-    the share of each group in the persistent cells; or numbers that sum to 1.
+    default), the probability of ending in each group from a random start; `"size"`, the share of
+    each group in the persistent cells; or numbers that sum to 1.
 
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
     1-norm of `value P - value` and the difference of the sum of `weights` and `leaving` from 1.

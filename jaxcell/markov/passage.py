@@ -20,12 +20,13 @@ def first_passage(
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the number of steps until a chain is first in a set of cells.
 
-    The law is exact, because the distribution of the chain before it arrives is moved step by step.
+    The law is exact, because the distribution of the chain before its arrival is propagated step by
+    step.
 
     **Arguments:**
 
-    - `start`: a cell; a list of cells or a mask, of which one cell is drawn with equal probability;
-        or the probabilities of all cells as floating-point numbers.
+    - `start`: a cell; a list of cells or a mask, from which one cell is drawn with equal
+        probability; or the probabilities of all cells as floating-point numbers.
     - `target`: a cell, a list of cells, or a mask over the cells.
 
     **Returns:** the probability that the chain is first there after `0, 1, ..., steps` steps. The
@@ -51,7 +52,7 @@ def survival(
     """Compute the probability that a chain has not yet been in a set of cells, for every start.
 
     **Arguments:** as for [`first_passage`][]. **Returns:** the probability after `0, 1, ..., steps`
-    steps, for a start in each cell. A chain that has left the space never arrives.
+    steps, for a start in each cell. A chain that has left the space counts as never arriving.
 
     A random walk on a line of three cells:
 
@@ -71,10 +72,11 @@ def survival(
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
-    """Compute the probabilities that a chain has not arrived at the target `there`, by start.
+    """Compute the probabilities, for each start, that a chain has not arrived at `there`.
 
-    `value` are the current probabilities; at time 0 they are 1 outside the target. Returns the
-    probabilities after 0 to `steps - 1` further steps, and separately those after `steps` steps.
+    `there` is the target. `value` are the current probabilities; at time 0 they are 1 outside the
+    target. Returns the probabilities after 0 to `steps - 1` further steps, and separately the
+    probabilities after `steps` steps.
     """
     leaving = chain.leaving
 

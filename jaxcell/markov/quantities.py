@@ -24,7 +24,7 @@ _SQUARINGS = 50
 
 
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
-    """Compute the expected number of steps from every cell to every other, by one inverse.
+    """Compute the expected number of steps between all pairs of cells from one matrix inverse.
 
     **Arguments:** an irreducible chain of at most 10,000 cells; for other chains, use
     [`jaxcell.markov.hitting_times`][] of one target. **Returns:** the times, a row per start. The
@@ -41,7 +41,7 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
 
 
 def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
-    """Compute the expected number of steps from every cell to every other and back.
+    """Compute the expected number of steps from each cell to each other cell and back.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the times of Alam 2018, Eq. 4.3.
 
@@ -60,8 +60,8 @@ def kemeny_constant(chain: Chain) -> float:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
-    chain, the number of steps is 0; authors who count the steps until it returns obtain 1 more. The
-    relative error is close to the rounding of a number.
+    chain, the number of steps is 0; authors who count the steps until the return to this cell
+    obtain 1 more. The relative error is close to the rounding of a number.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
 
@@ -91,7 +91,7 @@ def entropy_rate(chain: Chain) -> float:
 
     **Arguments:** an irreducible chain of any size. **Returns:** the entropy.
 
-    A random walk on a line of three cells, which has a choice every second step:
+    A random walk on a line of three cells, which has a choice in every second step:
 
         >>> from jaxcell import examples, markov
         >>> round(markov.entropy_rate(examples.walk()), 4)
@@ -114,7 +114,7 @@ def slem(chain: Chain) -> float:
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the modulus: 1 for a periodic chain,
     which never forgets its start, and 0 for a chain of one cell.
 
-    Two cells, with a step between them one time in four:
+    Two cells, with a probability of 1/4 to change the cell in a step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -140,7 +140,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     **Arguments:** an irreducible chain of at most 2,000 cells, and a distance between 0 and 1/2.
     **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
 
-    Two cells, with a step between them one time in four:
+    Two cells, with a probability of 1/4 to change the cell in a step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov

@@ -32,15 +32,16 @@ _MAX_ROUNDS = 1000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShortestPath:
-    """The policy that most likely arrives at a goal and, of such policies, the quickest policy."""
+    """The quickest of the policies with the highest probability of arriving at a goal."""
 
     probability: Float[Array, "cells"]
     "The largest probability of arriving; exactly 1 in cells from which arrival can be certain."
     time: Float[Array, "cells"]
-    "The least expected number of steps of policies certain to arrive; `inf` if none is certain."
+    """The least expected number of steps among policies that are certain to arrive; `inf` if no
+    policy is."""
     conditional_time: Float[Array, "cells"]
-    """The least expected number of steps over the paths that arrive, of policies with the largest
-    probability of arriving; `inf` if no policy arrives."""
+    """The least expected number of steps, over the paths that arrive, among policies with the
+    largest probability of arriving; `inf` if no policy arrives."""
     policy: Int[Array, "cells"]
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
@@ -51,20 +52,22 @@ class ShortestPath:
 def stochastic_shortest_path(
     model: DecisionModel, goal: npt.ArrayLike | int, *, throw: bool = True
 ) -> ShortestPath:
-    """Find the policy that most likely arrives at a goal and, of such policies, the quickest.
+    """Find the quickest of the policies with the highest probability of arriving at a goal.
 
-    This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards do not matter.
+    This is the problem of Alam 2018, section 5.4.7, without a discount. The rewards of the model
+    have no effect.
 
     The cells from which some policy is certain to arrive are found exactly, on the graph of all
     steps. For the other cells, the policy is improved until its probability of arriving is the
-    largest (policy iteration, Howard 1960). Then it is improved in expected time over the paths
-    that arrive, by actions that keep this probability. The policy is changed only where the change
-    is strictly better, because equally good changes could make it go round in circles.
+    largest (policy iteration, Howard 1960). Then its expected time over the paths that arrive is
+    reduced, with actions that preserve this probability. The policy is changed only where the
+    change is strictly better, because the iteration could cycle between equally good policies.
 
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
-    in the goal do not matter. **Returns:** probabilities, times and the policy.
+    in the goal have no effect. **Returns:** probabilities, times and the policy.
 
-    A robot on three cells in a row goes right or left, and right fails half the time:
+    A robot on three cells in a row goes right or left; a step to the right fails with probability
+    1/2:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -164,7 +167,7 @@ class _Moves:
 def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
-    These actions stay among these cells. The cells are found by repeated removal of cells from
+    These actions lead only to these cells. The cells are found by repeated removal of cells from
     which the target cannot be reached by actions that stay among the remaining cells.
     """
     safe = usable & moves.stays
@@ -214,7 +217,7 @@ def _surest(
 def _quickest(
     moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy to the least time, by actions that keep the probability of arriving.
+    """Improve a policy to the least time, with actions that preserve its probability of arriving.
 
     Returns the expected times over the paths that arrive, the policy, and a certificate with the
     possible relative gain.

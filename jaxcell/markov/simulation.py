@@ -31,21 +31,21 @@ class Arrivals:
     """The times of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
-    "The number of steps of each run; `inf` for a run that was given up."
+    "The number of steps of each run; `inf` for a run that was stopped at the horizon."
     horizon: int
-    "The number of steps after which a run was given up."
+    "The number of steps after which a run was stopped without an arrival."
 
     @property
     def mean(self) -> float:
-        """The mean time; `inf` if a run was given up."""
+        """The mean time; `inf` if a run was stopped at the horizon."""
         return float(jnp.mean(self.time))
 
     @property
     def interval(self) -> tuple[float, float]:
-        """A confidence interval of 95 % for the expected time, by the central limit theorem.
+        """A confidence interval of 95 % for the expected time, from the central limit theorem.
 
-        If a run was given up, the upper end is `inf`. In the lower end it counts as an arrival at
-        the horizon.
+        If a run was stopped at the horizon, the upper end is `inf`; for the lower end, this run
+        counts as an arrival at the horizon.
         """
         time = np.minimum(np.asarray(self.time), self.horizon)
         error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)
@@ -66,8 +66,8 @@ def simulate_arrival(
     [`jaxcell.markov.first_arrival`][] computes the law of these samples.
 
     **Arguments:** a random key of JAX; chains, starts and a target as for `first_arrival`; the
-    number of runs; and the number of steps after which a run is given up. **Returns:** the time of
-    each run.
+    number of runs; and the number of steps after which a run without an arrival is stopped.
+    **Returns:** the time of each run.
 
     A robot that always moves on around a ring of three cells:
 
@@ -103,17 +103,17 @@ class _Tables:
 
     A *place* is a cell of a chain, numbered over all chains; the last place of each chain is the
     sink. From each place, one of several *slots* is drawn with equal probability. A slot has two
-    next places: the first has the probability `part`, in units of 2^-32, and the second the rest.
-    So each step takes one random number, whatever the number of branches.
+    next places: the first has the probability `part`, in units of 2^-32, and the second has the
+    remaining probability. So each step takes one random number, whatever the number of branches.
     """
 
     first: Int[Array, "entries"]
     second: Int[Array, "entries"]
     part: UInt32[Array, "entries"]
     there: Bool[Array, "places"]
-    "A mask of the places in the target."
+    "A mask of the places (cells, numbered over all chains) that belong to the target."
     offset: Int[Array, "robots"]
-    "The place of cell 0 of the chain of each robot."
+    "For each robot, the place (number over all chains) of cell 0 of its chain."
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
@@ -164,7 +164,7 @@ def alias(
     Int[np.ndarray, "places slots"],
     Float[np.ndarray, "places slots"],
 ]:
-    """Make the alias tables of many distributions over images at once (Walker 1977).
+    """Build the alias tables of many distributions over images at once (Walker 1977).
 
     Returns the two images of each slot, and the probability of the first in this slot.
     """
@@ -200,7 +200,7 @@ def _place(
 def _place_apart(
     key: jax.Array, choices: Int[Array, "choices"], robots: int, runs: int
 ) -> Int[Array, "{robots} {runs}"]:
-    """Draw a set of different starts for each run, by Floyd's method."""
+    """Draw a set of different starts for each run, with Floyd's method."""
     size = choices.size
     taken = jnp.full((robots, runs), -1, jnp.int32)
 
@@ -217,10 +217,11 @@ def _place_apart(
 def _walk(
     key: jax.Array, tables: _Tables, cells: Int[Array, "robots runs"], horizon: Int[Array, ""]
 ) -> Float[Array, "runs"]:
-    """Walk from the starts until all runs have arrived or are given up; return their times.
+    """Walk from the starts until all runs have arrived or reached the horizon.
 
-    Each of many parallel *lanes* simulates several runs one after the other, because parallel runs
-    would all wait for the longest one, which takes several times the mean.
+    Returns the times of the runs. Each of many parallel *lanes* simulates several runs one after
+    the other, because parallel runs would all wait for the longest one, which takes several times
+    the mean.
     """
     robots, turns, lanes = len(cells), _TURNS, cells.shape[1] // _TURNS
     start = (tables.offset[:, None] + cells).reshape(robots, turns, lanes)

@@ -13,9 +13,9 @@ class Transient:
 
     In some chains most cells have one certain image, such as the cells of a robot between two
     bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
-    image in the part is not certain. A sum over the run then gives the value of the cell from that
-    of the branching cell, so that only the branching cells are solved for, one in six cells of a
-    bouncing robot. Except in `cells`, cells have their numbers in the part.
+    image in the part is not certain. A sum over the run then gives the value of the cell from the
+    value of the branching cell. So only the branching cells are solved for, which are one in six
+    cells of a bouncing robot. In all fields except `cells`, cells are numbered within the part.
     """
 
     cells: Int[np.ndarray, "part"]
@@ -88,8 +88,8 @@ class Transient:
     def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
         """Compute the expected visits to each branching cell, for a distribution of the start.
 
-        This is the adjoint of `expect`: one solve for any number of gains. The part is left only
-        from branching cells. Returns the visits and the number of products.
+        This is the adjoint of `expect`, and takes one solve for any number of gains. The part is
+        left only from branching cells. Returns the visits and the number of products.
         """
         arriving = np.zeros(self.branching.size)
         np.add.at(arriving, self.end, start)

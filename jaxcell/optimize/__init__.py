@@ -9,7 +9,7 @@ of `A`, that is nearest to a target `b` is a point of their convex hull:
 
     minimise |A x - b|^2     over x >= 0, sum x = 1.
 
-`mixture` finds it exactly, by an active-set method.
+`mixture` finds it exactly with an active-set method.
 
 **Minimum commute** (Eq. 4.2 to 4.5). On a graph with edge weights `w` a walk takes edge `e` out of
 a vertex with probability `w_e` over the sum of the weights there. With `b_e = e_i - e_j` for an
@@ -19,8 +19,8 @@ edge between `i` and `j`, and `0 = l_1 < l_2 <= ... <= l_n` the eigenvalues of t
 
 over pairs of different vertices; Eq. 4.3 is half of `C`, the mean hitting time. `C` is convex in
 `w`. The weights with the least `C` are an A-optimal design. `minimum_commute` computes the weights
-by an interior-point method in `O(edges^3)` per step; with an *emphasis*, the weights on the closed
-tour through given vertices, `shortest_tour`, sum to at least a share `h`.
+with an interior-point method in `O(edges^3)` per step; with an *emphasis*, the weights on the
+closed tour through given vertices, `shortest_tour`, sum to at least a share `h`.
 
 **Fastest mixing.** Find the symmetric matrix `I - L` on a graph whose eigenvalues are nearest to 0,
 except for the eigenvalue 1 of the uniform distribution:
@@ -33,13 +33,12 @@ stationary distribution.
 **Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union contains every element. Each step
 of `greedy_cover` takes the set that adds most elements; it needs at most `1 + 1/2 + ... + 1/d`
 times the least number of sets, with `d` the size of the largest set. `minimum_cover` finds the
-fewest sets by a mixed-integer program, in time that can grow exponentially.
+fewest sets with a mixed-integer program, in time that can grow exponentially.
 
 **Stackelberg** (Eq. 4.6, 4.7, Alg. 4.2). A leader commits to a mixture `x` of strategies. A
 follower that knows `x` chooses the target `j` with its largest payoff, and among equal targets the
-best for the leader:
-
-    maximise sum_i x_i P_ij     over x >= 0, sum x = 1 and j in argmax_k sum_i x_i Q_ik,
+best target for the leader: maximise sum_i x_i P_ij over x >= 0, sum x = 1 and j in argmax_k sum_i
+x_i Q_ik,
 
 averaged over the types of the follower. With one type, the problem is one linear program per
 target; with more types, one mixed-integer program. `payoffs` computes `P` and `Q` of patrol

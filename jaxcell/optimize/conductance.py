@@ -25,7 +25,7 @@ class MinimumCommute:
     """The weights of edges with the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]
-    "The weight of each edge; they are not negative and sum to 1."
+    "The weight of each edge. Weights are not negative and sum to 1."
     commute_time: float
     "The mean commute time over pairs of vertices, in steps or in the unit of the durations."
     tour: Int[np.ndarray, "steps"] | None
@@ -45,12 +45,12 @@ def minimum_commute(
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
-    """Find edge weights with minimum average expected commute time, MAECT (Alam 2018, Eq. 4.4,
-    4.5).
+    """Find edge weights with minimum average expected commute time, MAECT.
 
-    The weights `w` define a random walk that takes an edge with a probability in proportion to its
-    weight. With `X` the pseudo-inverse of the weighted Laplacian, the mean commute time over pairs
-    of different vertices is `C = 4 / (n - 1) tr X`, convex in the weights.
+    See Alam 2018, Eq. 4.4 and 4.5. The weights `w` define a random walk that takes an edge with a
+    probability in proportion to its weight. With `X` the pseudo-inverse of the weighted Laplacian,
+    the mean commute time over pairs of different vertices is `C = 4 / (n - 1) tr X`, convex in the
+    weights.
 
     An interior-point method computes the weights, with one Cholesky factorisation of the edges by
     edges Hessian per step. On more than 2,000 vertices the Hessian is too large. A first-order
@@ -61,10 +61,11 @@ def minimum_commute(
     - `graph`: a connected graph.
     - `emphasis`: two or more vertices to visit more often. The closed tour through these vertices
         is [`jaxcell.optimize.shortest_tour`][].
-    - `share`: the least sum of the weights on the edges of the tour, 0 to 1.
+    - `share`: the least sum of the weights on the edges of the tour, from 0 to 1.
     - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. With
         durations, the commute time is in their unit, and `share` is a share of the time.
-    - `constraints`: linear constraints. Not with durations, nor on more than 2,000 vertices.
+    - `constraints`: linear constraints, which cannot be combined with durations or more than 2,000
+        vertices.
     - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 

@@ -88,9 +88,9 @@ class Room:
     signs: Int[np.ndarray, "prices"]
     "1 for a lower bound, -1 for an upper bound, 0 for an equality."
     owner: Int[np.ndarray, "prices"]
-    "The index of the constraint of each price; -1 for the sum of all weights."
+    "For each price, the index of its constraint, or -1 for the sum of all weights."
     units: Float[np.ndarray, "prices"]
-    "The largest coefficient of the constraint, by which the constraint is divided."
+    "The largest coefficient of each constraint. Constraints are divided by it."
     inside: Float[np.ndarray, "numbers"]
     "A point that satisfies all constraints."
 
@@ -115,7 +115,7 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
+        """Return the price of each of the first `count` constraints; 0 for one without effect."""
         owned = (self.owner >= 0) & (self.owner < count)
         # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
@@ -134,8 +134,8 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds which numbers can be positive: multiplied by a large enough `t`, these
-    numbers can be 1 or more. A second program finds a point far from all bounds.
+    One linear program finds which numbers can be positive: after multiplication by a large enough
+    `t`, these numbers can be 1 or more. A second program finds a point far from all bounds.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:
@@ -213,7 +213,8 @@ def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
     """Describe a smallest set of constraints that contradict each other.
 
     If the least sum of violations is positive, the constraints with a price prove the
-    contradiction. Each of these is removed if the rest still contradict each other.
+    contradiction. Each of these constraints is removed if the remaining ones still contradict each
+    other.
     """
     price = _give_way(edges, constraints)[1]
     kept = [rule for rule, paid in zip(constraints, price, strict=True) if paid > _NO_PRICE]

@@ -30,7 +30,7 @@ class MinimumCover:
     """A smallest set cover: the fewest sets whose union contains every element of every set."""
 
     chosen: Int[np.ndarray, "chosen"]
-    "The sets, in order of their numbers."
+    "The sets, sorted by their numbers."
     uncovered: Int[np.ndarray, "missing"]
     "The elements that no set contains."
     bound: int
@@ -43,13 +43,14 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
     Each step ranks the sets by the number of elements that they would add; equal sets stay in their
     order. The step takes the best set, or with `choice` k the set k places below it. If too few
-    sets add elements, it takes the last set that does; the source leaves this case open.
+    sets add elements, the step takes the last set that adds elements; the source leaves this case
+    open.
 
     **Arguments:**
 
     - `sets`: the mask of the elements of each set.
-    - `choice`: the place in the ranking, from 0; robot `i` of a team takes choice `i`, so that the
-        covers of robots differ.
+    - `choice`: the position in the ranking, from 0; robot `i` of a team takes choice `i`, so that
+        the covers of robots differ.
 
     **Returns:** [`Cover`][].
 
@@ -87,7 +88,7 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 def minimum_cover(
     sets: Bool[np.ndarray, "sets elements"], *, time_limit: float | None = None, throw: bool = True
 ) -> MinimumCover:
-    """Choose the fewest sets that cover all elements, by a mixed-integer program.
+    """Choose the fewest sets that cover all elements, with a mixed-integer program.
 
     In bad cases the computing time grows exponentially with the number of sets; it is a fraction of
     a second for 200 cells of a room.
@@ -144,7 +145,7 @@ def _packed(sets: Bool[np.ndarray, "sets elements"]) -> UInt64[np.ndarray, "word
 
 
 def _ranked(gain: Int[np.ndarray, "sets"], choice: int) -> int:
-    """Return the set at a place of the ranking, or the last set that adds elements."""
+    """Return the set at position `choice` of the ranking, or the last set that adds elements."""
     choice = min(choice, int(np.count_nonzero(gain)) - 1)
     value = np.partition(gain, -1 - choice)[-1 - choice]
     return int(np.flatnonzero(gain == value)[choice - np.count_nonzero(gain > value)])

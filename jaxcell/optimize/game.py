@@ -27,10 +27,10 @@ _Weights: TypeAlias = Float[np.ndarray, "strategies"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Commitment:
-    """The best mixture of the leader's strategies, and the answer of the follower."""
+    """The best mixture of the leader's strategies, and the answer of the follower to it."""
 
     weights: Float[Array, "strategies"]
-    "The weight of each strategy of the leader; they are not negative and sum to 1."
+    "The weight of each strategy of the leader. Weights are not negative and sum to 1."
     answer: Int[Array, "types"]
     "The target that each type of the follower chooses."
     value: float
@@ -49,7 +49,7 @@ def stackelberg(
     time_limit: float = 60.0,
     throw: bool = True,
 ) -> Commitment:
-    """Find the best commitment of a leader to whose mixture a follower answers.
+    """Find the best mixture to which a leader can commit, if a follower answers to the mixture.
 
     The leader mixes its strategies. Each type of the follower knows the mixture and chooses the
     target with its largest payoff, and among equal targets the best for the leader (a strong
@@ -66,8 +66,9 @@ def stackelberg(
         targets]` if it depends on the type of the follower.
     - `follower`: the payoff of the follower, in an array of the same kind.
     - `prior`: array `[types]`, the probability of each type; by default all are equal.
-    - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first,
-        then the second if the residual is too large and there are at most 10,000 combinations.
+    - `method`: `"dobss"` or `"multiple-lp"`; by default `"multiple-lp"` for one type, and `"dobss"`
+        for several types, followed by `"multiple-lp"` if the residual is too large and there are at
+        most 10,000 combinations.
     - `time_limit`: time limit of the mixed-integer program, in seconds. When it is over, the result
         is the best commitment so far, whose residual bounds its error.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
@@ -78,7 +79,8 @@ def stackelberg(
     to the largest difference of targets under one strategy. Differences below the tolerance may
     count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
 
-    The leader gains by mixing; its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
+    Mixing pays for the leader, whose first strategy alone would have the payoff 2 (Conitzer and
+    Sandholm 2006):
 
         >>> from jaxcell import optimize
         >>> best = optimize.stackelberg([[2, 4], [1, 3]], [[1, 0], [0, 1]])
@@ -220,7 +222,7 @@ def _multiple_lp(R: _Payoffs, C: _Payoffs) -> _Solved:
 def _commit(
     R: _Payoffs, C: _Payoffs, answer: Int[np.ndarray, "types"]
 ) -> tuple[_Weights, float, float] | None:
-    """Find the best weights for which targets are the best answers of the types, or return `None`.
+    """Find the best weights for which `answer` are the best answers of the types, or `None`.
 
     **Returns:** the weights, their value, and an upper bound on the value of all such weights.
     """

@@ -33,7 +33,7 @@ class Graph:
     def __init__(
         self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
     ) -> None:
-        """Make a graph from its edges.
+        """Create a graph from its edges.
 
         **Arguments:**
 
@@ -41,7 +41,8 @@ class Graph:
         - `vertices`: number of vertices; by default the number of rows of `xy`, or without `xy` one
             more than the largest end of an edge.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
-        - `ways`: array `[edges]`, the lengths of the edges, in metres; by default straight.
+        - `ways`: array `[edges]`, the lengths of the edges, in metres; by default edges are
+            straight.
         """
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
@@ -78,7 +79,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Make the symmetric matrix `[vertices, vertices]` of numbers of edges, which may be 0."""
+        """Build the symmetric matrix `[vertices, vertices]` of numbers of edges, which may be 0."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

@@ -20,7 +20,7 @@ class Mixture:
     """The mixture of the columns of a matrix that is nearest to a target."""
 
     weights: Float[Array, "columns"]
-    "The weight of each column; they are not negative and sum to 1."
+    "The weight of each column. Weights are not negative and sum to 1."
     value: Float[Array, "rows"]
     "The mixture, `A weights`."
     distance: float

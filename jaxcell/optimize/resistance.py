@@ -1,4 +1,4 @@
-"""Least sum of resistances between the vertices of a graph, by an interior-point method.
+"""Least sum of resistances between the vertices of a graph, from an interior-point method.
 
 **The problem.** With `X` the pseudo-inverse of the weighted Laplacian `sum_e w_e b_e b_e' / t_e` of
 edges with weights `w` and durations `t`, `b_e` the difference of the ends of edge `e`:
@@ -193,10 +193,10 @@ class Laplacian:
 def pseudo_inverse(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: _Weights
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, where `b_e` is the difference of the ends
-    of `e`.
+    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, the weighted Laplacian.
 
-    **Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices, up to rounding.
+    `b_e` is the difference of the ends of edge `e`. **Raises:** `numpy.linalg.LinAlgError` if edges
+    with weight 0 separate vertices, up to rounding.
     """
     tail, head = edges.T
     laplacian = np.zeros((vertices, vertices))
@@ -224,8 +224,8 @@ def interior_point(
 ) -> tuple[Iterate, int]:
     """Follow the central path until the relative gap is at most half of a tolerance.
 
-    **Returns:** the iterate with the smallest gap, and the number of steps. A factorisation that
-    fails by rounding ends the steps sooner.
+    **Returns:** the iterate with the smallest gap, and the number of steps. The steps end sooner if
+    rounding errors make a factorisation fail.
 
     **Raises:** `numpy.linalg.LinAlgError` if rounding makes the Laplacian of the start singular.
     """
@@ -281,7 +281,7 @@ def _predictor_corrector(
     totals: _Prices,
     point: tuple[Any, Any, Any],
 ) -> tuple[Any, Any, Any]:
-    """Take one step from a point (numbers, pressures, prices); the first two stay positive.
+    """Take one step from a point (numbers, pressures, prices). Numbers and pressures stay positive.
 
     `inverse` divides by the Hessian with `pressure / numbers` on its diagonal.
     """

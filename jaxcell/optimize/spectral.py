@@ -35,7 +35,7 @@ class SpectralProblem:
 
     edges: Int[np.ndarray, "edges 2"]
     root: Float[np.ndarray, "vertices"]
-    "The vector `r`, positive."
+    "The positive vector `r` of the class docstring."
     bounds: scipy.sparse.csr_array
     limits: _Forces
 
@@ -102,7 +102,7 @@ class _Point:
 def least_norm(
     problem: SpectralProblem, weights: _Weights, tolerance: float
 ) -> tuple[_Weights, float, float, int]:
-    """Follow the central path of the semidefinite program by predictor-corrector steps.
+    """Follow the central path of the semidefinite program with predictor-corrector steps.
 
     Steps have the direction of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because each edge
     changes the matrices by a matrix of rank 1, the Hessian is an entrywise product of matrices. A

@@ -31,7 +31,7 @@ def payoffs(
 
     **Arguments:**
 
-    - `order`: the vertices by mean hitting time, the closest first, for each strategy.
+    - `order`: for each strategy, the vertices in ascending order of their mean hitting times.
     - `stakes`: the gains and losses at each vertex; by default as in Alg. 4.2.
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].

@@ -18,8 +18,9 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
 
     The order is optimal for up to 12 vertices (Held and Karp 1962). For more vertices, farthest
     insertion inserts each vertex where it lengthens the tour least, and then parts of the tour are
-    reversed as long as this shortens the tour; the result may be longer than the shortest tour. Of
-    equally short paths, the tour prefers paths along its own edges, so that it has few edges.
+    reversed while this shortens the tour; the result may be longer than the shortest tour. Among
+    equally short paths, paths along edges of the tour are preferred, so that the tour has few
+    edges.
 
     **Arguments:**
 
@@ -29,7 +30,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     **Returns:** the vertices of the walk in order, from the first of `through`. The first vertex is
     not repeated at the end. A walk may pass a vertex or an edge more than once.
 
-    A square; opposite corners are not joined by an edge:
+    A square, whose opposite corners are not joined by an edge:
 
         >>> from jaxcell import optimize
         >>> square = optimize.Graph([[0, 1], [1, 2], [2, 3], [3, 0]])
@@ -83,7 +84,7 @@ def _between(
 
 
 def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """Find the order of the shortest tour, by dynamic programming over sets of stops."""
+    """Find the order of the shortest tour with dynamic programming over sets of stops."""
     last = between.shape[0] - 1
     step = between[1:, 1:]
     # `cost[s, j]`: the least length from stop 0 through the stops in the bit set s, ending at j.
@@ -108,7 +109,7 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
 
 
 def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """Find an order by farthest insertion, then reverse parts while this shortens the tour."""
+    """Find an order with farthest insertion, then reverse parts while this shortens the tour."""
     tour = [0]
     nearest = between[0].copy()
     while len(tour) < between.shape[0]:

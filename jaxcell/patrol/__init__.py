@@ -1,8 +1,8 @@
 """Patrolling: random walks on a graph, and attacks by an adversary (Alam 2018, ch. 4).
 
 A *patroller* walks on an undirected graph whose vertices are places to guard. Its *strategy* is a
-Markov chain, often given by *weights* `w` of the edges: from a vertex it takes an edge with a
-probability in proportion to the weight. Robots need not communicate or start together.
+Markov chain, often defined by *weights* `w` of the edges: from a vertex it takes each edge with a
+probability in proportion to the weight of the edge. Robots need not communicate or start together.
 A time is a number of steps, unless edges have travel times.
 
 The main names are in this package; the packages below contain all names, and define the terms:
@@ -13,7 +13,7 @@ The main names are in this package; the packages below contain all names, and de
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
 - `patrol.team`: parts of a graph, travel times, idleness, news at a base, and charging.
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells,
-    `distributed_policies` and `capture_policies` make walks, `capture_probabilities` are exact,
+    `distributed_policies` and `capture_policies` compute walks, `capture_probabilities` are exact,
     `vulnerability` adds a simulation and a fitted law, and `PatrolledMap` is the result.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
 - `patrol.perimeter`: the baselines BMP, DCP and DNCP on a closed perimeter.

@@ -32,7 +32,7 @@ def cell_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
 def provenance(
     title: str, cells: CellSpace | None, spec: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the attributes of a dataset: title, parameters, and versions of the software."""
+    """Return the attributes of a dataset: its title, its parameters, and software versions."""
     try:
         parameters = json.dumps(dict(spec or {}), allow_nan=False)
     except (TypeError, ValueError) as error:

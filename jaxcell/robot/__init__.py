@@ -14,9 +14,9 @@ loses power. On a damaged line, `StreamParser` accepts no wrong values as long a
 in three consecutive frames is changed, lost or doubled.
 
 **Steps.** A `Walker` drives the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from
-cell to cell, measured by the encoders of the wheels; `cell_strides` computes the displacement of a
-step in each direction. A step ends at the centre of a cell, or where it began if a bumper was
-pressed. The robot observes 0 for a step and 1 for a bump, as a filter expects.
+cell to cell, and measures them with the encoders of the wheels; `cell_strides` computes the
+displacement of a step in each direction. A step ends at the centre of a cell, or where it began if
+a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a filter expects.
 
 | task (read by `load_task`) | run | replay of a log | source |
 | --- | --- | --- | --- |
@@ -33,10 +33,10 @@ continues. `read_log` reads the log, even if it was cut off, and a replay has th
 
 A run that was stopped can be resumed: a `Walker` that gets the earlier observations counts these
 steps without driving, which brings the task to its last state. `Calibrated` corrects the encoders
-of a robot by a `Calibration`, which `jaxcell robot calibrate` measures and saves in the
+of a robot with a `Calibration`, which `jaxcell robot calibrate` measures and saves in the
 `calibration_file`.
 
-**Patrols** go from cell to cell by Lee's wave routing. `grid_steps` lists the neighbours of each
+**Patrols** go from cell to cell with Lee's wave routing. `grid_steps` lists the neighbours of each
 square of a grid, `wave` counts the steps to a goal, and `route` finds a shortest path, in time
 proportional to the number of cells. A patrol may look for a dummy intruder, a dark cross on a light
 sheet: `draw_cross` draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures`
@@ -50,13 +50,13 @@ alternative to the belief and the sets of `jaxcell.automata`: each has `start`, 
 `cmd_vel` and `odom`, and publishes the possible places of the robot. It must be imported
 separately because it needs `rclpy`. It has not been tested on a robot.
 
-**Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the program
-that `filter_sketch` or `policy_sketch` writes, or bounces forever by the program of `bounce_sketch`
-(section 3.5.4).
+**Without a host**, an Arduino on the robot's serial line runs a filter or a policy with the program
+that `filter_sketch` or `policy_sketch` writes, or bounces forever with the program of
+`bounce_sketch` (section 3.5.4).
 
 **Without hardware**, `jaxcell.robot.emulation.emulator` is a robot at the other end of a serial
 line, `jaxcell.robot.emulation.simulated` runs the driver and this robot on one clock, and
-`jaxcell.robot.physics` moves the body of the robot by a physics engine.
+`jaxcell.robot.physics` moves the body of the robot with a physics engine.
 """
 
 from .anywhere import (

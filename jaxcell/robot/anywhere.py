@@ -29,15 +29,16 @@ class AnywhereSettings:
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "A robot is localized if the extent of its possible places is at most twice this, in metres."
+    "Half of the largest extent, in metres, of the possible places of a localized robot."
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    "Without a goal, an angle is chosen to minimize the worst or the mean size of the next sets."
+    """The size that the choice of an angle minimizes: the worst or the mean size of the next sets
+    of places. It has no effect if there is a goal."""
     ahead: int = 1
     "The number of bumps that the choice of an angle looks ahead."
     seed: int = 0
-    "The seed for the sample of places by which the angles are compared."
+    "The seed of the sample of places that is used to compare the angles."
 
 
 def run_anywhere(
@@ -45,14 +46,15 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of the largest `displacement` of its
-    errors, and turns. It measures only the lengths of its straight runs.
+    The robot drives straight until it bumps, backs off by half of its largest `displacement`, and
+    turns. It measures only the lengths of its straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written at once; and the largest number of bumps.
 
-    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
-    `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the runs.
+    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], whose result is
+    `"localized"`, `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the
+    runs.
 
     A simulated point robot in an L-shaped room:
 
@@ -114,7 +116,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """The possible places of a robot on walls, updated by its straight runs and its turns."""
+    """The possible places of a robot on walls, updated after its straight runs and its turns."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
@@ -124,7 +126,11 @@ class SetFollower:
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
-        """Update the places by the length of a straight run in metres; `None` without a bump."""
+        """Update the possible places after a straight run of `run` metres.
+
+        `None` is a run without a bump, which is longer than any run in the room. It refutes all
+        places.
+        """
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:
@@ -150,14 +156,14 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Turn the robot at all possible places by an angle in radians."""
+        """Add a turn of the robot, by an angle in radians, to all possible places."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
-        The places are turned only after the yield. Raises `ValueError` if a length or an angle is
-        not a number.
+        The turn is added to the possible places only after the yield. Raises `ValueError` if a
+        length or an angle is not a number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):
@@ -180,7 +186,7 @@ class SetFollower:
                 self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         place, where = None, "nowhere"
         if self.state is not None and self.state.wall.size:
             boundary = self.settings.filter.boundary

@@ -22,15 +22,15 @@ _FAR = 0.5
 
 
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
-    """Estimate the turn that a bump causes, from a log of [`jaxcell.robot.run_anywhere`][].
+    """Estimate the angle by which a bump turns a robot, from a log of `run_anywhere`.
 
-    Wherever the possible places of the robot in the log are few, places and headings are drawn from
-    them. From each, a simulated robot drives to the next walls, once for each candidate turn. Then
-    more places are drawn ever closer to the places with the smallest squared error of the lengths
-    of the straight runs. The candidate with the smallest error is chosen.
+    At each bump of the log where the possible places lie within 1.5 m, places and headings are
+    drawn from them. From each, a simulated robot drives to the next walls, once for each candidate
+    turn. Then more places are drawn ever closer to the places with the smallest squared error of
+    the lengths of the straight runs. The candidate with the smallest error is chosen.
 
-    **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
-    [`jaxcell.space.Slip`][].
+    **Returns:** the angle in radians by which a bump at 45 degrees turns the robot toward the wall;
+    see [`jaxcell.space.Slip`][].
 
     **Raises:** `ValueError` if the robot is never localized to within 1.5 m.
     """
@@ -73,7 +73,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Minimize the error of each turn over the start of the runs. The error is in square metres."""
+    """Find the least error, over all starts of the runs, for each turn, in square metres."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]

@@ -16,12 +16,12 @@ _LEAST, _MOST = 0.5, 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """Factors that correct the distances and the angles of the encoders of a robot.
+    """Factors that correct the distances and angles that the encoders of a robot measure.
 
     They are needed because wheels wear and sink into carpets, and robots of one kind differ by a
     few percent.
 
-    A robot drove 0.98 m for 1 m, and turned by 365 degrees for 360:
+    A robot drove 0.98 m when its encoders measured 1 m, and turned by 365 degrees instead of 360:
 
         >>> from jaxcell import robot
         >>> robot.Calibration.measured(0.98 / 1.0, 365 / 360)
@@ -29,9 +29,9 @@ class Calibration:
     """
 
     distance: float = 1.0
-    "True metres per metre of the encoders."
+    "Driven metres per metre that the encoders measure."
     angle: float = 1.0
-    "True radians per radian of the encoders."
+    "Turned radians per radian that the encoders measure."
 
     def __post_init__(self) -> None:
         expected = f"a number from {_LEAST} to {_MOST}"
@@ -41,7 +41,7 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Make a calibration from two measured ratios, rounded to four digits."""
+        """Create a calibration from two measured ratios, rounded to four digits."""
         return cls(round(distance, 4), round(angle, 4))
 
     @classmethod

@@ -15,7 +15,7 @@ knowledge cycle or a single possible configuration."""
 
 
 class Follower(abc.ABC):
-    """The possible cells of a robot that starts in an unknown cell, updated by its observations."""
+    """The possible cells of a robot from an unknown start, updated with its observations."""
 
     kind: ClassVar[str]
     _state: Any
@@ -31,7 +31,7 @@ class Follower(abc.ABC):
 
     @abc.abstractmethod
     def observe(self, observation: int) -> None:
-        """Update the cells by the next observation, 0 or 1."""
+        """Update the cells with the next observation, 0 or 1."""
 
     @property
     def over(self) -> bool:
@@ -74,7 +74,7 @@ class Follower(abc.ABC):
         return "1 configuration" if count == 1 else f"{count} configurations"
 
     def outcome(self) -> RunOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         cells, colors = tuple(self.cells), tuple(self.colors)
         if self.result == "localized":
             reason = self.localized
@@ -229,7 +229,7 @@ def run_follower(
     log: RunLog | None = None,
     limit: int = 10_000,
 ) -> RunOutcome:
-    """Let a robot bounce until a filter, a policy or a belief ends the run.
+    """Drive a bouncing robot until a filter, a policy or a belief ends the run.
 
     **Arguments:**
 
@@ -270,8 +270,9 @@ def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     **Arguments:** a log, and a follower without observations. **Returns:** the outcome of the run
     so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
-    continues after the end of the run, because it is the log of another filter, policy or belief.
+    **Raises:** `ValueError`, with the index of the observation, if the colour in the log differs,
+    or if the log continues after the end of the run: then it belongs to another filter, policy or
+    belief.
 
     The log of a robot that bumped in a room where no robot can bump:
 

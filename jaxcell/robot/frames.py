@@ -52,7 +52,7 @@ def camera(device: int = 0) -> Callable[[], Frame]:
 
 
 def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
-    """Make a source of frames from the pictures in a folder, in the order of their names.
+    """Return a source of frames that reads the pictures in a folder, in the order of their names.
 
     **Arguments:** a folder with files that end in `.png`, `.jpg` or `.jpeg`. **Returns:** a
     function that reads the next picture; the first picture follows the last one.

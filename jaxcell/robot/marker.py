@@ -254,8 +254,8 @@ def _onto_edges(
 ) -> tuple[Float[np.ndarray, "3 3"], float]:
     """Fit the homography that moves points to the lines of their edges, by linear least squares.
 
-    All edges may lie further inside by one common length, because the pixels of an outline belong
-    to the shape and depend on the threshold. The second result is this length, in units.
+    All edges may be shifted inward by one common length, because the pixels of an outline belong to
+    the shape and depend on the threshold. The second result is this length, in units.
     """
     at, sideways = _AT[edge], _FACING[edge] == 0
     extended = np.column_stack([points, np.ones(len(points))])
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Make a patch of a perfect marker as a unit vector, and a basis of linear light gradients."""
+    """Return a perfect marker patch as a unit vector, and a basis of linear light gradients."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

@@ -17,7 +17,7 @@ class Cloud:
     pose: Float[np.ndarray, "particles 3"]
     "The pose of each particle: x and y in metres, and the heading in radians."
     believed: Int[np.ndarray, "particles"]
-    "The number of the direction of each particle if its turns had no errors."
+    "The number of the direction in which each particle would face if its turns had no errors."
     observations: int
     "The number of observations so far."
     matched: float
@@ -28,8 +28,8 @@ class Cloud:
 class Particles:
     """Monte Carlo localization by particles, which are simulated robots that slip.
 
-    The particles start at the centres of cells, move by [`jaxcell.space.slipping_step`][], and are
-    resampled by whether they agree with the observation. Runs with the same seed are equal.
+    The particles start at the centres of cells, move by [`jaxcell.space.slipping_step`][], and the
+    particles that agree with the observation are resampled. Runs with the same seed are equal.
 
     In a corridor of three cells, after two steps and a bump:
 
@@ -76,7 +76,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles by a step, and resample them by the observation, 0 or 1."""
+        """Move the particles by a step, and resample those that agree with the observation."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]

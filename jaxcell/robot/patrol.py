@@ -27,9 +27,9 @@ class PatrolOutcome(RunOutcome):
 
 
 class Patrol:
-    """The state of a robot on its patrol, updated by its steps.
+    """The state of a robot on its patrol, updated after its steps.
 
-    The policy draws the next cell, and the robot goes there by wave routing. After a bump, the step
+    The policy draws the next cell, and wave routing leads the robot to it. After a bump, the step
     is closed, and the robot takes another path. Because the obstacle may have been another robot,
     all steps are opened again when none of the possible next cells can be reached. The number of
     bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
@@ -64,7 +64,7 @@ class Patrol:
         self.visited: list[int] = []
         self.obstacles: list[tuple[int, int]] = []
         self.goal: int | None = None
-        "The drawn cell to which the robot is on its way, or `None`."
+        "The drawn cell to which the robot is driving, or `None`."
         self._task, self._ways = task, task.ways.copy()
         self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])
@@ -85,7 +85,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Update the patrol by a step in the direction `way`, which may have bumped."""
+        """Update the patrol after a step in the direction `way`; `bumped` is true after a bump."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -99,7 +99,7 @@ class Patrol:
             self.goal = None
 
     def report(self, intruder: Any) -> None:
-        """Add the report of an intruder, which ends the patrol."""
+        """Record the report on an intruder, which ends the patrol."""
         self._intruder = intruder
 
     @property
@@ -161,7 +161,7 @@ def run_patrol(
     look: Callable[[int], Any] | None = None,
     log: RunLog | None = None,
 ) -> PatrolOutcome:
-    """Let a robot patrol the cells of a map (Alam 2018, section 4.5.7).
+    """Drive a robot on its patrol of the cells of a map (Alam 2018, section 4.5.7).
 
     **Arguments:**
 
@@ -211,8 +211,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
     **Returns:** the outcome of the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere than
-    the policy, because it is the log of another policy.
+    **Raises:** `ValueError`, with the index of the observation, if the robot went to another cell
+    than the policy: then the log belongs to another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 

@@ -8,7 +8,7 @@ from .walker import Walker
 def run_plan(
     walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None
 ) -> RunOutcome:
-    """Let a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
+    """Drive a robot through the action string of a navigation plan (Alam 2018, section 3.4.1).
 
     **Arguments:**
 

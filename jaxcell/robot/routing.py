@@ -1,4 +1,4 @@
-"""Find shortest paths through a grid by Lee's wave routing."""
+"""Find shortest paths through a grid with Lee's wave routing."""
 
 from collections.abc import Collection
 
@@ -15,7 +15,7 @@ def grid_steps(
 
     **Arguments:** a mask of free squares, whose row 0 is the lowest, and the `closed` steps between
     free squares, as pairs of a position and a direction: 0 East, 1 North, 2 West or 3 South. A
-    closed step is blocked from both sides.
+    closed step is blocked in both directions.
 
     **Returns:** a row for each of the four directions. The positions are the free squares, counted
     row by row, as in [`jaxcell.space.CellSpace`][].
@@ -55,7 +55,7 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
     [`grid_steps`][], and the position of the goal. **Returns:** the number of steps; -1 if the goal
     cannot be reached.
 
-    A row of four squares; between the last two there is a wall:
+    A row of four squares with a wall between the last two:
 
         >>> import numpy as np
         >>> from jaxcell import robot
@@ -83,9 +83,9 @@ def next_way(
 ) -> int:
     """Choose the direction of the next step on a shortest path.
 
-    `distance` is the result of [`wave`][] for the goal. If several steps lead nearer to the goal,
-    the robot prefers the direction `ahead`, because turns take time and cost precision. The robot
-    must not be at the goal, and a path to the goal must exist.
+    `distance` is the result of [`wave`][] for the goal. If several steps lead nearer to the goal, a
+    step in the direction `ahead` is preferred, because turns take time and cost precision. The
+    robot must not be at the goal, and a path to the goal must exist.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())
@@ -97,12 +97,13 @@ def route(
     """Find a shortest path through a grid (Lee 1961).
 
     **Arguments:** the steps of [`grid_steps`][], the positions of the start and the goal, and the
-    direction of the robot at the start. The robot goes straight ahead if this leads nearer.
-    **Returns:** the direction of each step, 0 East, 1 North, 2 West or 3 South.
+    direction of the robot at the start. Among the steps that lead nearer to the goal, a step
+    straight ahead is preferred. **Returns:** the direction of each step, 0 East, 1 North, 2 West or
+    3 South.
 
     **Raises:** `ValueError` if no path leads to the goal.
 
-    Around the blocked middle of three times three squares, for a robot that faces North:
+    Around the blocked centre of a 3-by-3 grid, for a robot that faces North:
 
         >>> import numpy as np
         >>> from jaxcell import robot

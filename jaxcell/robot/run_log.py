@@ -49,7 +49,7 @@ class RunLog:
             self.on_event(name, {"seconds": seconds, **fields})
 
     def observation(self, walker: Walker, **fields: Any) -> None:
-        """Write the last observation of a robot, and the estimate of its pose."""
+        """Write the latest observation of a robot, and the estimate of its pose."""
         if len(walker.observations) <= len(walker.recalled):
             fields["recalled"] = True
         self.event(
@@ -95,7 +95,7 @@ class LoggedRun:
 
     @property
     def direction(self) -> int | None:
-        """The number of the direction of the robot at the start, or `None`."""
+        """The number of the direction of the robot at the start, or `None` if it is unknown."""
         direction = self.header.get("direction")
         if direction is not None and (type(direction) is not int or direction < 0):
             raise ValueError(f"direction: expected a whole number or null, got {direction!r}")
@@ -129,7 +129,7 @@ def why_stopped(error: BaseException) -> str:
 
 
 def stopped(outcome: _O, run: LoggedRun) -> _O:
-    """Mark the outcome of a replay as stopped, with the reason, if the run was stopped."""
+    """Mark the outcome of a replay as stopped if the run was stopped, with the reason."""
     if run.stopped is None or outcome.result != "unfinished":
         return outcome
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")

@@ -23,8 +23,8 @@ FLASH = 32256
 """The flash memory of an Arduino Uno that is free for a program, in bytes."""
 
 PROGRAM_BYTES = 15_000
-"""An upper bound of the size of a program without its tables, in bytes. GCC 5.4 and the Arduino
-core 1.8.7 make 12 to 14 kB of it."""
+"""An upper bound of the size of a program without its tables, in bytes. With GCC 5.4 and the
+Arduino core 1.8.7, the size is 12 to 14 kB."""
 
 _TEMPLATE = Path(__file__).with_name("sketch.ino.in")
 
@@ -45,7 +45,7 @@ def filter_sketch(
 
     It computes the same colours as a [`jaxcell.robot.FilterFollower`][] with a
     [`jaxcell.robot.Walker`][] until a knowledge cycle. The comment at the top of the program
-    explains the wiring, and what stops the robot.
+    explains the wiring, and the events that stop the robot.
 
     **Arguments:**
 
@@ -150,16 +150,17 @@ def _localizing(
 
 
 def bounce_sketch(bounce: float, step: float) -> str:
-    """Write a program for an Arduino that lets a Create bounce forever, without a filter.
+    """Write a program for an Arduino with which a Create bounces forever, without a filter.
 
-    Any number of robots can run it. In the coverage experiment of Alam 2018, section 3.5.4, two
-    robots with an Arduino turn by the same angle when they bump into a wall or each other.
+    Several robots can run the program at once. In the coverage experiment of Alam 2018, section
+    3.5.4, two robots with an Arduino turn by the same angle when they bump into a wall or each
+    other.
 
     **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
     metres. After a bump the robot returns to the start of the step. **Returns:** the text of the
     program.
 
-    A quarter turn at each bump, steps of half a metre:
+    A robot that makes a quarter turn at each bump, and steps of half a metre:
 
         >>> import math
         >>> from jaxcell import robot
@@ -219,7 +220,7 @@ def table_bytes(header: str) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise if a known direction does not exist, or a bouncing angle leads between directions."""
+    """Raise if a known direction does not exist, or an angle leads between two directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:

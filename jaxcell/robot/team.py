@@ -25,7 +25,7 @@ TRIES = 3
 
 @dataclasses.dataclass(frozen=True)
 class MemberTask(Task):
-    """The part of one robot of a team in a joint trajectory."""
+    """The task of one robot of a team: its actions in a joint trajectory."""
 
     kind = "team"
     robot: int
@@ -37,7 +37,7 @@ class MemberTask(Task):
     bounce: float
     "The bouncing angle, in radians, counter-clockwise."
     actions: str
-    "The actions, one character each, as [`jaxcell.robot.member_actions`][] writes them."
+    "The actions, one character per action, as [`jaxcell.robot.member_actions`][] writes them."
 
     @property
     def start_direction(self) -> int:
@@ -103,7 +103,7 @@ def save_team(
 
     **Arguments:** the path of the file; its common fields, which are `cell_m`, `directions`,
     `step_m`, `robot_radius_m`, and any others; the poses at the start in metres and radians; the
-    bouncing angles in radians; and the actions by [`member_actions`][].
+    bouncing angles in radians; and the actions that [`member_actions`][] returns.
 
     A robot that makes two steps and turns at a wall:
 
@@ -147,7 +147,7 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
 
 class Member:
-    """The state of a robot of a team, updated by its observations."""
+    """The state of a robot of a team, updated with its observations."""
 
     def __init__(self, actions: str) -> None:
         self.observations = ""
@@ -168,7 +168,7 @@ class Member:
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
-        """Update the state by the step of the next action, which may have bumped."""
+        """Update the state after a step; `bumped` is true if the step ended in a bump."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -180,7 +180,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state by all observations of a run, and by the turns between them."""
+        """Update the state with all observations of a run, and with the turns between them."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
@@ -191,7 +191,7 @@ class Member:
                 self.index += 1
 
     def outcome(self) -> RunOutcome:
-        """Make the outcome of the run so far."""
+        """Return the outcome of the run so far."""
         count = len(self._actions)
         if self._refuted:
             reason = f"action {self.index} of {count}: {self._refuted}"
@@ -213,8 +213,8 @@ def run_member(
 ) -> RunOutcome:
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
-    The robots do not see each other and share no clock, so they come a little early or late to the
-    places where two robots meet in the trajectory. At such a place, each robot turns without a
+    The robots do not see each other and share no clock, so they arrive a little early or late at
+    the places where two robots meet in the trajectory. At such a place, each robot turns without a
     step, as in the trajectory, and does not sense the other robot. If a step that is free in the
     trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and tries
     again, at most 3 times in all.

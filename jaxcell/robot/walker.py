@@ -21,7 +21,7 @@ class Drivable(Protocol):
 
 
 class Walker:
-    """A controller that drives a robot from cell to cell of a map by the odometry of its wheels.
+    """A controller that drives a robot from cell to cell of a map with the odometry of its wheels.
 
     In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
     cell. A step goes straight along the heading. After a free step the robot is at the centre of
@@ -31,8 +31,8 @@ class Walker:
 
     To drive to the centre, the walker must know the heading of the robot at the start, for example
     from a compass. Without `strides` the walker needs no heading, and all steps have one length.
-    This agrees with the model if all directions are along the axes, and is an approximation
-    otherwise.
+    The result agrees with the model if all directions are along the axes; otherwise it is an
+    approximation.
 
     Each target is a place in the frame of the odometry, so that each step corrects the error of the
     step before. Slip is not corrected, because the encoders do not sense it.
@@ -76,9 +76,9 @@ class Walker:
         - `recalled`: the observations of the run to resume. The walker counts these steps without
             driving, because the robot already stands at the end of the last step, with the heading
             of the next step.
-        - `tolerance`, `turn_tolerance`: the largest errors by the encoders that are not corrected,
-            in metres and in radians. The default `tolerance` is 4 mm, or 0.4 % of a step below 1 m,
-            but at least 1 mm, the shortest drive of the wheels.
+        - `tolerance`, `turn_tolerance`: the largest errors, measured by the encoders, that are not
+            corrected; in metres and in radians. The default `tolerance` is 4 mm, or 0.4 % of a step
+            below 1 m, but at least 1 mm, the shortest drive of the wheels.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)
@@ -98,7 +98,7 @@ class Walker:
 
     @property
     def estimate(self) -> tuple[float, float, float]:
-        """The pose by the encoders: metres ahead and left of the start, and turn in radians."""
+        """The pose from the encoders: metres ahead and left of the start, and turn in radians."""
         return self._at.real, self._at.imag, self._facing
 
     @property
@@ -108,11 +108,11 @@ class Walker:
 
     @property
     def error(self) -> float:
-        """The distance between the pose by the encoders and the pose in the model, in metres."""
+        """The distance between the pose from the encoders and the pose in the model, in metres."""
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Take a step. After a bump, drive back to its start. Returns whether the robot bumped."""
+        """Drive a step, or back to its start after a bump, and return whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -144,7 +144,8 @@ class Walker:
     def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
         """Drive straight until a bump, at most `most` metres, and back off by `back` metres.
 
-        Returns the length of the run by the encoders, in metres, or `None` without a bump.
+        Returns the length of the run that the encoders measure, in metres; `None` if there was no
+        bump.
         """
         self.drives = True
         moved = self._robot.forward(most, tolerance=self._tolerance)
@@ -177,7 +178,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Count a step of the earlier run by its observation, without driving."""
+        """Count a step of the earlier run without driving, and use its recorded observation."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target
@@ -185,7 +186,7 @@ class Walker:
         return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drive to a place in the frame of the odometry. Returns whether a bump ended the drive."""
+        """Drive to a point in the frame of the odometry. Returns whether a bump ended the drive."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False
@@ -205,7 +206,7 @@ class Walker:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
     def _count(self, moved: Moved) -> bool:
-        """Add a motion to the estimate of the pose. Returns whether a bump ended the motion."""
+        """Add a motion to the estimate of the pose, and return whether a bump ended the motion."""
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped

@@ -27,9 +27,9 @@ so that cells are the same on every platform.
 **A step** of length `s` from a centre `p` ends at `p + s (cos theta_k, sin theta_k)`. It is
 possible if its end lies in a free square and in `E`, and, if collisions are *swept*, if the whole
 step lies in `E`. If all walls run along edges of squares, the squares that must be free for a step
-are the same for every start, relative to the start: they are its *stencil*, and directions with the
-same stencil are one *way*. Otherwise each wall within reach of a centre is tested. So the moves of
-all cells cost `O(N_E)` per way, or `O(N_S)` per pair of a centre and a wall near it.
+are the same for every start, relative to the start: they are its *stencil*. Directions with the
+same stencil form a class, a *way*. Otherwise each wall within reach of a centre is tested. So the
+moves of all cells cost `O(N_E)` per way, or `O(N_S)` per pair of a centre and a wall near it.
 
 **Sight.** The points that are visible from a point `p` within a range `l` are (Eq. 4.1)
 
@@ -38,7 +38,7 @@ all cells cost `O(N_E)` per way, or `O(N_S)` per pair of a centre and a wall nea
 and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg. 4.3).
 
 `nearest_cell` finds cells of points off the map, `stencil` and `free_steps` the ends of steps,
-`cell_strides` and `stride_legs` the way of a robot to the centre of the next cell. `visible_cells`
+`cell_strides` and `stride_legs` the path of a robot to the centre of the next cell. `visible_cells`
 and `visibility_polygon` compute sight. `felt_walls`, `free_ahead` and `slipping_step` simulate a
 robot that slips and bumps. No part of this package imports JAX.
 """

@@ -18,10 +18,11 @@ other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 class Box:
     """A box of equal cells, of any number of dimensions.
 
-    Cells are numbered from 0, along the last axis first: `array.reshape(box.cells)` turns an array
-    over cells into an array over the axes. A point within 1e-9 of a cell of the face between two
-    cells belongs to the upper cell. Two sinks have the numbers after the cells: `outside` for
-    points that left the box, and `nowhere` for points with a coordinate that is not finite.
+    Cells are numbered from 0, and the index along the last axis changes fastest:
+    `array.reshape(box.cells)` turns an array over cells into an array over the axes. A point within
+    1e-9 of a cell of the face between two cells belongs to the upper cell. Two sinks have the
+    numbers after the cells: `outside` for points that left the box, and `nowhere` for points with a
+    coordinate that is not finite.
 
     A box is hashable. Its methods take arrays of NumPy or JAX, and work under `jit` and `vmap`.
 
@@ -50,9 +51,9 @@ class Box:
         cells: Sequence[int] | np.ndarray,
         axes: Sequence[Axis] | Axis = "sink",
     ) -> None:
-        """Make a box from its lower and upper corner, and its number of cells along each axis.
+        """Create a box from its lower and upper corner, and its number of cells along each axis.
 
-        A single `axes` holds for all axes.
+        A single value of `axes` applies to all axes.
         """
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))
@@ -117,7 +118,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert differences of indices to distances; on periodic axes take the shorter way."""
+        """Convert differences of indices to distances; periodic axes have the shorter distance."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
@@ -151,7 +152,7 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the indices of the cells of points along each axis; clip them to the box.
+        """Find the indices of the cells of points along each axis, clipped to the box.
 
         Returns indices in the data type of the points, and a mask of the points inside the box.
         """

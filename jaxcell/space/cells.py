@@ -108,7 +108,9 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """Make the cell space of a grid. Squares that are not free are obstacles; row 0 is lowest.
+        """Create the cell space of a grid.
+
+        Squares that are not free are obstacles; row 0 is lowest.
 
         The side of a square and the lower left corner of the grid are in metres.
         """
@@ -116,7 +118,7 @@ class CellSpace:
 
     @property
     def room(self) -> Workspace:
-        """The map of the cells. **Raises:** `ValueError` if they were made from a grid."""
+        """The map of the cells. **Raises:** `ValueError` if the cells were created from a grid."""
         if self.workspace is None:
             raise ValueError("cells: expected cells of a map, got cells of a grid")
         return self.workspace
@@ -179,7 +181,7 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """Find the cell of each configuration, in metres and radians; its square must be free.
+        """Find the cell of each configuration, in metres and radians, whose square must be free.
 
         A point on an edge between squares belongs to the upper or right square.
         """

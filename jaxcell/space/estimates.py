@@ -51,7 +51,7 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of periodic groups found at walls, with the runs between walls."""
+    """Estimate the bytes of groups that are found at walls, with the runs between walls."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
@@ -70,7 +70,7 @@ def counts(extent: Extent, motion: Motion) -> float | int:
 
 
 def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
-    """Estimate the bytes of tables of walls, or of tests of blocked steps if these take more."""
+    """Estimate the bytes of tables of walls, or of tests of blocked steps if they take more."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
@@ -81,15 +81,16 @@ def images(extent: Extent, angles: int, motion: Motion) -> float | int:
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of periodic groups found at walls, and of the cells of one direction."""
+    """Estimate the bytes of groups that are found at walls, and of the cells of one direction."""
     return section(extent, motion) + 50 * extent.positions
 
 
 def localization(extent: Extent, motion: Motion) -> float | int:
     """Estimate the bytes of the images and a localization filter.
 
-    The size of a filter is not known beforehand. In measurements its states per cell grew with the
-    sides of the map. The construction of the filter also watches the free memory.
+    The size of a filter is unknown before its construction. In measurements its number of states
+    per cell increased with the sides of the map. The construction of the filter also watches the
+    free memory.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
@@ -107,7 +108,7 @@ def choice(extent: Extent, motion: Motion) -> float | int:
 
 
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
-    """Estimate the bytes of the coverage by noisy bounces at several angles, one at a time.
+    """Estimate the bytes of the coverage for several noisy bouncing angles, one at a time.
 
     In measurements, all cells were persistent if turns spread over three of eight directions, and
     proportionally fewer cells if turns spread less.

@@ -20,7 +20,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extent:
-    """The size of a cell space, from which its memory is estimated before it is made."""
+    """The size of a cell space, which is used to estimate its memory before it is created."""
 
     workspace: Workspace | None
     rows: int
@@ -33,7 +33,7 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is made, from the area of its free space.
+        """Estimate the extent of a future cell space from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
         """
@@ -79,7 +79,7 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the largest number of ways, the sets of directions with equal steps."""
+        """Estimate the largest number of ways, which are classes of directions with equal steps."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)

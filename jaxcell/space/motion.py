@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Return the `near` centres once each, and a mask of their steps that end in an obstacle."""
+    """Return each of the `near` centres once, and a mask of their steps that end in an obstacle."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)

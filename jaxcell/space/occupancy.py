@@ -113,7 +113,7 @@ def rasterise(
 def _crossings(
     environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
 ) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """Find where walls cross the middles of rows: the row, and the next column to the right."""
+    """Find the crossings of walls with the middles of rows: the row, and the next column right."""
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )

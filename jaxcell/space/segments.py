@@ -22,8 +22,9 @@ def crossed_squares(
     """List the squares that a step from the centre of a square crosses.
 
     The step moves by `dx` and `dy` squares, and ends in the square `offset`. Squares are `(row,
-    column)` relative to the start. Returns the squares whose interior the step crosses, with the
-    last square, and the pair of squares beside each corner that the step passes.
+    column)` relative to the start. **Returns:** the squares whose interior the step crosses,
+    including the last square; and, for each corner that the step passes, the two squares beside the
+    corner.
     """
     crossed, beside = {offset: None}, []
     east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
@@ -116,8 +117,8 @@ def _corners(
     """Find the corner where each wall starts, and the steps that may pass or leave each corner.
 
     The free space at the start of a wall is the wedge that opens counter-clockwise from this wall
-    to the next wall that ends there. If obstacles meet in a point, several wedges share the corner,
-    and a robot has to stay in one wedge.
+    to the next wall that ends at the same corner. If obstacles meet in a point, several wedges
+    share the corner, and a robot has to stay in one wedge.
 
     Returns the corner of each wall, a mask of the steps that may pass each corner, and a mask of
     the steps that may leave it.
@@ -144,7 +145,7 @@ def _angle(vector: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]
 
 
 def _turn(angle: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Reduce angles to [0, 2 pi); a full turn less a rounding error becomes 0."""
+    """Reduce angles to [0, 2 pi). A full turn minus a rounding error becomes 0."""
     angle = angle % (2 * np.pi)
     return np.where(angle > 2 * np.pi - TOLERANCE, 0.0, angle)
 

@@ -245,7 +245,7 @@ def _overlap(
     a: Float[np.ndarray, "parts 2"],
     b: Float[np.ndarray, "parts 2"],
 ) -> Bool[np.ndarray, "parts"]:
-    """Return a mask of the convex parts that overlap their shadows: no side separates the two."""
+    """Return a mask of the convex parts that overlap their shadows, so no side separates them."""
     overlap = np.ones(len(corners), bool)
     for normal, least in _sides(a, b):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE

@@ -35,24 +35,24 @@ class Slip:
     """
 
     step: float = 0.0
-    "Standard deviation of the relative error of a straight stretch, 0 to 1."
+    "Standard deviation of the relative error of a straight stretch, from 0 to 1."
     turn: float = 0.0
-    "Standard deviation of the relative error of a turn in place, 0 to 1."
+    "Standard deviation of the relative error of a turn in place, from 0 to 1."
     heading: float = 0.0
-    "Standard deviation of the drift of the heading on a metre of travel, in radians, 0 to 1."
+    "Standard deviation of the drift of the heading per metre of travel, in radians, from 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of the place where a wall is felt, in metres. If it is before the wall, a
-    bump comes too soon; if it is behind the wall, a bump at the end of a step is missed."""
+    """Standard deviation of the position at which the robot feels a wall, in metres. Before the
+    wall, a bump comes too soon; behind the wall, a bump at the end of a step is missed."""
     give: float = 0.0
     "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0
-    """Turn toward the wall by a bump at an incidence of 45 degrees, in radians, -1 to 1. It is the
-    same at each bump. At an incidence `i` it is multiplied by `sin(2 i)`, so that a head-on bump
-    does not turn the robot."""
+    """Angle in radians, from -1 to 1, by which a bump at an incidence of 45 degrees turns the robot
+    toward the wall. The angle is not random. At an incidence `i` it is multiplied by `sin(2 i)`, so
+    a head-on bump does not turn the robot."""
     bump_skid: float = 0.0
     """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
-    travel, so a robot that drives back by its encoders goes too far. At an incidence `i` it is
-    multiplied by `cos(i)**2`."""
+    travel, so a robot that measures its way back with the encoders goes too far. At an incidence
+    `i` it is multiplied by `cos(i)**2`."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -70,12 +70,12 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Make a slip with one number for the errors of steps, turns and heading."""
+        """Create a slip with one number for the errors of steps, turns and heading."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
-    """Move the walls back by the distance by which a bumper is pressed in before it is felt.
+    """Move the walls back by the travel of the bumper before the robot feels a bump.
 
     **Arguments:** a map, and the distance in metres. **Returns:** the ends of each wall, in metres.
 
@@ -143,7 +143,7 @@ def incidence_slope(
     ahead: Float[Any, "*batch"],
     ahead_of: Callable[[Any, Any], Any],
 ) -> Float[Any, "*batch"]:
-    """Compute the tangent of the angle of incidence at the wall ahead, by a second ray beside.
+    """Compute the tangent of the angle of incidence at the wall ahead, from two parallel rays.
 
     It is positive if the wall is on the left of the robot, and 0 for a head-on bump. `ahead` is the
     distance to the wall in metres, and `ahead_of(place, heading)` computes it from other places.
@@ -168,8 +168,8 @@ def slipping_step(
     """Move a robot that slips by a step, or by a bump and the turn after it.
 
     The robot drives the stretches of the step. If it meets a wall, it drives back to the start of
-    the step, as far as its encoders tell, and turns by the bouncing angle. The function takes
-    arrays of NumPy or JAX, and works under `jit` and `vmap`.
+    the step, according to its encoders, and turns by the bouncing angle. The function takes arrays
+    of NumPy or JAX, and works under `jit` and `vmap`.
 
     **Arguments:** poses, x and y in metres and the heading in radians; the stretches of the
     intended step, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal
@@ -196,9 +196,10 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Return the end of a stretch, the heading there, and the heading on its chord.
+        """Drive one straight stretch with errors.
 
-        Then follow the distance to a wall on the stretch, or `inf`, and the slope of the wall.
+        Returns the end of the stretch, the heading at this end, the heading along the chord, the
+        distance to a wall on the stretch (or `inf`), and the tangent of the incidence at this wall.
         """
         length = leg * (1 + slip.step * relative)
         drift = slip.heading * xp.sqrt(xp.abs(leg)) * drifts

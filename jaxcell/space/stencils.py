@@ -18,31 +18,34 @@ class Stencil:
     """The squares that have to be free for a step from the centre of a square, in each direction.
 
     Relative to the start, these squares are the same for every start. Directions with the same
-    squares are one *way*: 360 directions and a step of one square make 16 ways. So everything that
-    depends on walls is computed once per way. Squares are `(row, column)` relative to the start.
+    squares form a class, a *way*: with steps of one square, 360 directions have 16 ways. So
+    everything that depends on walls is computed once per way. Squares are `(row, column)` relative
+    to the start.
     """
 
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with the same squares) of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The square in which a step of each way ends."
+    "The square in which a step of each way (class of directions) ends."
     crossed: tuple[tuple[_Square, ...], ...]
-    "For each way, the squares whose interior the step crosses, and the last square."
+    """For each way (class of directions), the squares whose interior the step crosses, and the last
+    square."""
     beside: tuple[tuple[tuple[_Square, _Square], ...], ...]
-    "For each way and each corner on the step, two squares, one of which has to be free."
+    """For each way (class of directions) and each corner that the step touches, two squares; at
+    least one of them has to be free."""
 
 
 @functools.lru_cache(maxsize=64)
 def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
-    """Make the stencil of a step on a grid.
+    """Build the stencil of a step on a grid.
 
-    The directions in which a step leads off the grid from every square are one way. So a stencil is
-    no larger than the grid, even for a very long step.
+    The directions in which a step leads off the grid from every square form one way. So a stencil
+    is no larger than the grid, even for a very long step.
 
     **Arguments:** the number of directions; a motion, for squares with sides of 1 m; and the number
     of rows and of columns. **Returns:** [`Stencil`][].
 
-    Steps of one square in 360 directions make 16 ways; North leads one row up:
+    Steps of one square in 360 directions have 16 ways; a step to the North leads one row up:
 
         >>> from jaxcell.space import Motion, stencil
         >>> one = stencil(360, Motion(), (20, 30))

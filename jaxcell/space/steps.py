@@ -1,4 +1,4 @@
-"""Compute the end of a step from every square of a map of any shape, for one way at a time."""
+"""Compute the ends of steps from all squares of a map, for one class of directions at a time."""
 
 import dataclasses
 import functools
@@ -25,23 +25,24 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions whose steps end in the same square, from every start, are one *way*. The squares with
-    a possible step are computed for one way at a time to save memory.
+    Directions in which steps from any start end in the same square form a class, a *way*. The
+    squares from which a step is possible are computed for one way at a time, to save memory.
     """
 
     free: Bool[np.ndarray, "grids rows columns"]
     way: Int[np.ndarray, "directions"]
-    "The way of each direction."
+    "The way (class of directions with equal steps) of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The rows and columns by which a step of each way moves."
+    "The numbers of rows and columns by which a step of each way (class of directions) moves."
     possible: Callable[[int], Bool[np.ndarray, "grids rows columns"]]
-    "A function that returns the squares from which a step of a way is possible."
+    """A function of a way (class of directions). It returns a mask of the squares from which a step
+    is possible."""
 
     @classmethod
     def on_grids(
         cls, free: Bool[np.ndarray, "grids rows columns"], directions: int, motion: Motion
     ) -> "Steps":
-        """Make the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
+        """Build the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
         rows, columns = free.shape[1:]
         shape = stencil(directions, motion, (rows, columns))
         margin = max(max(map(abs, square)) for way in shape.crossed for square in way)
@@ -63,7 +64,7 @@ class Steps:
 
     @classmethod
     def of(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space, as a batch of one grid."""
+        """Build the steps in a cell space, as a batch of one grid."""
         if cells.gridded:
             in_squares = Motion(motion.in_cells(cells.cell), motion.collision)
             return cls.on_grids(cells.free[None], cells.directions, in_squares)
@@ -71,7 +72,7 @@ class Steps:
 
     @classmethod
     def among_walls(cls, cells: CellSpace, motion: Motion) -> "Steps":
-        """Make the steps in a cell space by its walls, which may have any shape."""
+        """Build the steps in a cell space from its walls, which may have any shape."""
         ends_only = Motion(motion.in_cells(cells.cell), "endpoint")
         ends = cls.on_grids(cells.free[None], cells.directions, ends_only)
         near, blocked = _blocked_steps(cells, motion)
@@ -94,7 +95,7 @@ class Steps:
     def starts(
         self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
     ) -> Bool[np.ndarray, "grids rows columns"]:
-        """Find the free squares in which no step of a way ends.
+        """Find the free squares in which no step of the class `way` ends.
 
         `possible` are the squares from which a step of the way is possible.
         """
@@ -116,7 +117,7 @@ class Steps:
         return targets
 
     def places(self, way: int, square: Int[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"]:
-        """Number squares along the lines that steps of a way follow, as [`line_places`][] does."""
+        """Number squares along the lines of repeated steps of `way`; see [`line_places`][]."""
         grid, (up, across) = self.free.shape[1:], self.offset[way].tolist()
         if self.free[0].size > _SMALL:
             return line_places(square, grid, (up, across))
@@ -124,7 +125,7 @@ class Steps:
         return _listed(grid, (up, across))[square] + which * (self.free[0].size * sum(grid))
 
     def hop(self, way: int) -> int:
-        """Return the number of the square at the end of a step minus that at its start."""
+        """Return the number of the square at the end of a step minus the number at its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 

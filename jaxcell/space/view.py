@@ -18,7 +18,7 @@ def visibility_polygon(
 ) -> shapely.Polygon | shapely.MultiPolygon:
     """Compute the polygon that is visible from a point (Alam 2018, Eq. 4.1).
 
-    The rules of sight are those of [`visible_cells`][]: the radius of the robot is ignored.
+    The rules of sight are the same as in [`visible_cells`][]: the radius of the robot is ignored.
 
     **Arguments:** a map, and a point and the range of sight in metres. The circle of the range is
     replaced by a polygon of 64 chords, whose area is 0.16 percent smaller.

@@ -1,4 +1,4 @@
-"""Maps that a robot moves in: a polygonal boundary minus polygonal obstacles."""
+"""Maps in which a robot moves: a polygonal boundary minus polygonal obstacles."""
 
 import dataclasses
 import functools
@@ -33,7 +33,7 @@ class Workspace:
     **Attributes:**
 
     - `boundary`: vertices of the boundary, in order, without repeating the first at the end.
-    - `obstacles`: vertices of each obstacle, likewise.
+    - `obstacles`: vertices of each obstacle, in the same form.
     - `robot_radius`: radius of a disc robot; 0 for a point.
     - `name`: the name of the map, one line of text.
     - `cell`: the suggested side of cells, in metres, or `None`.
@@ -66,7 +66,7 @@ class Workspace:
         cell: float | int | None = None,
         directions: int | None = None,
     ) -> None:
-        """Make a map, and check it.
+        """Create a map, and check it.
 
         A polygon is a shapely polygon without holes, or the vertices of a simple polygon, in either
         order; the first vertex may be repeated at the end.

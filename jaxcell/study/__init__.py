@@ -12,9 +12,9 @@ a task in sweeps, and the `spec` in datasets and recordings. A program calls a s
     >>> result.mixture.shape, round(result.total_variation, 3)
     ((19,), 0.355)
 
-`STUDIES` lists the studies of jaxcell. Each of them has a command, a page of help, a task in sweeps
-and tests. Your own class that derives from [`Study`][jaxcell.study.Study] also runs as
-`jaxcell run FILE.py:CLASS`, and as the task of a sweep.
+`STUDIES` lists the studies of jaxcell. Each study has a command, a help page, a task in sweeps, and
+tests. Your own class that derives from [`Study`][jaxcell.study.Study] also runs as `jaxcell run
+FILE.py:CLASS`, and as the task of a sweep.
 
 Studies do not depend on terminals or engines. Importing this package does not import JAX.
 """

@@ -30,7 +30,8 @@ class SystemStudy(Study):
     params: tuple[str, ...] = ()
     """Values that replace default parameters of the system, such as T=0.5."""
     cells: tuple[int, ...] = ()
-    """Number of cells along each axis, or one number for all axes; by default the system's."""
+    """Number of cells along each axis, or one number for all axes; by default the number of the
+    system."""
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
@@ -115,7 +116,7 @@ class Dynamics(SystemStudy):
 
 
 def load_system(reference: str) -> "dynamics.System":
-    """Load a system from `FILE.py:NAME`, or a system of jaxcell by its name."""
+    """Load the system `FILE.py:NAME`, or the system of jaxcell with this name."""
     if ":" not in reference:
         # This import takes seconds.
         from ..dynamics import systems
@@ -135,7 +136,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by values in texts: `NAME=NUMBER`, or a list, `NAME=FIRST:LAST:COUNT`."""
+    """Replace parameters by values from texts: `NAME=NUMBER`, or a list `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

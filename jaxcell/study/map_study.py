@@ -33,7 +33,7 @@ class CellStudy(Study):
         return space.estimates.cutting(extent)
 
     def written(self, extent: "space.Extent") -> float | int:
-        """Estimate the bytes of memory that the answer needs if its files are written too."""
+        """Estimate the bytes of memory that the answer and the writing of its files need."""
         return self.needed(extent)
 
     @property
@@ -58,7 +58,7 @@ class CellStudy(Study):
             raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "space.CellSpace":
-        """Cut the map into cells; raise if the answer needs more memory than is free."""
+        """Divide the map into cells, and raise if the answer needs more memory than is free."""
         self.memory()
         return _cells(self._cut)
 
@@ -86,7 +86,8 @@ class MapStudy(CellStudy):
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
     collision: Collision = "swept"
-    """Part of a step that must be free: all of it (swept), or its end, as in the dissertation."""
+    """Part of a step that must be free: the whole step (swept), or its end (endpoint), as in the
+    dissertation."""
 
     @property
     def _cut(self) -> _Cut:

@@ -9,7 +9,7 @@ from .study import Say, silent
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Morse(SystemStudy):
-    """Find the recurrent sets of a dynamical system and their order, with proof, by bisection."""
+    """Find the recurrent sets of a dynamical system and their order by bisection, with proof."""
 
     name: ClassVar[str] = "morse"
     command: ClassVar[str] = "morse"
@@ -18,7 +18,7 @@ class Morse(SystemStudy):
 
     cells: tuple[AtLeastOne, ...] = ()
     """Number of cells along each axis at the start, or one number for all axes; by default the
-    system's."""
+    number of the system."""
     depth: WholeNumber = 0
     """Number of bisections of boxes, along each axis in turn; after each bisection, boxes that are
     not recurrent are removed."""

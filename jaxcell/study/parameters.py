@@ -1,4 +1,4 @@
-"""Annotations of the parameters of a study, and the checks by these annotations.
+"""Annotations of the parameters of a study, and the checks that they require.
 
 An annotation gives the unit and the limits of a parameter, and conditions on other parameters:
 
@@ -62,8 +62,8 @@ class Limit:
     def check(self, parameter: str, value: int | float | None, after: str = "") -> None:
         """Raise `ValueError` for a number that is beyond the bounds, or not finite.
 
-        The error begins with the name of the parameter, and has the text `after`, such as a unit,
-        after the bounds. The value may be `None`, which is accepted.
+        The error begins with the name of the parameter. The text `after`, such as a unit, follows
+        the bounds. The value may be `None`, which is accepted.
         """
         if value is None:
             return
@@ -81,7 +81,7 @@ def _number(value: int | float) -> str:
 
 
 class Only:
-    """A condition on other parameters. If it is not met, a value of the parameter is refused.
+    """A condition on other parameters, without which a value of the parameter is refused.
 
     `Only(strategy="capture", base=False)` is met with that strategy and without a base. `True`
     stands for any value except the default, `False` for the default, and a tuple for alternatives.
@@ -118,7 +118,7 @@ class Needed(Only):
 
 
 def listed(values: Any) -> str:
-    """Write several values as `a, b or c`."""
+    """Format several values as `a, b or c`."""
     texts = [str(value) for value in (values if isinstance(values, tuple) else (values,))]
     return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
@@ -148,7 +148,7 @@ def inside(annotation: Any) -> Iterator[Any]:
 
 
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
-    """Return the first note of a type in an annotation, also inside tuples and unions."""
+    """Return the first note of type `kind` in an annotation, also inside tuples and unions."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
     return next((note for note in notes if isinstance(note, kind)), None)
 
@@ -164,7 +164,7 @@ def conditions(options: Any) -> dict[str, list[Only]]:
 
 
 def without_effect(options: Any) -> list[str]:
-    """Return the parameters without effect: those that meet none of their conditions."""
+    """Return the parameters without effect: the parameters that meet none of their conditions."""
     kind: Any = type(options)
     return [
         name

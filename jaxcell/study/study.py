@@ -42,7 +42,7 @@ class Study:
     command: ClassVar[str] = ""
     "Words of the command after `jaxcell`; empty for a study without a command."
     example: ClassVar[str] = ""
-    "Options of the command in the example of its page of help."
+    "Options of the command in the example on its help page."
     task: ClassVar[str] = ""
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     one_of: ClassVar[tuple[str, ...]] = ()
@@ -81,13 +81,13 @@ class Study:
     def memory(self, written: bool = False) -> float | int:
         """Estimate the peak memory of the answer in bytes; 0 if unknown.
 
-        With `written`, the memory to write its files counts too. **Raises:** `MemoryError` with
-        advice, if less memory is free.
+        With `written`, the estimate includes the memory for writing the files. **Raises:**
+        `MemoryError` with advice, if less memory is free.
         """
         return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
-        """Return the parameters that repeat the computation of a result, by name.
+        """Return the parameters that repeat the computation of a result, as a mapping by name.
 
         Parameters without effect are left out, and defaults that depend on the map are replaced by
         their values. The name of a parameter with a unit ends in the unit, such as `cell_m`.
@@ -132,7 +132,7 @@ def _kinds(study: Any) -> dict[str, list[Any]]:
 
 @contextlib.contextmanager
 def about(parameter: str) -> Iterator[None]:
-    """Put the name of a parameter before the errors of a block."""
+    """Put the name of a parameter before the errors that a `with` block raises."""
     try:
         yield
     except ValueError as error:

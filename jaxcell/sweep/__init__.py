@@ -1,4 +1,4 @@
-"""Sweeps run one task for many parameters, on one or many machines. Kills lose no results.
+"""Sweeps run one task for many parameters, on one or many machines. A kill loses no results.
 
 A *specification*, a TOML file read by `Spec.load`, names a *task*: a study of jaxcell, or
 `module:function`. The tables `[grid]`, `[list]` and `[random]` give the parameters of its
@@ -14,13 +14,13 @@ place in the batch or on other members.
 
 `run_sweep` computes the members in *chunks* with an engine (`engine_named`): this process, several
 processes, or a cluster of Dask, whose address `scheduler_address` reads. It writes to a folder, the
-*store*; only one run at a time can write to a store. `open_sweep` returns the result: a Dataset
-with a dimension for each parameter, and a `status` that is 1 for members that are done.
-`sweep_status` returns the progress of a sweep, even while it runs. Each job of a job array writes
-its own store (`Shard`), and `merge_sweep` merges the stores. `sobol_indices` estimates the share of
-the variance that each parameter causes, for the design `saltelli`. `verify_sweep` finds damaged
-data, and computes them again. A sweep can be resumed, enlarged by more values of its parameters,
-and moved together with the files that its members read.
+*store*, to which only one run at a time can write. `open_sweep` returns the result: a Dataset with
+a dimension for each parameter, and a `status` that is 1 for members that are done. `sweep_status`
+returns the progress of a sweep, even while it runs. Each job of a job array writes its own store
+(`Shard`), and `merge_sweep` merges the stores. `sobol_indices` estimates the share of the variance
+that each parameter causes, for the design `saltelli`. `verify_sweep` finds damaged data, and
+computes them again. A sweep can be resumed, enlarged by more values of its parameters, and moved
+together with the files that its members read.
 
 This package does not import JAX; the tasks do.
 """

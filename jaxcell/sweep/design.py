@@ -38,7 +38,7 @@ class Parameter:
 
     @property
     def table(self) -> str:
-        """The table of the specification that has the parameter: grid, list or random."""
+        """The table of the specification that contains the parameter: grid, list or random."""
         return {LIST_DIMENSION: "list", RANDOM_DIMENSION: "random"}.get(self.dimension, "grid")
 
 
@@ -118,9 +118,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """Make the points of a design in the unit cube, as an array of shape `(members, parameters)`.
+    """Generate the points of a design in the unit cube, of shape `(members, parameters)`.
 
-    If the number of samples is raised, `sobol` and `saltelli` keep the members that they had.
+    If the number of samples is increased, `sobol` and `saltelli` keep their previous members.
     """
     if design not in _DESIGNS:
         raise ValueError(

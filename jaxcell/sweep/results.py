@@ -26,7 +26,7 @@ class SweepStatus:
     members: int
     chunks: int
     done: int
-    "Number of chunks in which all members are done."
+    "Number of chunks whose members are all done."
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
@@ -73,8 +73,9 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    If the sweep is running or was killed, the result is first made in memory. Where `status` is not
-    1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are `False`.
+    If the sweep is running or was killed, the result is first built in memory. Where `status` is
+    not 1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are
+    `False`.
 
     **Arguments:** the folder of the store. **Returns:** a dataset with a dimension for each
     parameter of a grid, or `member` or `sample`; its `status` is 1 where a member is done.

@@ -37,22 +37,23 @@ def run_sweep(
     """Run or resume a sweep: compute all members that are not done yet.
 
     The results of each chunk are appended to a journal in the store. A run may end at any moment,
-    for example by a kill, and the next run computes the rest. The final result is made when a run
-    ends; its bytes do not depend on the engine, the order of chunks, or interruptions.
+    for example when it is killed, and the next run computes the remaining members. The final result
+    is written when a run ends; its bytes do not depend on the engine, the order of chunks, or
+    interruptions.
 
     **Arguments:**
 
     - `spec`: the specification.
     - `out`: the folder of the store, which one run at a time may write.
-    - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine made by
-        [`engine_named`][].
+    - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine that
+        [`engine_named`][] returned.
     - `workers`: the number of processes of the engines `processes` and `dask`.
     - `resume`: if true, continue an existing sweep in the folder, and try failed members again. The
         sweep grows if `spec` has all its members and more.
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
-    - `chunks`: the numbers of the chunks to compute, without making the final result; by default
-        all chunks are computed, and the result is made.
+    - `chunks`: the numbers of the chunks to compute, without writing the final result; by default
+        all chunks are computed, and the result is written.
     - `timeout`: seconds after which a chunk is stopped and counts as failed; not for `local`.
     - `max_failures`: the run ends when more than this number of members have failed.
     - `progress`: a function that is called when the work begins, and after each chunk.
@@ -148,13 +149,13 @@ class _Jobs:
         self._open[job.number] += 1
 
     def end(self, job: Job) -> bool:
-        """Count a job as done; return true if it was the last job of its chunk."""
+        """Count a job as done, and return whether it was the last job of its chunk."""
         self._open[job.number] -= 1
         return self._open[job.number] < 0
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Return a result, or a failure if its variables differ from those of the first result."""
+    """Return a result, or a failure if its variables differ from the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)
@@ -164,14 +165,14 @@ def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """Make the job that computes the members of a chunk that are not done."""
+    """Create the job that computes the members of a chunk that are not done."""
     job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
     return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Add advice to the `OSError` that the block raises if the disk is full."""
+    """Add advice to the `OSError` that a `with` block raises if the disk is full."""
     try:
         yield
     except OSError as error:

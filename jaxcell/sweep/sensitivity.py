@@ -34,9 +34,9 @@ class SobolIndex:
     first_order: float
     "The share of the variance that the parameter alone causes."
     first_order_interval: tuple[float, float]
-    "Confidence interval of 95 % of `first_order`, by a bootstrap over the samples."
+    "Confidence interval of 95 % of `first_order`, from a bootstrap over the samples."
     total: float
-    "The share of the variance that the parameter causes alone and by its interactions."
+    "The share of the variance that the parameter causes alone and through its interactions."
     total_interval: tuple[float, float]
     "Confidence interval of 95 % of `total`."
 

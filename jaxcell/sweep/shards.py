@@ -45,7 +45,7 @@ class Shard:
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """Parse the text `i/n` of a shard; `i` is 1 to `n`."""
+        """Parse the text `i/n` of a shard; `i` is a number from 1 to `n`."""
         match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"shard: expected i/n with i from 1 to n, got {text!r}")
@@ -65,8 +65,8 @@ def merge_sweep(
 ) -> SweepStatus:
     """Merge the shards of a sweep into its store, after all of them are done.
 
-    The result has the same bytes as that of a run without shards. The shards are kept; you may
-    remove them. An interrupted merge continues when the function is called again.
+    The result has the same bytes as the result of a run without shards. The shards are kept, but
+    may be removed. An interrupted merge continues when the function is called again.
 
     **Arguments:**
 

@@ -142,7 +142,7 @@ class Spec:
 
     @property
     def folders(self) -> list[Path]:
-        """The folders to search for relative paths: of the specification, then the current one."""
+        """The folders to search for relative paths: of the specification, and the current one."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
@@ -232,7 +232,8 @@ class Spec:
         """Find the members of this specification in a smaller one, `old`.
 
         **Returns:** for each dimension, the index in `old` of each index here, or -1 if it is new;
-        `None` if this specification lacks a member of `old`, or if another field differs.
+        `None` if this specification lacks a member of `old`, or if the specifications differ in
+        another field.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -260,7 +261,7 @@ class Spec:
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document, with each parameter as the list of its values."""
+        """Return the document, with a list of the values of each parameter."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
@@ -300,7 +301,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """Choose the lengths of a box with at most `most` members, whose copies tile `sizes`."""
+    """Choose the lengths of a box of at most `most` members, whose copies tile `sizes`."""
     lengths = {}
     # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):

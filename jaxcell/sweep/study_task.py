@@ -20,7 +20,7 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Make a study from parameters as a TOML or JSON document gives them.
+    """Create a study from parameters in the form of a TOML or JSON document.
 
     A single value is accepted for a parameter that is a tuple.
     """
@@ -75,7 +75,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Make the study of each member of a batch; its seed is by default the seed of the sweep."""
+    """Create the study of each member of a batch; its seed is by default the seed of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]

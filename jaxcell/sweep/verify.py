@@ -51,7 +51,7 @@ def verify_sweep(
     engine: str = "local",
     workers: int | None = None,
 ) -> Verified:
-    """Check everything in the store of a sweep, and compute damaged parts again.
+    """Check the whole store of a sweep, and compute damaged parts again.
 
     Every record of the journal and every file of the result has a checksum. Chunks with damaged
     records are computed again. If the chunk of a damaged record is unknown, all chunks that are not

@@ -87,7 +87,7 @@ def _targets(
 def compare_straight(
     cells: CellSpace, only: Int[np.ndarray, "cells"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Make the cell map of the bouncing angle 0, and compare it by [`compare_images`][]."""
+    """Compute the cell map of the bouncing angle 0, and compare it with [`compare_images`][]."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 

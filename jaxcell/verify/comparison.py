@@ -35,7 +35,7 @@ class Comparison:
 
     @classmethod
     def exact(cls, what: str, wrong: list[str], count: int) -> "Comparison":
-        """Make a comparison that requires equal numbers.
+        """Create a comparison that requires equal numbers.
 
         **Arguments:**
 
@@ -55,7 +55,7 @@ class Comparison:
         *,
         relative: bool = False,
     ) -> "Comparison":
-        """Make a comparison within a tolerance.
+        """Create a comparison within a tolerance.
 
         **Arguments:**
 
@@ -92,7 +92,7 @@ def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
 def solve_transient(
     P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
 ) -> Float[np.ndarray, "transient"]:
-    """Compute the expected total gain from each transient cell, by a sparse direct solve.
+    """Compute the expected total gain from each transient cell with a sparse direct solver.
 
     `P` is the transition matrix, and `gained` the gain at each visit of a transient cell.
     """

@@ -26,7 +26,8 @@ def compare_coverage(
 ) -> list[Comparison]:
     """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    The arguments after `policy` are those with which [`jaxcell.bounce.coverage_policy`][] made it.
+    The arguments after `policy` are the arguments of [`jaxcell.bounce.coverage_policy`][] that
+    computed the policy.
     """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
@@ -71,8 +72,9 @@ def _matrix(
 def _nearest(policy: CoveragePolicy) -> Comparison:
     """Compare the distance from the mixture to the target with non-negative least squares.
 
-    One more equation requires that the weights sum to 1. The solution violates it a little, but
-    only by a factor of all weights, so the normalized weights are those of the best mixture.
+    An additional equation requires that the weights sum to 1. The solution violates it slightly,
+    but only by a common factor of all weights, so the normalized weights are the weights of the
+    best mixture.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

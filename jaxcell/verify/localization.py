@@ -90,7 +90,7 @@ def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
 
 
 def compare_slip(result: Slipped) -> list[Comparison]:
-    """Compare the belief at the end of a run with probabilities that are normalised only there."""
+    """Compare the final belief of a run with probabilities that are normalised only at the end."""
     hidden, cells = result.hidden, result.cells
     weight = np.append(hidden.start, 0.0)
     for event in result.events.tolist():

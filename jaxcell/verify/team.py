@@ -21,7 +21,7 @@ def compare_team(
 ) -> list[Comparison]:
     """Compare steps of a joint trajectory with the rule of collisions for each pair of robots.
 
-    The arguments after `team` are those with which [`jaxcell.bounce.team_trajectory`][] made it.
+    The arguments after `team` are the arguments of [`jaxcell.bounce.team_trajectory`][].
     """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)

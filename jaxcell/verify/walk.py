@@ -70,7 +70,7 @@ def compare_commute(
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:
-    """Compare the best mixture of walks with the best of one linear program per attacked vertex."""
+    """Compare the best mixture of walks with the best solution of a linear program per vertex."""
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):

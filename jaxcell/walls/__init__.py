@@ -1,4 +1,4 @@
-"""Sets of the possible places on walls of a robot with a bump sensor and a clock, from any start.
+"""Sets of possible places on walls, for a robot with a bump sensor, a clock and an unknown start.
 
 A robot that knows neither its place nor its heading drives straight until it meets a wall, turns by
 an angle, and drives on (Alam 2018, section 2.3.1). It observes the length of each run. After its
@@ -6,9 +6,9 @@ first bump it stands at a wall, so its state is `(wall, arc length p, heading)`.
 heading, the next wall, the arc length there and the length of the run are piecewise affine in `p`,
 with breaks where the ray passes a corner. These pieces are the *chords* of the room. A set of
 states is a list of stretches of walls for each heading. If a run is observed to be between `a` and
-`b` metres long, the stretches are cut to the places from which a run can have such a length, and
-the affine map carries them to the next walls. Places are never rounded to cells, so the sets do not
-grow.
+`b` metres long, the stretches are reduced to the places from which a run can have such a length,
+and the affine map carries them to the next walls. Places are never rounded to cells, so the sets do
+not grow.
 
 If the heading is not known exactly, headings are divided into *slices*, and a chord bounds the runs
 of all headings of a slice. Distance and arc length are monotone in the place and in the heading, so

@@ -34,7 +34,7 @@ class Boundary:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Make the walls of the free space, which the centre of a disc robot cannot cross."""
+        """Build the walls of the free space, which the centre of a disc robot cannot cross."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
@@ -59,7 +59,7 @@ class Boundary:
 
     @functools.cached_property
     def diameter(self) -> float:
-        """The diagonal of the box around all walls, in metres."""
+        """The diagonal of the bounding box of all walls, in metres."""
         return float(np.linalg.norm(np.ptp(self.begin, axis=0)))
 
     def point(
@@ -107,13 +107,14 @@ def bump_gains(
     heading: Float[np.ndarray, "robots"],
     bump_turn: float | Float[np.ndarray, "robots"],
 ) -> tuple[Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
-    """Compute how much a bump turns each robot toward its wall, counter-clockwise in radians.
+    """Compute the angle by which a bump turns each robot toward its wall.
 
-    `heading` is the heading of the run to the wall, and `bump_turn` the turn at 45 degrees of
-    incidence. At an incidence `i` the turn is `bump_turn sin(2 i)`. A robot that grazes its wall,
-    at more than 80 degrees, slides along it, and turns by this angle or more, up to `bump_turn`.
+    Angles are in radians, counter-clockwise. `heading` is the heading of the run to the wall, and
+    `bump_turn` the turn at 45 degrees of incidence. At an incidence `i` the turn is `bump_turn
+    sin(2 i)`. A robot that grazes its wall, at more than 80 degrees, slides along it, and turns by
+    this angle or more, up to `bump_turn`.
 
-    Returns the turn by this formula, and the largest turn.
+    Returns the turn according to this formula, and the largest turn.
     """
     into = np.arctan2(-boundary.normal[wall, 1], -boundary.normal[wall, 0])
     incidence = np.remainder(into - heading + np.pi, 2 * np.pi) - np.pi

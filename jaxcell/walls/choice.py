@@ -19,7 +19,7 @@ _POINT = 0.05
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
-"""The size to minimize: the worst or the mean of the possible sets after the next bumps."""
+"""The size to minimize: the worst or the mean size of the possible sets after the next bumps."""
 
 
 def choose_angles(
@@ -35,7 +35,7 @@ def choose_angles(
 ) -> Int[np.ndarray, "robots"]:
     """Choose for each robot the number of the angle after which its set is smallest.
 
-    `draws` places are drawn from the set of each robot. The set is updated by the run to the next
+    `draws` places are drawn from the set of each robot. The set is updated with the run to the next
     bump from each of these places, and this repeats for `ahead` bumps. The chosen angle minimizes
     the mean of the sizes over the places, or the largest size. The sets in `state` are those after
     a bump and before the turn, and `angles` are in radians.
@@ -68,7 +68,7 @@ def _expected_sizes(
 ) -> Float[np.ndarray, "angles robots"]:
     """Estimate the size of the set of each robot after a turn by each angle, in square metres.
 
-    All angles are tried at the same places, so that only the angles cause differences.
+    All angles are tried from the same places, so only the angles cause differences.
     """
     trials = robots * draws
     place, heading, wall = draw_places(filter, state, robots, draws, rng)
@@ -117,7 +117,7 @@ def draw_places(
 
 
 def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
-    """Keep at most `_FOLLOWED` stretches of the set of each robot, drawn at random."""
+    """Keep at most `_FOLLOWED` randomly drawn stretches of the set of each robot."""
     number = np.bincount(state.robot, minlength=robots)
     if number.max(initial=0) <= _FOLLOWED:
         return state

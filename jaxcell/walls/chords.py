@@ -1,4 +1,4 @@
-"""Compute the chords of a room: the straight runs from wall to wall, by heading."""
+"""Compute the chords of a room: the straight runs from wall to wall, for each heading."""
 
 import dataclasses
 import functools
@@ -51,7 +51,7 @@ class Chords:
     arc: Float[np.ndarray, "2 2 rows"]
     "The arc length on `hit` where the run ends: a constant and a slope, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
-    "The largest change of this arc length by `displacement`, in metres."
+    "The largest change of the arc length `arc` due to `displacement`, in metres."
 
     @classmethod
     def of(
@@ -90,7 +90,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """A number for the slice and the wall of each row, by which rows are sorted."""
+        """The key by which rows are sorted: a number for the slice and the wall of each row."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 
@@ -138,7 +138,7 @@ def _ends(
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
-    """Cut each group of `2**level` slices in two."""
+    """Split each group of `2**level` slices into two groups."""
     group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
     source = np.repeat(np.arange(rows.slice.size), 2)
     there = (group << (level - 1)) < slices

@@ -36,12 +36,13 @@ class Errors:
     distance: float = 0.0
     "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    "The largest distance that a robot counts between meeting a wall and feeling it, in metres."
+    """The largest distance, in metres, that a robot counts after it has met a wall and before it
+    feels the bump."""
     turn: float = 0.0
     "The largest error of the turn at a bump, in radians, without the turn that the bump causes."
     bump_turn: float = 0.0
-    """The turn toward the wall by a bump at 45 degrees of incidence, in radians; see
-    [`jaxcell.space.Slip`][]."""
+    """The angle in radians by which a bump at 45 degrees of incidence turns the robot toward the
+    wall; see [`jaxcell.space.Slip`][]."""
     heading: float = 0.0
     "The largest error of the heading at the start, in radians."
     displacement: float = 0.0
@@ -116,7 +117,7 @@ class WallFilter:
         errors: Errors | None = None,
         step: float = 0.0,
     ) -> "WallFilter":
-        """Make the filter of a room.
+        """Build the filter of a room.
 
         **Arguments:**
 
@@ -169,7 +170,7 @@ class WallFilter:
         return self.chords.boundary
 
     def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
-        """Update the sets by the length of the run of each robot to a wall, in metres.
+        """Update the sets with the length of the run of each robot to a wall, in metres.
 
         A robot that counts steps may bump anywhere within the next step. The state `None` stands
         for robots that may be anywhere. The set of a robot is empty if its runs are impossible from
@@ -236,7 +237,7 @@ class WallFilter:
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
-        """Find the slice of each heading, in radians; the nearest slice if headings are known."""
+        """Find the slice of each heading in radians, or the nearest slice if headings are known."""
         place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
         whole = np.floor(place) if self.chords.width else np.round(place)
         return whole.astype(int) % self.chords.slices

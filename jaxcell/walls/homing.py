@@ -1,4 +1,4 @@
-"""Choose an angle at each bump so that a robot reaches a goal region from anywhere."""
+"""Choose an angle at each bump, so that a robot with an unknown start reaches a goal region."""
 
 import dataclasses
 import functools
@@ -26,11 +26,12 @@ _NEVER = 100.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """Navigation of robots that start anywhere into a goal region, which is a disc.
+    """Navigation into a goal region, which is a disc, for robots whose start is unknown.
 
     The expected number of bumps to the goal is computed for each part of a wall and each heading. A
-    robot turns by the angle that minimizes the mean of this number over its set. While the set is
-    large, the robot turns by the angle after which the set is expected to be smallest.
+    robot turns by the angle that minimizes the mean of this number over its set of possible places.
+    While the set is large, the robot turns by the angle after which the set is expected to be
+    smallest.
     """
 
     filter: WallFilter

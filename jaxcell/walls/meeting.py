@@ -11,7 +11,7 @@ from .boundary import ROUNDING, Boundary
 def copies(
     count: Int[np.ndarray, "originals"],
 ) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
-    """Repeat each index `count` times. Returns the index of each copy, and its number from 0."""
+    """Repeat each index `count` times, and return the index and the number of each copy."""
     index = np.repeat(np.arange(count.size), count)
     return index, np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
 

@@ -93,7 +93,7 @@ def _leaving(
     Float[np.ndarray, "parts"],
     Float[np.ndarray, "parts"],
 ]:
-    """Cut a set to the parts from which runs of `least` to `most` metres are possible.
+    """Reduce a set to the parts from which runs of `least` to `most` metres are possible.
 
     Returns the robot of each part, the row of the chords, and the arc lengths of its ends.
     """
@@ -153,7 +153,7 @@ def turned(
     count: Int[np.ndarray, "stretches"],
     slices: int,
 ) -> WallSet:
-    """Turn robots counter-clockwise by each of `count` numbers of slices, from `first` on."""
+    """Turn robots counter-clockwise by `first`, `first + 1`, ... slices, `count` numbers in all."""
     copy, number = copies(count)
     after = (state.slice + first)[copy] + number
     return state.take(copy)._replace(slice=after % slices).joined()
@@ -162,8 +162,8 @@ def turned(
 def arrivals(chords: Chords, least: float) -> WallSet:
     """Compute the set of one robot after a first run of at least `least` metres from anywhere.
 
-    These are the places from which a run backward could have this length. The number of slices must
-    be even.
+    They are the places from which a run in the opposite direction could have this length. The
+    number of slices must be even.
     """
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)

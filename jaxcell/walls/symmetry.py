@@ -1,4 +1,4 @@
-"""Count the places of a symmetric room that a robot without a compass cannot tell apart."""
+"""Count the places of a symmetric room that a robot without a compass cannot distinguish."""
 
 import numpy as np
 import shapely
@@ -14,14 +14,14 @@ _DIFFERENT = 1e-6
 
 
 def alike_places(workspace: Workspace, headings: int | None = None) -> int:
-    """Count the places, with headings, that a robot cannot tell apart by any sequence of turns.
+    """Count the places, with headings, that no sequence of turns lets a robot distinguish.
 
     A rotation of the free space onto itself, or of a piece of it onto another piece, carries each
     run of a robot onto a run of the same length. If `headings` is the number of headings that
     robots may start with, only rotations between these headings count. The count of a room without
     a symmetry is 1.
 
-    A square room looks the same from four sides, and from two if the heading is East or West:
+    A square room looks the same in four poses, or in two if the heading is East or West:
 
         >>> from jaxcell import space, walls
         >>> square = space.Workspace([(0, 0), (3, 0), (3, 3), (0, 3)])

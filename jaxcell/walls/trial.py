@@ -1,4 +1,4 @@
-"""Simulate robots that start anywhere, and follow them by their filter."""
+"""Simulate robots that start anywhere, and track them with their filter."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -69,7 +69,7 @@ def drive_anywhere(
     - `start`: x and y in metres and heading in radians of the first robot; `None` to draw them.
     - `aim`, `ahead`: as for [`choose_angles`][jaxcell.walls.choose_angles], for robots without a
         goal.
-    - `say`: called with the progress.
+    - `say`: a function that is called with the progress.
     """
     rng = np.random.default_rng(seed)
     place = places_anywhere(workspace, robots, rng)

@@ -43,7 +43,7 @@ def test_an_option_of_four_numbers_shows_four_placeholders(capsys):
 def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "250")
     said = page(capsys, "localize", "--help")
-    assert "A robot that slips takes the angle after which the expected entropy of its be" in said
+    assert "A robot that slips chooses the angle after which the expected entropy of its be" in said
 
 
 def test_each_command_is_in_the_list(capsys):

@@ -40,7 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Write the template of a table of C. Its `bits` per entry are by default a template field."""
+    """Format the template of a C table. Its `bits` per entry are by default a template field."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -50,7 +50,7 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 
 
 def look_up(entry: str, names: str, beyond: str) -> str:
-    """Write the template of a C function `entry(state)`, which reads the table `names`.
+    """Format the template of a C function `entry(state)`, which reads the table `names`.
 
     `beyond` is its value for a state that does not exist.
     """
@@ -72,7 +72,7 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"C text: the function that returns the next state, by the table `TRANSITIONS`."
+"C text: the function that returns the next state, from the table `TRANSITIONS`."
 
 KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
 "C text: the tables of the colour and the uncertainty of each state of a filter or a policy."
@@ -163,7 +163,7 @@ def fill(
     bits: Mapping[str, int],
     **fields: object,
 ) -> str:
-    """Fill in a template with tables, the number of bits of each integer type, and other fields."""
+    """Fill a template with tables, the number of bits of each integer type, and other fields."""
     name = identifier(name)
     fields |= {table: _rows(values) for table, values in tables.items()}
     fields |= {f"{table}_bits": width for table, width in bits.items()}

@@ -63,7 +63,7 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"C text: the function that returns the next state, by the tables `RUN_TABLES`."
+"C text: the function that returns the next state, from the tables `RUN_TABLES`."
 
 _TEMPLATE = string.Template(
     "/* A localization policy, made by jaxcell: $states states, $ends of which are ends.\n"

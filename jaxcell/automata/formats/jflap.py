@@ -10,8 +10,8 @@ _SPACING = 90
 def to_jflap(filter: Filter) -> str:
     """Write a filter as a `.jff` file of JFLAP 7: a Moore machine whose output is the colour.
 
-    **Arguments:** a filter. **Returns:** the text, with states in columns by their distance from
-    the start.
+    **Arguments:** a filter. **Returns:** the text, with states in columns, one column per distance
+    from the start.
 
     The filter of a ring of three cells:
 

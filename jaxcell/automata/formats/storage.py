@@ -65,7 +65,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Check that metadata is a JSON object; return a copy of it as it would be read from a file."""
+    """Check that metadata is a JSON object, and return it as a file would store it."""
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:
@@ -86,7 +86,7 @@ def read_arrays(
 def _read(
     path: str | os.PathLike[str], headed: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the header and the arrays as they are stored; if `headed`, only the header."""
+    """Read the header and the arrays in their stored form; if `headed`, only the header."""
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(

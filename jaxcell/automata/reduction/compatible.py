@@ -7,7 +7,7 @@ from ...base.memory import check
 def incompatible_pairs(
     transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
 ) -> Bool[np.ndarray, "states states"]:
-    """Find the pairs of states from which a string that is possible from both gives other outputs.
+    """Find the pairs of states in which some string, possible in both, gives different outputs.
 
     Two states are incompatible if their outputs differ, or if their successors after some symbol
     are incompatible. `transition` is -1 for an impossible symbol.
@@ -37,7 +37,7 @@ def incompatible_pairs(
 
 
 def large_clique(adjacent: Bool[np.ndarray, "vertices vertices"]) -> Int[np.ndarray, "clique"]:
-    """Find a large clique of a graph greedily, from each of the 32 vertices of largest degree."""
+    """Find a large clique of a graph greedily, from each of the 32 vertices of highest degree."""
     degree = adjacent.sum(axis=1, dtype=np.int64)
     best: list[int] = []
     for first in np.argsort(-degree, kind="stable")[:32].tolist():

@@ -26,8 +26,8 @@ _LARGEST = 1_000_000
 class Smallest:
     """A small machine with the outputs of an original machine, and a proved bound on its states.
 
-    Every string of symbols that can occur in the original machine can occur in the small one, with
-    the same outputs.
+    Every string of symbols that can occur in the original machine can occur in the small machine,
+    with the same outputs.
     """
 
     machine: MooreMachine
@@ -69,9 +69,9 @@ def smallest(
     """Find the smallest machine that gives the same outputs on every string that can occur.
 
     States can be merged if no string that is possible from all of them gives different outputs, and
-    if their successors are merged too. This relation is not transitive, so that a state may be
-    merged into several states: the smallest machine is a *cover* of the states by classes, and may
-    be smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
+    if their successors are merged too. This relation is not transitive, so a state may be merged
+    into several states: the smallest machine is a *cover* of the states by classes, and may be
+    smaller than every *partition*. Finding it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
     2020). The size of a clique of incompatible states is a lower bound, the number of classes of a
     greedy partition is an upper bound, and a SAT solver decides between them.
 
@@ -139,7 +139,8 @@ def _successors(
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
     """Find the classes that some string reaches, in breadth-first order.
 
-    Returns the transitions between these classes, by their numbers in this order, and the classes.
+    Returns the transitions between these classes, which are numbered in this order, and the
+    classes.
     """
     start = int(np.argmax(classes[:, 0]))
     number, queue, rows = {start: 0}, [start], []

@@ -18,9 +18,9 @@ def heading_filter_sizes(
     """Count the states of the filter of a robot that knows its heading but not its place.
 
     The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
-    are the sets of cells that its observations leave possible, with the start and without the empty
-    set, as in [`jaxcell.automata.subset_construction`][], but robots are followed from bump to bump
-    instead of cell by cell.
+    are the sets of cells that are possible after its observations, with the start and without the
+    empty set, as in [`jaxcell.automata.subset_construction`][], but robots are followed from bump
+    to bump instead of cell by cell.
 
     Sets are distinguished by hashes of 64 bits. The probability that two of a million states have
     equal hashes is 3e-8.
@@ -144,9 +144,10 @@ class _Groups:
     def next_sets(
         self, seen: set[int], bumps: int, order: Int[np.ndarray, "angles"], directions: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Make a set of each group of two or more candidates that was not seen before.
+        """Collect the new sets: the groups of two or more candidates that were not seen before.
 
-        Returns the angle of each set, and for each candidate the number of its set and its wall.
+        **Returns:** the angle of each set, and the number of the set and the wall of each
+        candidate.
         """
         many = np.flatnonzero(self.size > 1)
         start = self.end - self.size + 1
@@ -168,7 +169,7 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Hash angles and present headings, which distinguish equal sets of walls."""
+    """Hash the angle and the present heading of each set, to distinguish equal sets of walls."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 

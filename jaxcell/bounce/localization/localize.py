@@ -14,7 +14,7 @@ from ..dynamics import check_cell
 def localization_filter(
     simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
 ) -> Filter:
-    """Make the filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
+    """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, 2.4).
 
     The I-state graph of the map is a nondeterministic automaton that may start in any cell. Subset
     construction makes it deterministic, and each knowledge cycle colours its states.
@@ -86,7 +86,7 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     """Drive a simulated robot from a cell until the filter enters a knowledge cycle.
 
     **Arguments:** the bounce map, a filter, and a cell. **Returns:** the run. It has no candidates
-    if the filter is made for another map and ends in its trap.
+    if the filter was built for another map and ends in its trap.
 
     A corridor of three squares looks the same from its other end, so two configurations remain:
 
@@ -111,7 +111,7 @@ def drive_until_localized(
 ) -> Localization:
     """Drive a simulated robot until a filter or a policy localizes it.
 
-    `after` returns the next cell for a cell and the next state.
+    `after` computes the next cell from the present cell and the next state.
     """
     cell, state = start, automaton.start()
     path, observations, states = [cell], [], [state.index]

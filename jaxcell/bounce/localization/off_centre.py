@@ -1,4 +1,4 @@
-"""Robots that start anywhere in the cells, and the share of them that a filter of cells loses.
+"""Robots that start anywhere in their cells, and the share of robots that a filter of cells loses.
 
 The filter assumes a robot at the centre of a cell. A robot that starts off the centre makes the
 same steps of whole cells. So it stays off the centre, and walls stop it in other cells than the
@@ -25,7 +25,7 @@ OBSERVATIONS = 60
 
 
 class Shares(NamedTuple):
-    """The shares of robots that a filter or a policy does not locate."""
+    """The shares of robots that a filter or a policy fails to locate."""
 
     lost: float
     "Share of the robots that make an observation that the filter excludes."
@@ -35,7 +35,7 @@ class Shares(NamedTuple):
 
 @dataclasses.dataclass(eq=False)
 class OffCentre:
-    """Robots anywhere in their cells, whose steps are whole numbers of cells."""
+    """Robots at any point of their cells, whose steps are whole numbers of cells."""
 
     cells: CellSpace
     motion: Motion
@@ -45,7 +45,7 @@ class OffCentre:
     path: Float[np.ndarray, "directions corners 2"]
     "The corners of the path of a step in each direction, in cells from its start."
     offset: Float[np.ndarray, "robots 2"]
-    "The place of each robot in its square, from 0 to 1."
+    "The offset of each robot from the lower left corner of its square, from 0 to 1."
     square: Int[np.ndarray, "robots 2"]
     "The column and the row of the square of each robot."
     direction: Int[np.ndarray, "robots"]
@@ -62,7 +62,8 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly over the free cells, at any point in the square of their cell.
 
-        Points in obstacles are drawn again. A `walker` may drive a step as two straight pieces.
+        Points in obstacles are drawn again. With a `walker`, a step may consist of two straight
+        pieces.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -127,7 +128,8 @@ def filter_shares(
 ) -> Shares:
     """Measure the shares of robots that a filter loses if they start anywhere in the cells.
 
-    Robots turn by `shift` directions at a bump. A `walker` may drive a step as two straight pieces.
+    Robots turn by `shift` directions at a bump. With a `walker`, a step may consist of two straight
+    pieces.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition
@@ -145,8 +147,8 @@ def policy_shares(
 ) -> Shares:
     """Measure the shares of robots that a policy loses if they start anywhere in the cells.
 
-    A robot is placed wrongly if its cell at the last bump is none of the possible cells then.
-    `shifts` has the angles as numbers of directions.
+    A robot is placed wrongly if its cell at the last bump is not among the possible cells at this
+    time. `shifts` are the angles as numbers of directions.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
     # Next bumps are listed in the order of this key; the last key belongs to no robot.
@@ -188,7 +190,7 @@ def _shares(
 def _draw(
     cells: CellSpace, count: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
-    """Draw robots: the place in the square, the square, and the direction."""
+    """Draw the offset in the square, the square, and the direction of each robot."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
     return rng.uniform(size=(count, 2)), squares_of(cells).T[position], direction
 

@@ -51,7 +51,7 @@ class Offsets:
     def of(
         cls, cells: CellSpace, *, motion: Motion = CELL_BY_CELL, limit: int = LIMIT
     ) -> "Offsets":
-        """Find the classes of offsets with which robots of known heading bump in the same cells.
+        """Find the classes of offsets with which robots bump in the same cells in all directions.
 
         **Raises:** `ValueError` if walls do not run along the grid, or for too many classes.
         """
@@ -139,7 +139,7 @@ class OffsetLocalized(LocalizationFilter):
     )
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
-        """Make the same filter with cells instead of configurations as members of its states."""
+        """Convert the filter: the members of its states become cells instead of configurations."""
         filter, size = self.filter, self.cells.size
         state = np.repeat(np.arange(len(filter.transition)), np.diff(filter.offsets))
         owner, member = np.divmod(np.unique(state * size + filter.members % size), size)

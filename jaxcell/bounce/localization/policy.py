@@ -42,7 +42,8 @@ class LocalizationPolicy(States):
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
-    "A bound on the worst case, or on the mean over the starts, as `aim` says."
+    """A lower bound on the bumps in the worst case, or on the mean over the starts, according to
+    `aim`."""
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
@@ -56,8 +57,9 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    """One sequence of angles for all starts and observations, without the first bump. With the goal
-    `"position"` one place is left after some bump of the sequence, not always after the last."""
+    """One sequence of angles for all starts and observations; the first bump is not included. With
+    the goal `"position"`, one place is left after at least one bump of the sequence, but not always
+    after the last bump."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
@@ -167,9 +169,9 @@ class LocalizationPolicy(States):
         return self.wall_class[self.roadmap.wall]
 
     def drive(self, start: int) -> Localization:
-        """Drive a simulated robot by the policy until it is localized.
+        """Drive a simulated robot with the policy until it is localized.
 
-        At each time, the result has the state of the policy at the last bump.
+        At each time, the result contains the state of the policy at the last bump.
         """
         start = check_cell(start, self.cells.size)
         return drive_until_localized(
@@ -206,10 +208,10 @@ def localization_policy(
     limit: int = 5_000_000,
     metadata: Mapping[str, Any] | None = None,
 ) -> LocalizationPolicy:
-    """Find the choice among angles at each bump that localizes a robot in the fewest bumps.
+    """Find the policy for the angle at each bump that localizes a robot in the fewest bumps.
 
-    A robot that knows neither its place nor its heading counts the steps to its first bump. From
-    then on it turns at each bump by the angle of the policy for its observations so far. After the
+    A robot that knows neither its place nor its heading counts the steps to its first bump. Then it
+    turns at each bump by the angle that the policy chooses for its observations so far. After the
     next run, only the cells at that distance from a wall remain possible. Runs are straight, so two
     cells never lead to one cell with equal observations (all cells of a line are at different
     distances from its wall). Therefore the bumps that are still needed depend on the set of
@@ -222,11 +224,13 @@ def localization_policy(
     - `goal`: the `"cell"`, the `"position"` with any heading, or the `"class"` of cells that no
         choice of these angles distinguishes. If a cell or a position cannot be determined, the
         policy stops at the class too.
-    - `aim`: minimise the bumps at `"worst"`, or in the `"mean"` over all starts.
+    - `aim`: minimise the largest number of bumps (`"worst"`), or the mean over all starts
+        (`"mean"`).
     - `motion`: how the robot moves.
-    - `limit`: the largest number of cells of all searched sets together. Beyond it the policy is
-        the best that was found, at least as good as the greedy policy, and `least` is a bound.
-    - `metadata`: kept with the policy, and saved with it.
+    - `limit`: the largest number of cells of all searched sets together. If the search reaches the
+        limit, it returns the best policy found, which is at least as good as the greedy policy, and
+        `least` is only a lower bound.
+    - `metadata`: values to store and save with the policy.
 
     **Returns:** [`LocalizationPolicy`][], which also has one sequence of angles for all starts.
 
@@ -270,7 +274,7 @@ def localization_policy(
 def _policy(
     cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """Make a policy from decisions about sets of walls, for a start in any cell."""
+    """Build a policy from decisions about sets of walls, for a start in any cell."""
     after = [dict(enumerate(decisions.roots)), *decisions.after]
     members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(

@@ -141,7 +141,7 @@ class Candidates(Result):
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        """The cells where the robot may be at the end."""
+        """The possible cells of the robot at the end."""
         raise NotImplementedError
 
     @derived("candidate", "x", "m")
@@ -158,11 +158,12 @@ class Candidates(Result):
 
 
 class RunOnMap(Candidates):
-    """A simulated robot over time, and its possible cells."""
+    """The run of a simulated robot on a map, with its possible cells."""
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if it is no error that the robot is in none of the possible cells."
+    """True if the possible cells may miss the cell of the robot, for example with a filter of
+    another map."""
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:

@@ -68,7 +68,7 @@ class AllPlans:
         return read_plan(self.cells, self.roadmap, routes, start, goal)
 
     def costs(self, goals: _Goals | None = None) -> Shaped[np.ndarray, "cells goals"]:
-        """Compute the costs of the plans from all cells to goals, -1 for no path.
+        """Compute the costs of the plans from all cells to goals; -1 if there is no path.
 
         By default all cells are goals.
         """
@@ -78,8 +78,10 @@ class AllPlans:
     def actions(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
         """Find the first action of the plan from each cell to goals.
 
-        By default all cells are goals. An action is 0 for a step forward, `k + 1` for a bump with
-        angle `k`, -1 for no path and at the goal.
+        By default all cells are goals.
+
+        An action is 0 for a step forward, `k + 1` for a bump with angle `k`, and -1 if the cell is
+        the goal or has no path to it.
         """
         goals, entries, of = self._goals(goals)
         routes = self._routes(entries)
@@ -91,7 +93,7 @@ class AllPlans:
         return result
 
     def angles_used(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
-        """Count the different angles of the plan from each cell to goals, -1 for no path.
+        """Count the different angles of the plan from each cell to goals; -1 if there is no path.
 
         By default all cells are goals.
         """
@@ -117,7 +119,7 @@ class AllPlans:
         return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plans to a Zarr store, whole or not at all."""
+        """Write the plans to a Zarr store, either completely or not at all."""
         write_plans(path, self.roadmap, map(self._routes, _blocks(self.roadmap)))
 
     @classmethod
@@ -138,7 +140,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to entries, in ascending order; entry -1 has no routes."""
+        """Find the routes to `entries`, which must be ascending; entry -1 has no routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)
@@ -166,9 +168,10 @@ def all_plans(
 
     **Arguments:** as for [`jaxcell.bounce.plan`][], and
 
-    - `store`: a folder such as `plans.zarr`, for plans that do not fit the memory. Plans are
-        written to it as they are found, and read from it. By default plans stay in memory.
-    - `progress`: called with the number of solved entries, and the number of all entries.
+    - `store`: a folder such as `plans.zarr`, for plans that do not fit into memory. Plans are
+        written to the store as soon as they are found, and read from it. By default plans stay in
+        memory.
+    - `progress`: a function that is called with the number of solved entries, and of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.
 
@@ -215,7 +218,7 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
 def _angles_used(
     roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """Count the different angles of each route by doubling.
+    """Count the different angles of each route, with pointer doubling.
 
     Round `r` finds the angles of the first `2^r` bumps.
     """

@@ -98,7 +98,7 @@ class Plan(Result):
 
     @property
     def _legs(self) -> Int[np.ndarray, "legs"]:
-        """The indices of the actions that differ from the action before."""
+        """The indices of the actions that differ from the previous action."""
         return np.flatnonzero(np.diff(self.actions, prepend=np.nan))
 
     def checks(self) -> Checks:
@@ -136,15 +136,15 @@ def plan(
     """Find a cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
 
     At each bump the robot may turn by any of the angles. A step forward costs `keep`, and so does a
-    bump with the same angle as the bump before. A bump with another angle costs `change`. The first
-    bump of a plan costs `keep` by any angle, because in the dissertation a path may start in the
-    graph of any angle.
+    bump with the same angle as the previous bump. A bump with another angle costs `change`. The
+    first bump of a plan costs `keep` with any angle, because in the dissertation a path may start
+    in the graph of any angle.
 
     The dissertation searches one graph for each angle, in which a turn by this angle costs `keep`
-    and any other turn `change`, whatever the bump before was. With `method="layered"` the plan is
-    the cheapest path of these graphs. The methods differ from three bumps on: turns by A, B, A cost
-    `2 keep + change` in the layered search, and `keep + 2 change` in the exact search; turns by A,
-    A, B, B cost `2 keep + 2 change` and `3 keep + change`.
+    and any other turn `change`, whatever the previous turn was. With `method="layered"` the plan is
+    the cheapest path of these graphs. The methods differ for plans with three or more bumps: turns
+    by A, B, A cost `2 keep + change` in the layered search, and `keep + 2 change` in the exact
+    search; turns by A, A, B, B cost `2 keep + 2 change` and `3 keep + change`.
 
     **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
     counter-clockwise, the two costs, a motion and a method.
@@ -167,7 +167,7 @@ def plan(
 
 
 def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
-    """Make the plan from a cell to a goal; `routes` lead to the entry of the goal."""
+    """Assemble the plan from a cell to a goal; `routes` lead to the entry of the goal."""
     cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:
@@ -205,7 +205,7 @@ def replay(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Int[np.ndarray, "visited"]:
-    """Carry out an action string with the steps and bumps of a bouncing robot.
+    """Simulate a bouncing robot that executes an action string.
 
     **Arguments:** a cell space, a first cell, and actions: 0 for a step forward, and an angle in
     radians for a bump. **Returns:** the visited cells.

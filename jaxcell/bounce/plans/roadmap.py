@@ -26,9 +26,9 @@ class Roadmap:
     are equally far from it. So a wall and a length identify a cell, and a run follows the line.
 
     The cells that a robot can turn into at a bump are the *entries*. After a bump a robot comes to
-    a cell through the nearest entry at the cell or before it on its line. So a plan to the cell is
-    a plan to that entry and the rest of the line, and the routes from each wall to each entry
-    determine the routes between all pairs of cells.
+    a cell through the last entry on the line up to this cell. So a plan to the cell is a plan to
+    that entry and the rest of the line, and the routes from each wall to each entry determine the
+    routes between all pairs of cells.
 
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
@@ -45,7 +45,7 @@ class Roadmap:
     length: Int[np.ndarray, "cells"]
     "Number of steps to this wall."
     turned: Int[np.ndarray, "angles walls"]
-    "The cell after a bump at each wall by each angle."
+    "The cell of the robot after a bump at each wall with each bouncing angle."
     bounces: Float[np.ndarray, "angles"]
     "The angles, in radians."
     keep: int | float
@@ -67,7 +67,7 @@ class Roadmap:
         motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
-        """Make the roadmap of a cell space. The arguments are as for [`jaxcell.bounce.plan`][]."""
+        """Build the roadmap of a cell space, with the arguments of [`jaxcell.bounce.plan`][]."""
         angles = np.asarray(bounces, float)
         shift = different_shifts(angles, cells.directions)
         keep, change = _weights(keep, change)
@@ -109,7 +109,7 @@ class Roadmap:
 
     @functools.cached_property
     def order(self) -> Int[np.ndarray, "cells"]:
-        """The cells line by line; each line goes from its far end to its wall."""
+        """All cells, line by line. The cells of a line are listed from its far end to its wall."""
         return np.lexsort((-self.length, self.wall)).astype(np.int32)
 
     @functools.cached_property
@@ -126,7 +126,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """The index of the nearest entry at each cell or before it on its line, -1 for none."""
+        """The index of the last entry on the line of each cell up to it, or -1 if there is none."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -153,7 +153,7 @@ class Roadmap:
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def after(self, cell: Int[np.ndarray, "..."] | int, turn: int) -> Int[np.ndarray, "..."]:
-        """Move robots by a step; turn robots at walls by the angle number `turn`, -1 for none."""
+        """Move robots by a step, or turn robots at walls by angle `turn` (-1 for no turn)."""
         turned = cell if turn < 0 else self.turned[turn, self.wall[cell]]
         ahead = self.order[np.minimum(self.place[cell] + 1, self.size - 1)]
         return np.where(self.length[cell] > 0, ahead, turned)
@@ -168,13 +168,13 @@ class Roadmap:
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List all pairs of a cell and a goal on its run, the goal as an index in `goals`."""
+        """List all pairs of a cell and a goal on its run. Goals are indices in `goals`."""
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column, number = copies(self.place[goals] - first + 1)
         return self.order[first[column] + number], column
 
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
-        """List the cells after `cell` on its run to `goal`, with the goal."""
+        """List the cells on the run from `cell` to `goal`, which includes `goal` but not `cell`."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
 
 
@@ -191,7 +191,7 @@ def describe_space(cells: CellSpace) -> dict[str, Any]:
 def different_shifts(
     bounces: Float[np.ndarray, "..."], directions: int
 ) -> Int[np.ndarray, "angles"]:
-    """Convert angles to numbers of directions. Raises if two of them are equal, or one is 0."""
+    """Convert angles to numbers of directions. Raises `ValueError` for equal angles, and for 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
     try:
@@ -223,7 +223,7 @@ def _weights(keep: int | float, change: int | float) -> tuple[int | float, int |
 
 
 def _largest_cost(roadmap: Roadmap) -> int | float:
-    """Bound the costs of cheapest plans, which leave each wall at most once by each angle."""
+    """Bound the costs of cheapest plans, which turn by each angle at most once at each wall."""
     longest = int(roadmap.length.max()) + 1
     bumps = roadmap.turned.size + 1
     return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest

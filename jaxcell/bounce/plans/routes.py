@@ -33,7 +33,7 @@ class Routes:
 
 
 def block_size(roadmap: Roadmap) -> int:
-    """Choose the number of entries to which routes are found together."""
+    """Choose the number of entries whose routes are computed together."""
     return max(16, _BLOCK // roadmap.turned.size)
 
 
@@ -64,7 +64,7 @@ def costs(
     route_costs: Shaped[np.ndarray, "goals walls"],
     goals: Int[np.ndarray, "goals"],
 ) -> Shaped[np.ndarray, "cells goals"]:
-    """Compute the costs of the cheapest plans from all cells to goals, -1 for no plan.
+    """Compute the costs of the cheapest plans from all cells to goals; -1 if there is no plan.
 
     `route_costs` are the costs of the routes to the entry of each goal, -1 for no route.
     """
@@ -82,20 +82,21 @@ def costs(
 
 
 def _never(number: np.dtype) -> np.number:
-    """Return the cost that stands for no route; the sum of two such costs does not overflow."""
+    """Return the cost that represents no route; the sum of two such costs does not overflow."""
     return number.type(np.inf if number.kind == "f" else np.iinfo(number).max // 2)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The walls and costs after a bump by each angle. Goals are the last axis, for speed."""
+    """The walls and costs after a bump with each angle. Goals are the last axis, for speed."""
 
     onward: Int[np.ndarray, "angles walls"]
     "The wall of the next bump."
     price: Shaped[np.ndarray, "angles walls 1"]
-    "Cost of a bump that keeps the angle and of the run to the next wall."
+    "Cost of a bump that keeps the angle, plus the run to the next wall."
     arrival: Shaped[np.ndarray, "angles walls goals"]
-    "Cost of a bump that keeps the angle and of the run to a goal; `never` if the run misses it."
+    """Cost of a bump that keeps the angle, plus the run to a goal; `never` if the run misses the
+    goal."""
     surplus: np.number
     "Additional cost of a bump that changes the angle."
     never: np.number
@@ -123,9 +124,9 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost of a bump by angle `k` and of the route after it.
+        """Compute the cost of a bump with angle `k` and of the route after it.
 
-        `value` has the costs of the routes from the next walls.
+        `value` contains the costs of the routes from the next walls.
         """
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
@@ -134,7 +135,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn of every state, which is a wall and the last angle."""
+    """Find the cost and the turn for every state, a pair of a wall and the last angle."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -158,7 +159,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn of every state, which is a wall in the graph of an angle."""
+    """Find the cost and the turn for every state, a wall in the graph of one angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -1,4 +1,4 @@
-"""Zarr stores of all plans, which are written and read in parts."""
+"""Zarr stores of all plans of a map, which are written and read piece by piece."""
 
 import os
 from collections.abc import Iterable
@@ -36,7 +36,7 @@ _VARIABLES = {
 
 
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
-    """Write a roadmap and the routes to all its entries to a folder, whole or not at all.
+    """Write a roadmap and the routes to all its entries to a folder, completely or not at all.
 
     The folder, such as `plans.zarr`, is replaced if it exists. `routes` yields parts of the routes.
     """

@@ -26,21 +26,21 @@ def bounded_map(
 ) -> Bounded:
     """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The map has all possible moves. Boxes bound the places of the robot along a step: a bump is
-    possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the set
-    of possible cells contains the robot as long as the error of its heading is at most
-    `cells.reach` fine directions.
+    The map contains all possible moves. Boxes bound the position of the robot along a step: a bump
+    is possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the
+    set of possible cells contains the robot while the error of its heading is at most `cells.reach`
+    fine directions.
 
     **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; the slip, whose
     numbers are bounds of the errors; and the length of a step in metres, by default one cell of the
     map.
 
-    **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
-    three matrices, which act one after another: moves along x, also into walls; moves along y, to
-    free squares; and changes of the heading.
+    **Returns:** the set-valued map of a robot that starts at the centre of any cell. Each
+    observation has three matrices, which act one after another: moves along x, also into walls;
+    moves along y, to free squares; and changes of the heading.
 
-    A robot without errors in a corridor of three cells may go from a point of the first cell to the
-    edge of this cell, or to the next cell:
+    In a corridor of three cells, a robot without errors may go from a point of the first cell to
+    the edge of this cell, or to the next cell:
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples, space
@@ -102,11 +102,11 @@ def bounded_map(
 def _path(
     theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes that contain a robot at successive times of a step, relative to its start.
+    """Compute boxes that contain a robot at successive times of a step, relative to its start.
 
     The first box is the start. The heading `theta` has an error of at most `half`, in radians, and
     `legs` is a row of [`jaxcell.space.stride_legs`][]. From box to box the robot drives at most
-    `part` metres. A box is left, bottom, right and top, in metres.
+    `part` metres. A box is a row with its left, bottom, right and top, in metres.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]
@@ -123,7 +123,7 @@ def _path(
 def _sector(
     gone: Float[np.ndarray, "times"], angle: float, off: float, slip: Slip
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes around the possible places after `gone` metres along `angle`.
+    """Compute boxes around the possible positions after `gone` metres along `angle`.
 
     The heading differs from `angle` by at most `off`, in radians.
     """
@@ -148,7 +148,8 @@ def _possible(
 ) -> tuple[Bool[np.ndarray, "squares"], Bool[np.ndarray, "squares"]]:
     """Find the squares from which a robot may make a step, and those from which it may bump.
 
-    Its bumper feels a wall somewhere between leaving `soon` and leaving `late`.
+    Its bumper feels a wall at some time between leaving the space `soon` and leaving the space
+    `late`.
     """
     moves, bumps = np.ones(len(centre), bool), np.zeros(len(centre), bool)
     shapely.prepare(soon)
@@ -181,8 +182,8 @@ def _add_places(
 ) -> None:
     """Add the moves from the possible squares of a row of fine cells to all squares in their boxes.
 
-    `right` gets the moves along x, to any squares of the grid, and `up` the moves along y from
-    there, to free squares.
+    The moves along x, to any squares of the grid, are added to `right`. The moves along y from
+    these squares, to free squares, are added to `up`.
     """
     fine = cells.fine
     height, width = fine.free.shape

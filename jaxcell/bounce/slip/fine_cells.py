@@ -38,11 +38,11 @@ _BYTES = 1000
 class FineCells:
     """The finer cells of a map, for the belief of a robot that slips.
 
-    A robot that slips takes its heading to be a direction of the map, the *believed* direction, and
-    the length of its steps depends on it. So a fine cell is a square, a believed direction, and the
-    error of the heading in fine directions: `z = row * squares + square`, where `row = direction *
-    (2 reach + 1) + reach + off`. An odd number of fine squares lie along the side of a cell, so
-    that its centre is the centre of a fine square.
+    A robot that slips believes that its heading is a direction of the map, the *believed*
+    direction. The length of its steps depends on this direction. So a fine cell is a square, a
+    believed direction, and the error of the heading in fine directions: `z = row * squares +
+    square`, where `row = direction * (2 reach + 1) + reach + off`. An odd number of fine squares
+    lie along the side of a cell, so that its centre is the centre of a fine square.
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
@@ -80,13 +80,13 @@ class FineCells:
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
         """Choose the fine cells that locate a robot most precisely.
 
-        The size of squares and of fine directions limits the precision of places: a belief does not
-        distinguish places in a square, nor sideways drifts by headings of one fine direction.
+        The sizes of squares and of fine directions limit the precision: a belief does not
+        distinguish points of one square, nor the sideways drifts of headings in one fine direction.
         The fine directions reach as far as the heading is likely to drift, and are no finer than
         half the error of a turn.
 
-        There are at most `most` cells, by default 100,000 for errors of 2 % or more, up to 400,000
-        for errors of 0.5 % or less. There is at least one fine cell per cell of the map.
+        There are at most `most` cells. The default is 100,000 for errors of 2 % or more, and rises
+        to 400,000 for errors of 0.5 % or less. There is at least one fine cell per cell of the map.
         """
         most = most_cells(slip.step) if most is None else most
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
@@ -139,7 +139,7 @@ class FineCells:
         return self.at(np.arange(self.cells.size))
 
     def at(self, cell: Int[np.ndarray, "..."] | int) -> Float[np.ndarray, "fine"]:
-        """Make the uniform distribution of a robot over the centres of some cells of the map."""
+        """Return the uniform distribution of a robot over the centres of some cells of the map."""
         cell = np.atleast_1d(cell)
         pose = np.stack(self.cells.centre(cell), axis=-1)
         where = self.index(pose, cell // self.cells.positions)
@@ -162,7 +162,7 @@ class FineCells:
 def slip_map(
     cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
 ) -> HiddenMap:
-    """Make the generalized map of a robot that slips, with the observations of its bump sensor.
+    """Build the generalized map of a robot that slips, with the observations of its bump sensor.
 
     Sample poses in each cell, each with its own errors, are moved by
     [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). They are the
@@ -237,7 +237,7 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Choose the share of a fine direction from which headings are drawn, at most 1.
+    """Choose the share, at most 1, of a fine direction from which headings are drawn.
 
     If headings were drawn from a whole fine direction but drifted by a small part of it, too many
     of them would leave it. With this share, the variance of the changes equals the variance of the
@@ -259,7 +259,7 @@ def _spread(
 def _shares(
     row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
 ) -> scipy.sparse.csr_array:
-    """Make rows of a transition matrix from the row and the image of each sample."""
+    """Build rows of a transition matrix from the row and the image of each sample."""
     share = np.full(row.size, 1 / SAMPLES)
     return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
 
@@ -290,7 +290,7 @@ def _drive(
     walls: Float[Array, "walls 2 2"],
     slip: Slip,
 ) -> tuple[Float[Array, "squares samples 3"], Array]:
-    """Move samples around the middle of each square by a step, and find their bumps.
+    """Move the samples of each square by a step, and find their bumps.
 
     Only the walls differ between squares, so everything else is computed once.
     """

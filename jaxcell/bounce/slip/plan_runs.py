@@ -25,7 +25,7 @@ def plan_runs(
     metres, by default one cell; and a seed.
 
     **Returns:** the final poses (x and y in metres, the heading in radians) of the robots that
-    bumped exactly when the plan says.
+    bumped exactly at the bumps of the plan.
 
     A robot without errors goes to the end of a corridor and turns there:
 

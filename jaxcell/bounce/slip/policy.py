@@ -20,13 +20,14 @@ class SlipPolicy:
     choice: Int[np.ndarray, "fine"]
     "The number of the angle to turn by at a bump in each fine cell."
     time: Float[np.ndarray, "fine"]
-    "The least mean number of observations to the goal, `inf` if it may not be reached."
+    """The least mean number of observations to the goal; `inf` if the robot may fail to reach the
+    goal."""
     certificate: Certificate
     "The largest relative error of `time`, whose values are lower bounds."
 
     @property
     def sure(self) -> bool:
-        """True if the policy is certain to arrive."""
+        """True if a robot with this policy is certain to arrive."""
         return self.certificate.residual <= self.certificate.tolerance
 
 
@@ -36,12 +37,12 @@ def slip_policy(
     """Find the policy that certainly brings a robot to a goal, in the least mean time.
 
     The robot is assumed to know its fine cell. Value iteration bounds the times from both sides.
-    The times `T` after a sweep are lower bounds. If another sweep adds at most `d` to each time,
-    `T / (1 - d)` are upper bounds, and prove that the policy arrives.
+    The times `T` after a sweep are lower bounds. If another sweep adds at most `d < 1` to each
+    time, `T / (1 - d)` are upper bounds, and prove that the robot arrives.
 
     **Arguments:** a hidden map, a mask of the goal, and the distribution of the start; only cells
-    that can be reached from the start count. **Returns:** the policy, whose certificate fails if no
-    policy is certain to arrive.
+    that can be reached from the start count. **Returns:** the policy. Its certificate fails if no
+    policy is certain to bring the robot to the goal.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
@@ -77,11 +78,11 @@ def arrival_by(
     start: Float[np.ndarray, "fine"],
     times: int,
 ) -> Float[np.ndarray, "_"]:
-    """Compute the probability that a policy has arrived after each observation.
+    """Compute the probability that a robot has reached its goal after each observation.
 
-    **Arguments:** a hidden map, the number of the angle for each of its cells, a mask of the goal,
-    the distribution of the start, and a number of observations. **Returns:** the probabilities at
-    the start and after each observation.
+    **Arguments:** a hidden map; the policy, which is the number of the angle for each cell of the
+    map; a mask of the goal, the distribution of the start, and a number of observations.
+    **Returns:** the probabilities at the start and after each observation.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
@@ -104,9 +105,9 @@ def arrival_by(
 
 
 class PolicyRobot:
-    """A robot that follows a policy by its belief, from a known start and its observations.
+    """A robot that follows a policy, and knows its cell only as a belief from its observations.
 
-    At a bump it takes the angle after which its belief has the least mean time.
+    At a bump it takes the angle after which the mean time to the goal, over its belief, is least.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class PolicyRobot:
         self._time = np.where(np.isfinite(policy.time), policy.time, _MOST_SWEEPS)
 
     def turn(self, observation: int) -> int | None:
-        """Choose the angle to turn by after an observation: its number, or `None` for no turn."""
+        """Choose the number of the angle to turn by after an observation; `None` for no turn."""
         events = range(1, 1 + self._hidden.angles) if observation else [0]
         beliefs = [self._hidden.after(event, self.weight) for event in events]
         best = int(np.argmin([belief @ self._time for belief in beliefs]))

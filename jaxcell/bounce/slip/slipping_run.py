@@ -30,7 +30,7 @@ class Slipped(Candidates):
     "The bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The map of the fine cells, by which the belief is updated."
+    "The map of the fine cells, which updates the belief."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
@@ -143,9 +143,9 @@ def slipping_run(
 
     **Arguments:**
 
-    - `hidden`: the map of fine cells by [`jaxcell.bounce.slip_map`][].
-    - `bounces`: the angles of `hidden` in radians, counter-clockwise; the robot chooses one by its
-        belief at each bump.
+    - `hidden`: the map of fine cells that [`jaxcell.bounce.slip_map`][] returns.
+    - `bounces`: the angles of `hidden` in radians, counter-clockwise; at each bump the belief of
+        the robot determines its choice.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine

@@ -22,8 +22,8 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log run.jsonl of a run of an anywhere.json. The turn by a bump at 45 degrees is estimated
-    from the log, for `jaxcell localize --bump-turn`."""
+    """Log run.jsonl of a run of an anywhere.json. The log gives an estimate of the angle by which a
+    bump at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
     """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None
@@ -34,7 +34,7 @@ class RobotCalibrate(Printing):
         return self._estimate() if self.port is None else self._measure(self.port)
 
     def _estimate(self) -> int:
-        """Estimate the turn of the robot by a bump from a log."""
+        """Estimate from a log the angle by which a bump turns the robot."""
         from ...robot.bump_turn import estimate_bump_turn
         from ...robot.run_log import read_log
         from ...robot.tasks.anywhere_task import AnywhereTask
@@ -86,7 +86,7 @@ class RobotCalibrate(Printing):
 
 
 def _asked(question: str) -> float:
-    """Ask a question on standard error, and read a number from standard input."""
+    """Print a question to standard error, and read a number from standard input."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

@@ -64,7 +64,7 @@ class Emulation:
 
 
 def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
-    """Emulate a robot in a map, at the start from the options, or else from the task."""
+    """Emulate a robot in a map, with the start in the options or, without one, in the task."""
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
     if isinstance(task, AnywhereTask):
@@ -122,7 +122,7 @@ def _physical(
 
 
 def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> int:
-    """Return the start cell of a task. For a filter, draw a cell, with `heading` in degrees."""
+    """Return the start cell of a task. For a filter, the cell is drawn; `heading` is in degrees."""
     match task:
         case PlanTask():
             return cell_at(cells, str(task.start), f"{task.path}: start")
@@ -145,7 +145,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
 def seen_from(
     cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Make the camera of an emulated patrol robot: a function that reports a visible intruder."""
+    """Return the camera of an emulated patrol robot: a function that reports a visible intruder."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

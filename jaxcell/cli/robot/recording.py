@@ -53,7 +53,7 @@ def _about(task: AnyTask) -> Mapping[str, Any]:
 
 
 def cells_of(task: AnyTask) -> CellSpace | None:
-    """Cut the map of a filter into cells; return `None` if the file of the map is missing."""
+    """Divide the map of a filter into cells, or return `None` if the map file is missing."""
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)

@@ -61,7 +61,7 @@ class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no err
 
 
 def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
-    """Write the command that resumes a stopped run in a new folder."""
+    """Return the command that resumes a stopped run in a new folder."""
     assert options.out is not None
     resumed = dataclasses.replace(
         options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
@@ -72,7 +72,7 @@ def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
 
 
 def _new_directory(out: Path, log: str) -> Path:
-    """Choose a folder without a log for the next run, by a number in its name."""
+    """Choose a folder without a log for the next run: a number is added to the name."""
     stem, dash, number = out.name.rpartition("-")
     name = stem if dash and number.isdecimal() else out.name
     numbered = (out.with_name(f"{name}-{i}") for i in itertools.count(2))
@@ -80,7 +80,7 @@ def _new_directory(out: Path, log: str) -> Path:
 
 
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
-    """Write the current pose of an emulated robot for `--start`: metres, metres, and degrees.
+    """Format the current pose of an emulated robot for `--start`: metres, metres, and degrees.
 
     `pose` is the pose at the start of the emulation, in metres and radians; `before` and `after`
     are the places in the run at the start of the emulation, and now.

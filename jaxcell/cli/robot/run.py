@@ -32,9 +32,9 @@ class RobotRun(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
-    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions (create3), or any robot by
-    the topics cmd_vel, odom and bumper (base). The possible cells of the robot are published on the
-    topics candidates and candidate_squares."""
+    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 with its actions (create3), or any robot
+    with the topics cmd_vel, odom and bumper (base). The possible cells of the robot are published
+    on the topics candidates and candidate_squares."""
     remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
     """Rules that rename topics of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Annotated[Path | None, Only(port=False, ros=False)] = None
@@ -60,8 +60,8 @@ class RobotRun(Printing):
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians per metre."""
     physics: Annotated[bool, _EMULATED] = False
-    """Move the emulated robot by a physics engine, as a Create 2 of its true size. Bumps then turn
-    the robot, and its wheels may slip."""
+    """Move the emulated robot with a physics engine, as a Create 2 of its true size. Bumps then
+    turn the robot, and its wheels may slip."""
     friction: Annotated[float | None, Limit(gt=0), Only(physics=True)] = None
     """Coefficient of friction between the wheels and the floor; by default 0.8."""
     speed: Annotated[float | None, Limit(gt=0, le=0.5), Only(ros=False, steps="encoder")] = None
@@ -80,9 +80,9 @@ class RobotRun(Printing):
     bumps: AtLeastOne = 20
     """Number of bumps, at cells that are free on the map, after which a patrol gives up."""
     intruder: Annotated[str | None, _EMULATED] = None
-    """Place of an intruder, "x,y" in metres, for an emulated robot on patrol to detect."""
+    """Position of an intruder that an emulated robot on patrol may detect, "x,y" in metres."""
     camera: Annotated[str | None, Only(intruder=False)] = None
-    """Camera by which a robot on patrol finds the cross marker: the number of the camera, or a
+    """Camera with which a robot on patrol finds the cross marker: the number of the camera, or a
     folder of pictures."""
     calibration: Annotated[Path | None, Only(steps="encoder")] = None
     """File of `jaxcell robot calibrate`; by default, for a robot on a serial line, calibration.json
@@ -93,8 +93,9 @@ class RobotRun(Printing):
     out: Path | None = None
     """Folder for the log, the recording and summary.json; it must not contain a log yet."""
     live: str | None = None
-    """Viewer that shows the recording during the run: "here" (without a display a web page, until
-    Ctrl-C), or the address of a viewer, such as rerun+http://laptop:9876/proxy."""
+    """Viewer that shows the recording during the run: "here" for a viewer on this computer (without
+    a display, a web page that is served until Ctrl-C), or the address of a running viewer, such as
+    rerun+http://laptop:9876/proxy."""
 
     def run(self) -> int:
         check(self)

@@ -82,7 +82,7 @@ class _Run:
     direction: int | None
 
     def start(self, before: LoggedRun | None, kept: contextlib.ExitStack) -> int:
-        """Run the task, or continue an earlier run, if any; return the exit status."""
+        """Run the task, or continue an earlier run, if any, and return the exit status."""
         options, task, emulation = self.options, self.task, self.emulation
         calibration = self._calibration()
         header, follow = runner_of(task, options, emulation, self.direction, before)
@@ -169,7 +169,7 @@ class _Run:
             )
 
     def _place(self, run: LoggedRun | None) -> Place:
-        """Compute the place of the robot after a logged run; without a run return the start."""
+        """Return the place of the robot after a logged run, or the start if there was no run."""
         _, follow = runner_of(self.task, self.options, self.emulation, self.direction, run)
         walker = self._walker(Standing(), run)
         with contextlib.suppress(StandingStill):
@@ -177,7 +177,7 @@ class _Run:
         return walker.place
 
     def _calibration(self) -> Calibration | None:
-        """Read the calibration of the encoders of the robot; return `None` if there is none."""
+        """Read the calibration of the encoders of the robot, or return `None` if there is none."""
         if self.options.calibration is not None:
             return Calibration.load(self.options.calibration)
         path = calibration_file()
@@ -187,7 +187,7 @@ class _Run:
         return Calibration.load(path)
 
     def _robot(self, stack: contextlib.ExitStack) -> tuple[Any, list[Listener]]:
-        """Connect to the robot and arm it; return it with the listeners to its events."""
+        """Connect to the robot, arm it, and return it with the listeners to its events."""
         if self.options.ros is not None:
             from ...robot import ros
 
@@ -205,7 +205,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Wrap a robot by its source of distances: encoders, calibrated encoders, or a clock."""
+        """Wrap a robot in its source of distances: encoders, calibrated encoders, or a clock."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":

@@ -203,7 +203,7 @@ def in_a_line(failure: "sweep.Failure") -> str:
 
 @contextlib.contextmanager
 def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
-    """Show the progress of a sweep: chunks, failures, members per second, time left."""
+    """Show the progress of a sweep: chunks, failures, members per second, and remaining time."""
     with progress(doing) as say:
 
         def show(now: "sweep.Progress") -> None:

@@ -89,7 +89,7 @@ class SweepView:
 
 
 def detailed_study(task: str) -> type[Study]:
-    """Return the study of a task; raise if the task is a function."""
+    """Return the study of a task, and raise if the task is a function."""
     from ...sweep.workers.work import study_of
 
     if (study := study_of(task)) is None:
@@ -103,7 +103,10 @@ def detailed_study(task: str) -> type[Study]:
 def member_detail(
     study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
 ) -> dict[str, Any]:
-    """Run the study of a member again, print its tables, write its recording, and summarize it."""
+    """Run the study of a member again, print its tables, and write its recording.
+
+    Returns a summary.
+    """
     from ...base.runtime import configure_jax
     from ...sweep.study_task import studies
 
@@ -121,8 +124,8 @@ def member_detail(
 def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     """Find the index of a member along each dimension of a sweep.
 
-    `given` has `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a grid
-    parameter, or the number of a sample or of a member of a list.
+    `given` contains `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a
+    grid parameter, or the number of a sample or of a member of a list.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)

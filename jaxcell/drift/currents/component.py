@@ -38,8 +38,8 @@ class Component:
     "The indices of the levels to read, or `None` if there is only one level."
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    """The rows and columns of the values to read. Values on the sides of cells, which are averaged,
-    extend one cell beyond the block, except at the edges of the file."""
+    """The rows and columns of the values to read. Values on cell faces are averaged, so they extend
+    one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
     "The indices of the cells of the block among the computed centres, along the averaged axis."
     mask: Mask | None
@@ -52,7 +52,7 @@ class Component:
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
 
-        **Returns:** the velocity in m/s; the mask of the cells that have at least one open side;
+        **Returns:** the velocity in m/s; the mask of the cells that have at least one open face;
         and the velocity as it would be if the file had no mask.
         """
         axes = self.axes
@@ -131,7 +131,10 @@ def component(
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
-    """Return the unit of a velocity in metres per second; raise for an unknown unit."""
+    """Convert the unit of a velocity to metres per second.
+
+    Raises `ValueError` for unknown units.
+    """
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
     if units.lower() not in _METRES_PER_SECOND:
         raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")

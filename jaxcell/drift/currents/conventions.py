@@ -17,7 +17,7 @@ Along: TypeAlias = Literal["earth", "grid", "dims"]
 
 @dataclasses.dataclass(frozen=True)
 class Convention:
-    """Names by which a variable or a dimension is recognised."""
+    """Names that identify a variable or a dimension."""
 
     role: Role
     """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`)
@@ -28,14 +28,14 @@ class Convention:
     standard_names: tuple[str, ...] = ()
     "Standard names of CF."
     units: tuple[str, ...] = ()
-    "Units by which the variable is recognised, because no other role has them."
+    "Units that identify the variable, because no other role has them."
     along: Along = "dims"
     """The directions of a velocity: East and North (`"earth"`), or x and y of the grid (`"grid"`).
-    For `"dims"` the dimensions decide: x and y on the sides of cells, East and North on longitudes
-    and latitudes. A velocity on sides that is known only by its name is along x and y."""
+    For `"dims"` the dimensions decide: x and y on cell faces, East and North on longitudes and
+    latitudes. A velocity on cell faces that is recognised only from its name is along x and y."""
     point: Literal["t", "u", "v", ""] = ""
-    """For a variable of NEMO, its points on the grid: the centres of cells (`"t"`), or their
-    eastern (`"u"`) or northern sides (`"v"`)."""
+    """For a variable of NEMO, its points on the grid: the cell centres (`"t"`), or the eastern
+    (`"u"`) or northern (`"v"`) cell faces."""
     water: int = 1
     "The value of a mask that means water."
 
@@ -130,7 +130,7 @@ def table(role: Role) -> Iterator[Convention]:
 
 
 def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
-    """Find the variable with a role: by name, then by standard name, then by unit."""
+    """Find the variable with a role, first by name, then by standard name, then by unit."""
     among = list(among)
     by_name = {name.lower(): name for name in reversed(among)}
     for row in table(role):

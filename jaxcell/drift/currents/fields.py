@@ -98,7 +98,7 @@ class FieldReader:
         return find(self.file.dataset, "surface", map(str, self.file.dataset.variables))
 
     def read(self, mean: bool = False) -> Field:
-        """Read the velocity at the centres of the cells, without turning it to East and North.
+        """Read the velocity at the cell centres, without rotating it to East and North.
 
         The mean is accumulated record by record, so only one record is in memory.
         """
@@ -172,8 +172,8 @@ class FieldReader:
         """Mark land and the sea bed among the squares that are not water, with notes.
 
         A square with a velocity at any record is sea. A square below such a square is the sea bed.
-        For all other squares the mask of the file decides; without a mask the depth of the sea bed,
-        which is not positive on land; and without this depth a coastline.
+        For all other squares the mask of the file decides. Without a mask the depth of the sea bed
+        decides, which is not positive on land. Without this depth a coastline decides.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -208,7 +208,7 @@ class FieldReader:
         return np.all([np.isfinite(value[0]) for value in values], axis=0)
 
     def _notes(self) -> list[str]:
-        """Describe the mask, the surface, the sides and the flags of the velocity."""
+        """Describe the mask, the surface, the cell faces and the flags of the velocity."""
         notes = [] if self.mask is None else [f"{self.mask.name}: {self.mask.why}"]
         if self.layers.s_levels is not None and self.surface is None:
             notes.append("zeta: the file has none; the surface is taken as flat")
@@ -240,7 +240,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Make the error for a mask in which land and water seem to be exchanged."""
+        """Return the error for a mask in which land and water seem to be exchanged."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(
@@ -285,7 +285,7 @@ class FieldReader:
         return kept
 
     def _no_water(self, depth: float, moving: Bool[np.ndarray, " records"]) -> ValueError:
-        """Make the error for a layer without water, with the cause."""
+        """Return the error for a layer without water, with the cause."""
         if moving.all():
             why = f"no cell has a velocity at each of the {len(moving)} records; choose fewer"
             return self.file.error("time", why)

@@ -42,7 +42,7 @@ class Flag:
 
 
 def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
-    """Find the flag variables of a velocity, by its attributes or by conventional names.
+    """Find the flag variables of a velocity from its attributes or from conventional names.
 
     Bad values are recognised by the words of the attribute `flag_meanings`, one word per value.
     """

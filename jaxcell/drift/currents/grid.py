@@ -37,7 +37,7 @@ class OceanGrid:
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of cells in the smallest block that has all cells within `bounds`."""
+    """Read the positions of cells in the smallest block that contains all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)
@@ -169,9 +169,9 @@ def _angle(
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians, and describe its source in words.
 
-    The angle is in radians if the file declares radians that agree with the angle `computed` from
-    the positions. Otherwise the unit that agrees better is taken, because some files omit the unit,
-    and some files of CROCO declare degrees for radians.
+    The angle is in radians if the file declares radians and its angle agrees with the angle
+    `computed` from the positions. Otherwise the unit with the better agreement is chosen, because
+    some files omit the unit, and some files of CROCO declare degrees for radians.
     """
     known = np.isfinite(angle + computed)
     if not known.any():

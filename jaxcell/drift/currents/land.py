@@ -38,10 +38,10 @@ class Land:
         lat: Float[np.ndarray, "y x"],
         some: Bool[np.ndarray, "y x"],
     ) -> Bool[np.ndarray, "y x"]:
-        """Find land in the squares of a grid that the mask `some` marks.
+        """Return a mask of the squares of a grid that contain land, among those in the mask `some`.
 
-        A square with any land in it is marked, because its velocity is rarely known. Squares
-        without a position are marked too. `lon` and `lat` are the centres in degrees.
+        A square that is partly land counts as land, because its velocity is rarely known. Squares
+        without a position count as land too. `lon` and `lat` are the centres in degrees.
         """
         marks = some & ~np.isfinite(lon + lat)
         centre = np.nonzero(some & ~marks)
@@ -97,7 +97,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read land from a file, or from the cache if the `version`, its time and size, is the same."""
+    """Read land from a file, or from the cache if the `version`, its time and size, is equal."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any

@@ -21,7 +21,7 @@ class Mask:
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]
-    "True for water, on each level or on a single level for all levels."
+    "True for water: a mask per level, or a single mask for all levels."
     why: str
     "A description of the value that means water or land, and of the source of this meaning."
 

@@ -18,7 +18,7 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""The largest array to read, because larger ones are usually a whole ocean chosen by mistake."""
+"""The largest array to read: a larger array is usually a whole ocean that was chosen by mistake."""
 
 _MAX_READ = 10_000_000
 
@@ -44,7 +44,7 @@ class OceanFile:
     "The paths of other files, by the names of the variables that come from them."
 
     def error(self, field: str, message: str) -> ValueError:
-        """Make an error in one line that begins with the file and the field."""
+        """Return an error whose message is one line that begins with the file and the field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
     def named(self, names: Sequence[str]) -> list[str]:
@@ -140,7 +140,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     """Choose the backend for a file by its first four bytes.
 
     The NetCDF library reads the missing end of a truncated classic file as zeros, which look like
-    slack water; scipy refuses such a file, but cannot read the classic version 5.
+    slack water. Scipy refuses such a file, but it cannot read version 5 of the classic format.
     """
     with open(path, "rb") as file:
         magic = file.read(4)

@@ -43,18 +43,19 @@ def open_currents(
 
     Supported files are native output of ROMS, CROCO and NEMO, files at fixed depths or of the
     surface with the names of CF or of common ocean models and products, and maps of HF radar.
-    Velocities on the sides of cells are averaged to the centres and turned to East and North, and
+    Velocities on cell faces are averaged to the cell centres and rotated to East and North, and
     levels that follow the sea bed are interpolated to depths. Only the chosen part is read from the
     disk, record by record.
 
     A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps are
     interpolated in time; values with a bad quality flag count as gaps. If the file has a mask, the
-    cell must also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO,
+    cell must also be water in the mask. Masks are recognised by the names of ROMS, CROCO and NEMO,
     by flags or options such as `option_0`, or by a standard name.
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
-    below a square with a velocity is the sea bed. For other squares the mask decides, or else the
-    depth of the sea bed, or else a coastline: a square that contains land is land.
+    below a square with a velocity is the sea bed. For other squares the mask decides; without a
+    mask, the depth of the sea bed; and without this depth, a coastline: a square that contains land
+    is land.
 
     If the columns go round the Earth, repeated columns are left out, and the last column is beside
     the first. Rows that repeat other rows because the grid is folded in the North count as land.
@@ -78,14 +79,15 @@ def open_currents(
         at most one layer if the file lacks levels.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
-    - `variables`: the names of the velocities towards the East and North, for an ambiguous file;
-        they are along x and y if they are on the sides of cells or their standard names say so.
+    - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
+        They are along x and y if they are on cell faces, or if their standard names are those of
+        velocities along x and y.
     - `mean`: whether to compute only the mean of the records, with one record in memory at a time.
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
         about 0.01 to 0.04 for objects that project from the water; the file must have the wind.
     - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
-        land of Natural Earth, whose coasts are off by some kilometres.
+        land of Natural Earth, whose coasts have errors of some kilometres.
     - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid

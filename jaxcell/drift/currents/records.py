@@ -43,7 +43,7 @@ class _Records(BackendArray):
 
 
 def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
-    """Join files: records in the order of time, other variables from the first file that has them.
+    """Join files: sort records by time, and take other variables from the first file that has them.
 
     Times become dates, because the files may count times from different dates. Variables that some
     records lack are left out.

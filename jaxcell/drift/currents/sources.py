@@ -50,7 +50,7 @@ def _joined(names: Sequence[str]) -> str:
 
 
 def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
-    """List the paths of a source; the matches of a pattern are in the order of their names."""
+    """List the paths of a source; the matches of a pattern are sorted by name."""
     several = [source] if isinstance(source, str | os.PathLike) else source
     paths = [path for pattern in several for path in existing(pattern)]
     if not paths:

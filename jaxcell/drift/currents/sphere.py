@@ -81,7 +81,8 @@ def folded_rows(lon: _Cells, lat: _Cells) -> int:
 def goes_round(lon: _Cells, lat: _Cells) -> bool:
     """Return whether the last column of a grid is beside the first, so that its rows are circles.
 
-    The rows must go once round the Earth, with a seam as wide as the spacing of columns beside it.
+    The rows must go once round the Earth, and the gap at the seam must be as wide as the spacing of
+    the columns beside it.
     """
     if lon.shape[1] < 3:
         return False
@@ -154,8 +155,9 @@ def rectangular_sides(
 ) -> tuple[_Cells, _Cells]:
     """Compute the sides in metres of cells between meridians and parallels.
 
-    A cell extends half way to its neighbours; at the edge of the grid, as far outward as inward.
-    `lon` and `lat` are those of the whole grid, ascending; `rows` and `columns` select the cells.
+    A cell extends half way to its neighbours; at the edge of the grid, it extends as far outward as
+    inward. `lon` and `lat` are the ascending coordinates of the whole grid; `rows` and `columns`
+    select the cells.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """
@@ -172,8 +174,8 @@ def curvilinear_sides(
 ) -> tuple[_Cells, _Cells, _Cells, _Cells]:
     """Compute the sides and directions of the cells of any grid of at least 2 x 2 centres.
 
-    Along each axis a side is half the straight line between the two neighbours of a cell; at the
-    edge of the grid, the line between the cell and its neighbour.
+    Along each axis, a side is half the straight line between the two neighbours of a cell; at the
+    edge of the grid, a side is the line between the cell and its only neighbour.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the

@@ -44,13 +44,13 @@ class _Pair(NamedTuple):
 def choose_velocity(
     file: OceanFile, variables: Sequence[str] | None = None
 ) -> tuple[OceanFile, Velocity]:
-    """Choose the variables of the current by standard name, then by the names of ocean models.
+    """Choose the variables of the current by standard name, or else by the names of ocean models.
 
-    A variable `u` without a standard name is accepted only if its axes follow from its dimensions:
-    the sides of the cells of a C-grid, or longitude and latitude. Alam 2018 calls u the northing in
-    section 5.4.1 and the easting in section 5.4.2; here u is towards the East. Variables that the
-    caller names are along the axes of the grid if their standard names say so or they are on the
-    sides of cells, and otherwise towards the East and North.
+    A variable `u` without a standard name is accepted only if its dimensions determine its axes:
+    the cell faces of a C-grid, or longitude and latitude. Alam 2018 calls u the northing in section
+    5.4.1 and the easting in section 5.4.2; here u is towards the East. Variables that the caller
+    names are along the axes of the grid if they are on cell faces, or if their standard names are
+    those of velocities along x and y; otherwise they are towards the East and North.
 
     **Returns:** the file, with dimensions named by the points of the grid; and the velocity.
     """
@@ -103,7 +103,7 @@ def _by_standard_name(file: OceanFile) -> _Pair | None:
 
 
 def _by_name(file: OceanFile) -> _Pair:
-    """Find u and v by the names that ocean models use, in upper or lower case."""
+    """Find u and v under the names that ocean models use, in upper or lower case."""
     for row in table("velocity"):
         if named := file.named(row.names):
             u, v = named

@@ -54,7 +54,7 @@ class CountedMoves:
         """Draw the same number of drifters with replacement, and return the chain of their moves.
 
         Drifters are drawn with all their moves, because the moves of a drifter are not independent.
-        A cell from which no drawn drifter moved keeps its observed moves.
+        A cell without moves of drawn drifters keeps its observed moves.
         """
         drifters, number = np.unique(self.drifter, return_inverse=True)
         times = random.multinomial(drifters.size, np.full(drifters.size, 1 / drifters.size))
@@ -89,7 +89,7 @@ class CountedMoves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spread:
-    """A quantity with its sampling error, by the bootstrap over drifters."""
+    """A quantity with its sampling error from a bootstrap over drifters."""
 
     value: np.ndarray
     "The quantity for all drifters."

@@ -28,7 +28,7 @@ _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Make a quantity from a field of [`Spread`][], of the estimates about the whole map."""
+    """Build a quantity from a field of [`Spread`][], for the estimates about the whole map."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -36,7 +36,7 @@ def _of_all(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """The long-term behaviour of observed drifters by the chain of their moves, with errors.
+    """The long-term behaviour of observed drifters, from the chain of their moves, with errors.
 
     A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
 
@@ -82,7 +82,7 @@ class ObservedDrift(SeaLayers):
         seed: int = 0,
         say: Callable[..., None] = lambda *_: None,
     ) -> "ObservedDrift":
-        """Compute the long-term behaviour by the chain of moves.
+        """Compute the long-term behaviour from the chain of moves.
 
         **Arguments:**
 
@@ -171,7 +171,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the estimates from a chain: those about the whole map, then three per cell."""
+    """Compute the estimates from a chain: first about the whole map, then three per cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600
@@ -188,9 +188,10 @@ def _answers(
 def _leakage(
     chain: Chain, sets: ClosedSets, lag: float
 ) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
-    """Compute the leakage of nearly closed sets by a chain of resampled drifters.
+    """Compute the leakage of nearly closed sets from a chain of resampled drifters.
 
-    **Returns:** the leakage of each set, and the hours until 1/e of the drifters are left in it.
+    **Returns:** the leakage of each set, and the hours until a share 1/e of the drifters is left in
+    it.
     """
     (water,), (closed,) = sets.waters, sets.layers
     inside = closed.begin == np.arange(closed.count)[:, None]

@@ -29,7 +29,7 @@ _MAX_TIME = 1e17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectories:
-    """Observed positions of drifters, one drifter after the other.
+    """Observed positions of drifters, sorted by drifter.
 
     Three observations of one drifter, and two of another:
 
@@ -43,7 +43,7 @@ class Trajectories:
     """
 
     lon: Float[np.ndarray, "observations"]
-    "Longitudes in degrees, -180 to 180."
+    "Longitudes in degrees, from -180 to 180."
     lat: Float[np.ndarray, "observations"]
     "Latitudes in degrees."
     time: Float[np.ndarray, "observations"]
@@ -83,7 +83,8 @@ class Trajectories:
     ) -> "Trajectories":
         """Sort observations, and leave out invalid and repeated observations.
 
-        **Arguments:** as the fields; the numbers in `drifter` may be in any order, with gaps.
+        **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
+        with gaps.
         """
         known = np.flatnonzero(np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90))
         order = known[np.lexsort((time[known], drifter[known]))]
@@ -171,11 +172,11 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or in the CF convention.
+    """Read trajectories of the Global Drifter Program, OpenDrift or Parcels, or in CF files.
 
-    A file has a matrix of drifters by observations, with common or separate times; or the drifters
-    one after the other, with the number of observations per drifter (a ragged array); or the
-    drifter of each observation.
+    A file has a matrix of drifters by observations, with common or separate times; or the
+    concatenated observations of the drifters, with the number of observations per drifter (a ragged
+    array); or the drifter of each observation.
 
     **Arguments:**
 
@@ -271,9 +272,10 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
 
 
 def _drogued(file: OceanFile, drifter: xr.DataArray, seconds: xr.DataArray) -> xr.DataArray | None:
-    """Mark observations of drifters with a drogue, by its status or the date of its loss.
+    """Mark observations of drifters that have a drogue, from its status or the date of its loss.
 
-    A missing date means that the drogue was never lost. Return `None` if the file has neither.
+    A missing date means that the drogue was never lost. The result is `None` if the file contains
+    neither status nor date.
     """
     variables = {str(name).lower(): name for name in file.dataset.variables}
     if (name := variables.get("drogue_status")) is not None:

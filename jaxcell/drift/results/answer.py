@@ -1,4 +1,4 @@
-"""The first lines of an answer: where drifters go, how soon, and how accurate the map is."""
+"""The first lines of an answer: the ends of drifters, their times, and the accuracy of the map."""
 
 from typing import TYPE_CHECKING
 
@@ -21,14 +21,14 @@ _NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Write the first lines of the answer about drifters at the surface, or in the first layer."""
+    """Compose the first lines of the answer: drifters at the surface, or in the first layer."""
     lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_groups(drift), _reach(drift), _diffusion(drift)]
     return tuple(line for line in lines if line is not None)
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Say that the records end before the time of interest, and how the current goes on then."""
+    """Explain which current is assumed at times after the records; `None` if there are none."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -45,7 +45,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Write the shares in nearly closed sets and off the map at the time of interest."""
+    """Describe the shares in nearly closed sets and off the map at the time of interest."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
@@ -69,9 +69,9 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Write the shares that had left the map at the times of comparison.
+    """Describe the shares that had left the map at the times of comparison.
 
-    They are from simulated drifters, and from the drift map after its first step.
+    The shares are from simulated drifters, and from the drift map after its first step.
     """
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
@@ -90,7 +90,7 @@ def _leaving(drift: "SeaDrift") -> str:
 
 
 def _certainty(drift: "SeaDrift") -> str:
-    """Write the distance between the map and simulated drifters, at the times of comparison."""
+    """Describe the difference between the distributions of the map and of simulated drifters."""
     of = drift.layers[0].compared
     trios = zip(of.hours.tolist(), of.total_variation, of.noise, strict=True)
     times = [
@@ -104,7 +104,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Write the number of groups and the time to them, for this step and for other steps."""
+    """Describe the number of groups and the time to them, for this step and for other steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"
@@ -124,7 +124,7 @@ def _groups(drift: "SeaDrift") -> str:
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Write the shares of the cells that 1, 2, 5, ... drifters may visit, if they are known."""
+    """Describe the shares of the cells that 1, 2, 5, ... drifters may visit, if they are known."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size

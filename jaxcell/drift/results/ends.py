@@ -1,4 +1,4 @@
-"""The groups or exits in which drifters of layers end, and the times until they get there."""
+"""The ends of drifters, which are groups or exits, and the times until drifters reach them."""
 
 import dataclasses
 import functools
@@ -166,15 +166,15 @@ class LayerEnds(Ends):
 
     @property
     def transient(self) -> Bool[np.ndarray, "cells"]:
-        """The mask of the cells in no persistent group."""
+        """The mask of the cells that belong to no persistent group."""
         return self.group < 0
 
     @functools.cached_property
     def ends(self) -> Absorption | None:
         """The probabilities of ending in each group, at each phase of a periodic current.
 
-        `None` if they would take more than 256 MiB, or minutes, or are not accurate enough: if
-        transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
+        The result is `None` if it would take more than 256 MiB, or minutes, or is not accurate
+        enough: if transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
         """
         behaviour, count = self.behaviour, self.behaviour.groups.count
         if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):
@@ -184,7 +184,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step by each exit.
+        """The probability of leaving the map in a step through each exit.
 
         A layer without a current has one exit.
         """
@@ -192,16 +192,16 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the map from each cell; NaN if not known."""
+        """The probability of ending off the map from each cell; NaN if unknown."""
         if self._solvable(self._possible_ways):
             return self.leaving_by_way.sum(axis=0)
         return self._leaving_by(self.exits.sum(axis=0, keepdims=True))[0]
 
     @functools.cached_property
     def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
-        """The probability of leaving the map by each exit in the end, from each cell.
+        """The probability of finally leaving the map through each exit, from each cell.
 
-        It is NaN if not known: for several exits of large maps, because each exit takes seconds.
+        It is NaN for several exits of large maps, because each exit takes seconds.
         """
         if self._solvable(self._possible_ways):
             return self._leaving_by(self.exits)
@@ -213,14 +213,14 @@ class LayerEnds(Ends):
         return int(np.count_nonzero(self.exits.any(axis=1)))
 
     def _solvable(self, ends: int) -> bool:
-        """Return whether the probabilities of this number of ends are computed in seconds."""
+        """Return whether the probabilities of `ends` ends can be computed within seconds."""
         states = self.behaviour.unrolled.cells
         return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
 
     def _leaving_by(
         self, exits: Float[np.ndarray, "ways states"]
     ) -> Float[np.ndarray, "ways cells"]:
-        """Compute the probability of leaving by each exit from each cell; NaN if not accurate."""
+        """Compute the probability of leaving through each exit; NaN if it is inaccurate."""
         behaviour, cells = self.behaviour, self.water.cells
         possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
         # No solve is needed if from each cell no drifter (0) or every drifter (1) leaves.
@@ -241,7 +241,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def mean_by_way(self) -> Float[np.ndarray, "ways"]:
-        """The mean of `leaving_by_way` over the cells; NaN if not known."""
+        """The mean of `leaving_by_way` over the cells; NaN if unknown."""
         by_cell = self.leaving_by_way.mean(axis=1)
         behaviour, cells = self.behaviour, self.water.cells
         if not np.isnan(by_cell).any():

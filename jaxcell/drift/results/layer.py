@@ -108,7 +108,8 @@ class Layer(LayerEnds, Compared):
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
-    "The flow from which the map is made: `flow` if it is periodic, else the mean of its records."
+    """The flow from which the map is computed: `flow` if it is periodic, otherwise the mean of its
+    records."""
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
@@ -132,8 +133,8 @@ class Layer(LayerEnds, Compared):
         """Compute the long-term behaviour in a flow.
 
         The map is made from the flow `by`: by default the flow itself if it is periodic, and
-        otherwise the mean of its records. `made` is the map and its distance from drifters, if
-        they are known. `asked` is the time of interest in hours.
+        otherwise the mean of its records. `made` contains the map and its distance from drifters if
+        the caller has computed them. `asked` is the time of interest in hours.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))
@@ -145,7 +146,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step by each of the `EXITS`."""
+        """The probability of leaving the map in a step through each of the `EXITS`."""
         return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
@@ -171,7 +172,7 @@ class Layer(LayerEnds, Compared):
     def closer(self) -> tuple[str, Distance] | None:
         """The best of a few other durations and methods, in words, and the distance of its map.
 
-        `None` if this map is not far from drifters, or if no other map is nearer.
+        It is `None` if this map is not far from drifters, or if no other map is nearer.
         """
         if self.compared.worst <= FAR or self._large:
             return None
@@ -198,7 +199,7 @@ class Layer(LayerEnds, Compared):
 
         **Arguments:**
 
-        - `sets`: the set of each cell, -1 for none.
+        - `sets`: the number of the set that contains each cell, or -1 if no set does.
         - `first`: the number of set 0 in the result.
         """
         replay, duration = self.compared.replay, self.behaviour.duration

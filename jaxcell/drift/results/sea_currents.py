@@ -23,7 +23,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def _by_time(name: str, meaning: str) -> Any:
-    """Make a quantity over layers and times from a field of [`Distance`][]."""
+    """Build a quantity over layers and times from a field of [`Distance`][]."""
     return derived("layer compared", meaning, "1", kind="share")(
         lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
@@ -126,7 +126,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups for other steps, by the maps and by the centres of cells alone."""
+        """The numbers of groups for other steps, from the maps and from cell centres alone."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:
@@ -139,7 +139,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _other_steps(self) -> list[float]:
-        """The durations of other steps, in seconds; the second is the duration of the maps."""
+        """The durations of steps to compare, in seconds; the second is the duration of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
     @derived("", "time that the records cover", "h", kind="time")

@@ -85,9 +85,9 @@ class SeaDrift(SeaCurrents):
     seconds: float | int | None = None
     "The time limit of the search for the fewest views, in seconds; `None` for greedy views."
     voyage: SeaVoyage | None = None
-    "The voyage to a goal by the discounted policy."
+    "The voyage to a goal with the discounted policy."
     surest: SeaVoyage | None = None
-    "The voyage by the policy that most likely arrives."
+    "The voyage with the policy that has the highest probability of arrival."
     exchange: Exchange | None = None
     "The exchange of drifters between regions of the surface."
     beaching: Stranded | None = None
@@ -148,7 +148,8 @@ class SeaDrift(SeaCurrents):
             for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the range of cameras that look at the sea bed, in metres.
-        - `seconds`: the time limit of the search for the fewest views; by default it is greedy.
+        - `seconds`: the time limit of the search for the fewest views; by default the search is
+            greedy.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
@@ -173,7 +174,10 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration; return the step, and its maps and distances or `None`."""
+            """Choose the duration.
+
+            Returns the step, and its maps and distances if they were computed.
+            """
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -289,7 +293,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def deployment(self) -> Deployment:
-        """The cells of the surface in which to drop drifters, by Alg. 5.2."""
+        """The cells of the surface in which to drop drifters, from Alg. 5.2."""
         return deployment_cells(self.layers[0].behaviour)
 
     @functools.cached_property

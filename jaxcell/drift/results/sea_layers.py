@@ -21,7 +21,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Make two quantities: the longitudes and latitudes of the cells that a quantity lists."""
+    """Build two quantities: the longitude and latitude of each cell in another quantity."""
 
     def along(axis: int) -> Callable[[Any], Any]:
         def value(drift: Any) -> Any:

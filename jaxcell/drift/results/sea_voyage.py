@@ -17,7 +17,7 @@ _squares = functools.partial(derived, "layer y x")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaVoyage(Result):
-    """The voyages to a goal by one policy, with probabilities and times of arrival."""
+    """The voyages to a goal under one policy, with probabilities and times of arrival."""
 
     sea: Sea
     policy: Voyage

@@ -25,8 +25,8 @@ def ftle(
     It is `log(s) / |duration|`, where `s` is the largest factor by which the drift stretches a
     short line: the square root of the largest eigenvalue of the Cauchy-Green tensor (Haller 2015).
     The gradient of the drift is computed from the middles of the four sides of the cell, so that
-    cells at a coast need no neighbour. Lengths are in metres, by the sides of the cells where the
-    drift begins and ends.
+    cells at a coast need no neighbour. Lengths are in metres, computed with the sides of the cells
+    where the drift begins and ends.
 
     **Arguments:**
 
@@ -84,7 +84,7 @@ def ridges(
 
     **Returns:** a mask over the cells.
 
-    The middle column has the highest values; in the first and last row there is no ridge:
+    The middle column has the highest values; there is no ridge in the first and last row:
 
         >>> import numpy as np
         >>> from jaxcell import drift, examples

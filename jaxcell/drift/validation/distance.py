@@ -43,13 +43,13 @@ class Distance:
     hours: Float[np.ndarray, "times"]
     "The times of the comparison, in hours."
     total_variation: Float[np.ndarray, "times"]
-    "The share of the drifters for which the map predicts a wrong cell, 0 to 1."
+    "The share of the drifters for which the map predicts a wrong cell, from 0 to 1."
     noise: Float[np.ndarray, "times"]
     "The total variation to expect with this number of drifters if the map were exact."
     drifters_left: Float[np.ndarray, "times"]
     "The share of the simulated drifters that left the grid."
     map_left: Float[np.ndarray, "times"]
-    "The probability, by the map, that a drifter left the grid."
+    "The probability, according to the map, that a drifter left the grid."
     replay: Replay
     "The simulated drifters."
 
@@ -78,8 +78,8 @@ def distances(
 ) -> tuple[Distance, ...]:
     """Compare maps with drifters in the flow itself, as it changes with time.
 
-    Drifters begin on an even grid of points in every cell, and move by the Runge-Kutta method and
-    the random walk of the flow's diffusivity: see [`Replay.of`][jaxcell.drift.Replay.of].
+    Drifters begin on an even grid of points in every cell. They move with the Runge-Kutta method,
+    plus a random walk with the diffusivity of the flow: see [`Replay.of`][jaxcell.drift.Replay.of].
 
     **Arguments:**
 
@@ -130,8 +130,8 @@ def distances_by_cell(
 ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
     """Compute the distance for the drifters of each cell, at the last time of a comparison.
 
-    Only few drifters begin in each cell, so the shares are compared over about 36 parts of the
-    grid, not over cells.
+    Few drifters begin in each cell, so the shares are compared over about 36 blocks of the grid
+    instead of cells.
 
     **Arguments:**
 
@@ -175,7 +175,7 @@ def distances_by_cell(
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values after some steps that begin in each cell at phase 0."""
+    """Compute the expected values after some steps, for starts in each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):
@@ -263,7 +263,7 @@ def nearest_maps(
     step: DriftStep,
     hours: float | int | None = None,
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
-    """Choose the step as [`nearest_step`][], and return the map of each layer and its distance.
+    """Choose the step as [`nearest_step`][] does, with the map of each layer and its distance.
 
     Maps are made from the flows in `by`, and drifters move by those in `flows`. For more than
     `MOST_CELLS` cells at all phases no duration is tried, and `None` is returned for the maps.

@@ -49,7 +49,7 @@ def simulate_drifters(
 ) -> Drifters:
     """Simulate drifters in the flow itself, to check the map between cells.
 
-    Drifters move by the Runge-Kutta method, and do not return after they have left the map.
+    Drifters move with the Runge-Kutta method, and do not return after they have left the map.
 
     **Arguments:**
 
@@ -65,7 +65,7 @@ def simulate_drifters(
     - `start`: the time of release, in seconds as in `Flow.time`.
     - `substeps`: least number of steps of the Runge-Kutta method in each step.
 
-    **Returns:** [`Drifters`][], whose first row has the places of release.
+    **Returns:** [`Drifters`][], whose first row contains the points of release.
 
     Two hours at the surface of the bundled sea, from cell 100:
 
@@ -106,7 +106,7 @@ def simulate_drifters(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """The distance between the distributions of a chain and of simulated drifters, by time."""
+    """The distance between the distributions of a chain and of simulated drifters over time."""
 
     hours: Float[np.ndarray, "times"]
     total_variation: Float[np.ndarray, "times"]
@@ -179,7 +179,8 @@ def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray,
     """Compute the larger Wasserstein distance of the distributions over columns and over rows.
 
     It is a lower bound of the distance over cells, and needs no linear program. Drifters off the
-    grid are left out. On a grid that goes round the Earth, drifters take the shorter way.
+    grid are left out. On a grid that goes round the Earth, distances are measured along the shorter
+    path.
     """
     if not (p.sum() > 0 and q.sum() > 0):
         return float("nan")

@@ -22,9 +22,9 @@ class Sampling:
     least: int = 3
     "The least number of points along each side of a cell; if needed, only some cells are sampled."
     most: int = 6
-    "The largest number of points along each side of a cell; twice as many if drifters diffuse."
+    "The largest number of points along each side of a cell; doubled if drifters diffuse."
     part: int = 64
-    "The side, in cells, of the square parts of the grid that are sampled as a whole."
+    "The side, in cells, of the square blocks of the grid that are sampled as a whole."
     moves: int = 100_000_000
     "The largest number of Runge-Kutta steps of all drifters."
 
@@ -54,7 +54,7 @@ class Replay:
         hours: Sequence[float | int],
         sampling: Sampling = SAMPLING,
     ) -> "Replay":
-        """Simulate drifters by the Runge-Kutta method and the random walk of the diffusivity.
+        """Simulate drifters with the Runge-Kutta method, plus a random walk with the diffusivity.
 
         By default 9 to 36 drifters begin in each cell, or up to 144 if they diffuse. If there are
         too many cells, only the cells in some square parts of the grid are sampled.
@@ -94,7 +94,7 @@ class Replay:
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters (`among`: of some drifters) in each cell at a time."""
+        """Compute the share of the drifters, or of those in `among`, in each cell at a time."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 

@@ -45,13 +45,14 @@ class EdgeStates:
     period: Int[np.ndarray, "edges"]
     "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
     multipliers: Complex[np.ndarray, "edges axes"]
-    "The eigenvalues of the derivative after a period, the largest first; NaN if the period is 0."
+    """The eigenvalues of the derivative of the map over one period, the largest first; NaN if the
+    period is 0."""
     orbit: Float[np.ndarray, "edges window axes"]
     "An orbit near each edge state."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
-        """Number of directions in which points leave each edge state; -1 if it has no period."""
+        """Number of unstable directions of each edge state, or -1 if the state has no period."""
         count = np.count_nonzero(np.abs(self.multipliers) > 1, axis=1)
         return np.where(self.period > 0, count, -1)
 
@@ -59,15 +60,16 @@ class EdgeStates:
 def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStates:
     """Find the edge states between basins: saddles that attract the orbits on a boundary.
 
-    A segment between neighbouring cells of two basins is cut until its ends are nearly equal and
-    still lead to different attractors. Both ends are mapped until they have separated, and the
-    segment between them is cut again. So the pair of points follows the boundary to the edge state
-    (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of points.
-    An edge state with one unstable direction is the state that a transition by weak noise passes.
+    A segment between neighbouring cells of two basins is bisected until its ends are nearly equal
+    and still lead to different attractors. Both ends are mapped until they have separated, and the
+    segment between them is bisected again. So the pair of points follows the boundary to the edge
+    state (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of
+    points. An edge state with one unstable direction is the state that a transition by weak noise
+    passes.
 
     **Arguments:** a map, its basins, and a function that is called with the progress. **Returns:**
-    the edge states of at most 32 pairs of neighbouring basins, which are searched from three places
-    on the boundary of each pair.
+    the edge states. At most 32 pairs of neighbouring basins are searched, each from three places on
+    their common boundary.
 
     The middle of a double well, between the attractors -1 and 1:
 
@@ -143,7 +145,7 @@ def _cut(
     label: Any,
     narrow: float,
 ) -> tuple[Float[np.ndarray, "pairs 2 axes"], Int[np.ndarray, "pairs 2"]]:
-    """Cut segments whose ends lead to different attractors, until they are short."""
+    """Bisect segments whose ends lead to different attractors, until the segments are short."""
     rows, size = np.arange(len(ends)), np.array(box.upper) - np.array(box.lower)
     parts = max(2, _POINTS // len(ends))
     place = np.linspace(0, 1, parts + 1)[:, None]
@@ -168,8 +170,9 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map both ends of each pair until they have separated. Returns the orbit of their middle, and
-    the ends."""
+    """Map both ends of each pair until they have separated.
+
+    Returns the orbit of their middle, and the ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -191,7 +194,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Solve for points that return after a period. Returns points, errors, and derivatives."""
+    """Solve for points that return after a period, and return points, errors, and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -210,7 +213,10 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refine a point of each state by Newton's method. Returns points, periods and multipliers."""
+    """Refine a point of each state with Newton's method.
+
+    Returns points, periods and multipliers.
+    """
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()

@@ -27,16 +27,16 @@ class Refined(NamedTuple):
     """Basins whose cells at boundaries are repeatedly halved along each axis."""
 
     fraction: Float[np.ndarray, "attractors"]
-    "The share of the box that leads to each attractor, by the finest cells and random points."
+    "The share of the box that leads to each attractor, from the finest cells and random points."
     uncertain: Float[np.ndarray, "levels"]
-    """The share of the box in cells at a boundary, by level, starting with the unrefined basins;
-    estimated by random points at a fractal boundary."""
+    """The share of the box in cells at a boundary, for each level, starting with the unrefined
+    basins; estimated from random points if the boundary is fractal."""
     exponent: float
     "The slope of log `uncertain` over the log of the length of cells; 1 for smooth boundaries."
     boundary: Float[np.ndarray, "cells axes"]
     "Centres of the finest cells at a boundary."
     basin: Int[np.ndarray, "cells"]
-    "The attractor of each cell in `boundary`, -1 for none."
+    "The attractor to which each cell in `boundary` leads, or -1 if it leads to no attractor."
     mapped: int
     "Number of finer cells whose images were computed."
 
@@ -44,18 +44,18 @@ class Refined(NamedTuple):
 def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     """Halve the cells at the boundaries of basins repeatedly.
 
-    A cell next to a cell of another basin is cut in two along each axis. The centres of its parts
-    are mapped until they reach a cell that is next to its own basin only. Parts next to another
-    basin are cut again. A fractal boundary also passes between cells of one basin, which are not
-    cut. So random points of the whole box are followed to their attractors, and correct the shares.
-    The boundary counts as fractal if such a point leads to another attractor than its cell,
-    although the cell is not at a boundary. Then the centres of all parts are followed to their
-    attractors, and the random points also estimate the share of cells at the boundary.
+    A cell next to a cell of another basin is halved along each axis. The centres of its parts are
+    mapped until they reach a cell whose neighbours all belong to the same basin. Parts next to
+    another basin are halved again. A fractal boundary also passes between cells of one basin, which
+    are not halved. So random points of the whole box are followed to their attractors, to correct
+    the shares. The boundary counts as fractal if such a point leads to another attractor than its
+    cell, although the cell is not at a boundary. Then the centres of all parts are followed to
+    their attractors, and the random points also estimate the share of cells at the boundary.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
 
-    Starts above 0.3 go up, the others down; cells of length 0.25 cannot resolve this:
+    Starts above 0.3 go up and other starts go down, which cells of length 0.25 cannot resolve:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
@@ -119,9 +119,9 @@ def relative_attractor(
 ) -> Float[np.ndarray, "cells axes"]:
     """Cover the relative global attractor: the points with a past orbit that never left a box.
 
-    Cells to which no cell of the cover is mapped are dropped, the other cells are cut in two along
-    each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the
-    attractors in the box, and the unstable sets that lead to them.
+    Cells to which no cell of the cover is mapped are dropped, the other cells are halved along each
+    axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the attractors
+    in the box, and the unstable sets that lead to them.
 
     **Arguments:** a map, a box and parameters; the number of times that cells are halved; and the
     number of points of a cell along each axis, from face to face, at least 2. **Returns:** the
@@ -161,7 +161,7 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Halve cells along each axis. Returns the numbers of the parts, after `level` halvings."""
+    """Halve cells along each axis, and return the numbers of the parts after `level` halvings."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
@@ -229,7 +229,10 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the attractor of each point, -1 for none; `owner` is the attractor of each cell."""
+    """Find the attractor that each point reaches, or -1.
+
+    `owner` is the attractor that contains each cell.
+    """
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

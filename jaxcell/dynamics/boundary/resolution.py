@@ -30,7 +30,7 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Remedies for basins where cells and orbits disagree, tried on a sample of points."""
+    """A trial of remedies, on a sample of points, for basins where cells and orbits disagree."""
 
     follow: int | None
     "The argument `follow` with which basins by orbits agree with sampled orbits, or `None`."
@@ -39,12 +39,12 @@ class Trial:
     wrong: tuple[float, ...] = ()
     "The share of points that disagree, for the cells, and for cells of half and quarter width."
     cells: tuple[int, ...] | None = None
-    """Numbers of cells along the axes with which, by extrapolation, 2 % of the points disagree;
-    `None` if finer cells do not help, or if 32 bits cannot number them."""
+    """Numbers of cells along the axes with which 2 % of the points would disagree, from
+    extrapolation; `None` if finer cells do not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Try remedies for [`Basins`][jaxcell.dynamics.Basins] by cells: orbits, and finer cells."""
+    """Try orbits and finer cells as remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 
@@ -92,7 +92,7 @@ def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
 def _snapped(
     map: Map, box: Box, params: Any, points: Any, width: Any, mappings: Any, follow: Any
 ) -> Any:
-    """Map points repeatedly, each time from the centre of the cell that holds the point."""
+    """Map points repeatedly, each time from the centre of the cell that contains the point."""
     lower = jnp.asarray(np.array(box.lower), points.dtype)
 
     def centred(x):  # type: ignore[no-untyped-def]

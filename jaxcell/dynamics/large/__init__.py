@@ -1,1 +1,1 @@
-"""Basins of more cells than memory holds: arrays in files, and groups by passes over them."""
+"""Basins of more cells than memory holds: arrays in files, and passes over the files."""

@@ -10,7 +10,7 @@ import numpy as np
 class Folder:
     """Arrays over cells in files of a folder, and a record of the work that is done.
 
-    The files are of NumPy's format: `numpy.load("basin.npy", mmap_mode="r")` opens one. A killed
+    The files have NumPy's format: `numpy.load("basin.npy", mmap_mode="r")` opens a file. A killed
     computation continues from the record, `work.json`.
     """
 
@@ -33,7 +33,7 @@ class Folder:
         self._arrays: dict[str, np.memmap] = {}
 
     def array(self, name: str, dtype: Any, size: int) -> np.ndarray:
-        """Open the array of this name, or create it."""
+        """Open the array with a name, or create it."""
         file = self.path / f"{name}.npy"
         if file.exists():
             array = np.load(file, mmap_mode="r+")
@@ -43,7 +43,7 @@ class Folder:
         return array.view(np.ndarray)
 
     def finish(self, work: str, done: int) -> None:
-        """Record that a part of the work is done, when its arrays are on the disk."""
+        """Write the arrays to the disk, and record that a part of the work is done."""
         for array in self._arrays.values():
             array.flush()
         self.done[work] = done
@@ -52,7 +52,7 @@ class Folder:
         os.replace(new, self._record)
 
     def parts(self, work: str, size: int, part: int) -> Iterator[slice]:
-        """Yield the parts of an array that are not done, and record each one afterwards."""
+        """Yield the parts of an array that are not done, and record each part afterwards."""
         for first in range(self.done.get(work, 0), size, part):
             yield slice(first, min(first + part, size))
             self.finish(work, min(first + part, size))

@@ -1,4 +1,4 @@
-"""Periodic groups of a map in a file, by passes over the file from one end to the other.
+"""Periodic groups of a map in a file, found in passes over the file from end to end.
 
 A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
 cells without a mark; the level of a cell is the number of the pass that dropped it. The few cells
@@ -95,7 +95,7 @@ def _walk(
     group: Int[np.ndarray, "cells"],
     step: Int[np.ndarray, "cells"],
 ) -> Int[np.ndarray, "groups"]:
-    """Write the groups and steps of the remaining cells. Returns the periods of the groups."""
+    """Write the groups and steps of the remaining cells, and return the periods of the groups."""
     parts = [part.start + np.flatnonzero(level[part] == 0) for part in slices(image.size)]
     left = np.concatenate(parts, dtype=np.int32)
     del parts

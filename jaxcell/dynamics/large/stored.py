@@ -51,7 +51,7 @@ class Foretold:
 
 
 def foretold(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Foretold:
-    """Estimate time and memory of [`jaxcell.dynamics.stored_basins`][], by mapping some cells.
+    """Estimate the time and memory of [`jaxcell.dynamics.stored_basins`][] from some mapped cells.
 
     **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** time, memory and disk.
 
@@ -95,7 +95,8 @@ def stored_basins(
 
     Images are written to a file, and groups are found by passes over it, with one byte of memory
     per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
-    and all remain of a map that preserves volumes. The same call continues an interrupted one.
+    and all remain of a map that preserves volumes. To continue an interrupted computation, repeat
+    the call.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
 

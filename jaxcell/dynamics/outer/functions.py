@@ -1,4 +1,4 @@
-"""Exponentials, logarithms and sines of intervals, from sums and products alone.
+"""Exponentials, logarithms and sines of intervals, computed from sums and products only.
 
 The functions of processors and their libraries differ, and none states its error. The functions
 here are short series of sums, products and quotients. The number of their roundings bounds their

@@ -23,8 +23,8 @@ _TABLE, _TABLE_PER_CELL = 1 << 22, 64
 class Grid:
     """The cells of a box after a number of bisections, along its axes in turn.
 
-    Cells lie between faces that are 64-bit numbers, and two halves join to their cell exactly. So
-    the cells that touch an image are found by comparisons, without rounding.
+    The faces of the cells have 64-bit coordinates, and the two halves of a cell cover it exactly.
+    So comparisons find the cells that touch an image, without rounding errors.
     """
 
     box: Box
@@ -109,7 +109,7 @@ class Grid:
         first: Int[np.ndarray, "cells axes"],
         last: Int[np.ndarray, "cells axes"],
     ) -> csr_array:
-        """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
+        """Build the matrix whose entry `i, j` is 1 if the block of cell `i` contains cell `j`.
 
         `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
         """

@@ -37,7 +37,7 @@ class OuterMap(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Images by interval arithmetic, rounded outward, with proof; for maps without a `while` loop.
+    """Images from interval arithmetic, rounded outward, with proof; for maps without `while`.
 
     The images under a [`flow`][jaxcell.dynamics.flow] enclose its Runge-Kutta steps, but not the
     difference of these steps from the exact flow.
@@ -45,7 +45,7 @@ class Intervals:
 
     map: Map
     mean_value: bool = True
-    "If true, images are intersected with those of the mean value theorem."
+    "If true, images are intersected with the images from the mean value theorem."
     proof = "interval arithmetic, rounded outward"
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:

@@ -27,7 +27,7 @@ _INFINITY = 0x7FF0000000000000
 
 
 class Interval(NamedTuple):
-    """Arrays of lower and upper ends; for Boolean values, `False` is below `True`."""
+    """Intervals, as arrays of lower and upper ends. For Boolean values, `False` is below `True`."""
 
     lower: Any
     upper: Any
@@ -38,7 +38,7 @@ LINE = Interval(-math.inf, math.inf)
 
 
 def point(value: Any) -> Interval:
-    """Make intervals that contain one number each; a constant of NaN becomes the whole line."""
+    """Return intervals that each contain one number; a constant of NaN becomes the whole line."""
     if isinstance(value, jax.core.Tracer) or np.isfinite(value).all():
         value = jnp.asarray(value)
         return Interval(value, value)
@@ -78,7 +78,7 @@ def within(a: Interval, lower: float, upper: float) -> Interval:
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose one of two intervals by a mask without uncertain values."""
+    """Choose one of two intervals according to a mask without uncertain values."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -131,7 +131,7 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Enclose the power with a whole exponent, by products."""
+    """Enclose the power with a whole exponent, computed from products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
     odd = exponent % 2 == 1
@@ -147,7 +147,7 @@ def sqrt(a: Interval) -> Interval:
 
 
 def total(a: Interval, axis: int) -> Interval:
-    """Sum intervals along an axis, by pairwise summation."""
+    """Sum intervals along an axis with pairwise summation."""
     while (count := a.lower.shape[axis]) > 1:
         half = count // 2
         first, second, rest = (

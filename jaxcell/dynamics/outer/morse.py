@@ -1,4 +1,4 @@
-"""Morse sets by adaptive subdivision, and their order."""
+"""Morse sets from adaptive subdivision, and their order."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -23,14 +23,14 @@ _DRAWN = 1 << 18
 
 @dataclasses.dataclass(frozen=True)
 class MorseCertificate:
-    """The statements that Morse sets prove, and the computation that proves them."""
+    """The proved statements about Morse sets, and the effort of their proof."""
 
     proof: str
     "The reason why outer images contain all images; empty if they are only samples."
     mapped: int
     "Number of boxes whose images were computed."
     edges: int
-    "Number of pairs of a box and a box that touches its image."
+    "Number of pairs of boxes of which the second touches the image of the first."
 
     @property
     def proved(self) -> bool:
@@ -151,8 +151,8 @@ def morse_sets(
 
     **Arguments:**
 
-    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images are computed by
-        [`Intervals`][jaxcell.dynamics.Intervals], with proof; or other images of boxes, such as
+    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images [`Intervals`][jaxcell.dynamics.Intervals]
+        computes, with proof; or other images of boxes, such as
         [`Corners`][jaxcell.dynamics.Corners] or [`Samples`][jaxcell.dynamics.Samples].
     - `box`: the box, with its initial cells.
     - `params`: the parameters of the map.

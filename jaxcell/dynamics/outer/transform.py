@@ -1,7 +1,7 @@
 """The interval transform: a program of JAX becomes a program that encloses its values on a box.
 
-The program is traced, and each of its primitives is replaced by a rule for intervals. Boxes are
-batched by `jax.vmap`, and the result is compiled by `jax.jit`, as the program itself.
+The program is traced, and each of its primitives is replaced by a rule for intervals. `jax.vmap`
+batches boxes, and `jax.jit` compiles the result, as for the program itself.
 """
 
 import functools
@@ -34,8 +34,8 @@ def enclose(
 
     **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
     intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
-    which is much smaller for small boxes. It is not used if a comparison in the program may have
-    both results on the box.
+    which is much smaller for small boxes. The theorem is not used if a comparison in the program
+    may have both results on the box.
 
     **Returns:** the lower and upper corners of the image.
 
@@ -283,7 +283,7 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Make a rule of the transform from a function of intervals."""
+    """Convert a function of intervals to a rule of the transform."""
     return lambda _, __, *values: function(*map(_interval, values))
 
 

@@ -1,1 +1,1 @@
-"""Sets of cells that a chain hardly leaves, and the eigenvectors that show them."""
+"""Sets of cells that a chain hardly leaves, and the eigenvectors that reveal them."""

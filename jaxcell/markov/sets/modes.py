@@ -15,7 +15,7 @@ TOLERANCE = 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Modes:
-    """Leading eigenvalues of a chain, or of a number of its steps, with their eigenvectors."""
+    """Leading eigenvalues of a chain, or of several steps of a chain, with their eigenvectors."""
 
     value: Complex[np.ndarray, "modes"]
     "The eigenvalues with the largest real parts, in descending order."
@@ -50,7 +50,7 @@ def leading_modes(
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
-    Two pairs of cells, with a step between them one time in ten:
+    Two pairs of cells, with a probability of 1/10 to change the pair in a step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov

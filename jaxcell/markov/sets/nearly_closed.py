@@ -33,7 +33,7 @@ class NearlyClosedSets:
     """Sets of cells that a chain hardly leaves, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
-    "The set of each cell at the start of the window, -1 for none."
+    "The set that contains each cell at the start of the window, or -1 if no set does."
     end: Int[np.ndarray, "cells"]
     """The set of each cell at the end of the window. For almost-invariant sets it equals `begin`; a
     coherent set has moved; for attracting regions it is the region where the mass of a basin
@@ -54,8 +54,10 @@ class NearlyClosedSets:
 
     @property
     def time(self) -> Float[np.ndarray, "sets"]:
-        """The number of steps after which 1/e of the mass of each set is left, if the leakage stays
-        the same: `-steps / log(1 - leakage)`; `inf` for a closed set."""
+        """The number of steps after which a share 1/e of the mass of each set remains.
+
+        If the leakage does not change, it is `-steps / log(1 - leakage)`, and `inf` for a closed
+        set."""
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
 
@@ -81,20 +83,20 @@ def almost_invariant_sets(
 
     **Arguments:**
 
-    - `count`: largest number of sets. Eigenvalues up to 1e-6 give no sets, because they are
-        rounding.
+    - `count`: largest number of sets. Eigenvalues up to 1e-6 yield no sets, because they are
+        rounding errors.
     - `mass`: the mass of each cell at the start, not negative; by default equal. Cells without mass
         are in no set.
     - `steps`, `start`: the number of steps of the window, by default one per phase of a sequence of
         chains; the phase of the first step.
     - `blur`: a chain that follows the window in the search, for example of steps to neighbouring
-        cells. Without it, a single cell that is mapped to itself is a set. The leakage does not
-        contain the blur.
+        cells. Without it, a single cell that is mapped to itself is a set. The leakage is computed
+        without the blur.
 
     **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
     2-norm by which the matrix moves a unit vector out of the span of the eigenvectors.
 
-    Two pairs of cells, with a step between them one time in ten:
+    Two pairs of cells, with a probability of 1/10 to change the pair in a step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -121,8 +123,8 @@ def coherent_sets(
 
     Each set is a pair of its cells at the start and at the end. With `L`, `p` and `q` as in
     [`almost_invariant_sets`][], the pairs follow from the leading singular vectors of the matrix
-    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and
-    the right singular vectors are rotated by the same matrix, and cut at the same threshold.
+    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and the
+    right singular vectors are rotated by the same matrix, and the same threshold applies to both.
 
     **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the sets and the singular
     values.
@@ -150,7 +152,7 @@ def attracting_regions(
     blur: Chain | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
-    """Find regions in which mass gathers, and their basins, which mass hardly leaves but may enter.
+    """Find regions where mass gathers, and their basins, which mass hardly leaves but may enter.
 
     On each basin some combination of the leading right eigenvectors of the window is almost
     constant. The left eigenvectors are large where the mass that stays in the basin gathers
@@ -228,7 +230,7 @@ class _Search:
         return self._result(*numbered, values, span, throw)
 
     def attracting(self, count: int, *, throw: bool) -> NearlyClosedSets:
-        """Find the basins by right eigenvectors, and their regions by left eigenvectors."""
+        """Find the basins from right eigenvectors, and their regions from left eigenvectors."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         root = np.sqrt(self.mass[:, None])
@@ -254,7 +256,7 @@ class _Search:
     def _thresholded(
         self, first: _Functions, last: _Functions | None, after: _Mass
     ) -> tuple[_Labels, _Labels, _PerSet]:
-        """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
+        """Choose the levels of sets, and return the sets at the start and the end, and the leakage.
 
         Each column of `first` and `last` is large on one set, at the start and at the end; `last`
         is `None` if the sets do not move. `after` is the mass at the end, with the blur.
@@ -322,8 +324,8 @@ def _rotation(
     """Rotate the vectors of a basis so that each is large on one set of rows.
 
     This is SEBA (Froyland, Rock and Sakellariou 2019) with the row weights `root**2`. It does not
-    start from the basis itself, because a constant vector would never change, but from rows that
-    represent one set each; a pivoted factorisation finds them (Damle, Minden and Ying 2019).
+    start from the basis itself, because a constant vector would never change. It starts from rows
+    that each represent one set, which a pivoted factorisation finds (Damle, Minden and Ying 2019).
     """
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root
@@ -344,7 +346,7 @@ def _rotation(
 
 
 def _densest(mass: _Functions) -> np.ndarray:
-    """Find the fewest cells with `_GATHERED` of the mass of each set. Returns a mask per set."""
+    """Return a mask, for each set, of the fewest cells with a share `_GATHERED` of its mass."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)
     # Cells are wanted while the mass of the cells before them is too small.

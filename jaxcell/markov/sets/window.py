@@ -37,7 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Make a window of steps that begins at phase `start`, by default one step per phase."""
+        """Create a window of steps that begins at phase `start`, by default one step per phase."""
         period = 1 if isinstance(chain, Chain) else chain.phases
         count = period if steps is None else steps
         if count < 1:
@@ -77,7 +77,7 @@ class Subspace:
     basis: Float[np.ndarray, "rows vectors"]
     "An orthonormal basis."
     block: Float[np.ndarray, "vectors vectors"]
-    "The matrix in this basis; its eigenvalues are the leading ones."
+    "The matrix in this basis; its eigenvalues are the leading eigenvalues."
     residual: float
     "The largest 2-norm by which the matrix moves a vector of the basis out of the subspace."
     products: int
@@ -96,11 +96,11 @@ class Subspace:
 
 @one_blas_thread()
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
-    """Compute the subspace of the leading eigenvalues, by Arnoldi's or Lanczos's method.
+    """Compute the subspace of the leading eigenvalues with Arnoldi's or Lanczos's method.
 
     These methods find only one eigenvector of a multiple eigenvalue, such as 1 if several sets are
-    closed. So the eigenvectors that were found are deflated, and the search is repeated until the
-    rest has no leading eigenvalue.
+    closed. So the eigenvectors that were found are deflated, and the search is repeated until no
+    leading eigenvalue is left.
 
     `product` multiplies the matrix by columns. There is one more vector if the last eigenvalues are
     conjugate.
@@ -157,7 +157,7 @@ def _iterated(
 
 
 def _real_basis(values: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
-    """Return an orthonormal basis of the span of the leading eigenvectors, in real numbers."""
+    """Return a real orthonormal basis of the span of the leading eigenvectors."""
     chosen = vectors[:, np.argsort(-values.real, kind="stable")[:count]]
     # A complex eigenvector stands for its conjugate too.
     return scipy.linalg.orth(np.hstack([chosen.real, chosen.imag]), rcond=_ROUGH**2)

@@ -24,10 +24,10 @@ _MOST, _DROP = 64, 1e-2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cycle:
-    """A chain whose states form blocks that are visited one after the other, in rounds.
+    """A chain whose states form blocks, which the chain visits in a fixed order, round after round.
 
-    Every step leads to a later block, except the steps that begin a new round. One sweep through
-    the blocks, backwards, computes the values of all states from those of the states that begin a
+    Every step leads to a later block, except the steps that begin a new round. One backward sweep
+    through the blocks computes the values of all states from the values of the states that begin a
     round, which are the unknowns of GMRES.
 
     A sweep smooths the error among near states, but hardly changes its mean if drifters stay there
@@ -43,12 +43,13 @@ class Cycle:
     rows: list[scipy.sparse.csr_array]
     "The steps from the states of each block to all states, in this order."
     again: Int[np.ndarray, "first"]
-    "The places of the states that begin a new round."
+    "The indices in `order` of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the blocks of a matrix whose states are in the order of the blocks, or in reverse
-        order. Returns `None` if the matrix is not a cycle."""
+        """Find the blocks of a matrix whose states are sorted by blocks, or in reverse order.
+
+        Returns `None` if the matrix is not a cycle."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -68,9 +69,10 @@ class Cycle:
         return None
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + matrix x` by GMRES. Returns the solution and the number of products.
+        """Solve `x = right + matrix x` with GMRES.
 
-        GMRES takes about half as many products as BiCGSTAB, and products are expensive here.
+        Returns the solution and the number of products. GMRES takes about half as many products as
+        BiCGSTAB, and products are expensive here.
 
         **Raises:** `RuntimeError` if the chain between aggregates is singular up to rounding.
         """
@@ -105,7 +107,9 @@ class Cycle:
 
     @functools.cached_property
     def _between(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, linalg.SuperLU]:
-        """Return the aggregate of each state that begins a round, the probabilities of the
+        """Build the chain between aggregates, from round to round.
+
+        **Returns:** the aggregate of each state that begins a round, the probabilities of the
         aggregates a round later, and the factors of the chain between aggregates."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
@@ -147,7 +151,7 @@ class Cycle:
 def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
     """Drop small probabilities if there are many, and enlarge the rest of each row to keep its sum.
 
-    A matrix with few probabilities keeps them all, because rare steps may join two closed parts.
+    A matrix with few probabilities keeps all of them, because rare steps may join two closed parts.
     """
     if matrix.nnz <= _MOST * matrix.shape[0]:
         return matrix

@@ -63,12 +63,12 @@ def eliminate(
 ) -> Columns:
     """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, without a subtraction.
 
-    States are eliminated one after the other (Grassmann, Taksar and Heyman 1985). The probability
-    of leaving a state is the sum of the steps from it, not 1 minus the probability of staying. So
-    every number has nearly all its digits, even if the chain leaves its cells once in 10^20 steps;
-    other factorisations then give noise. Levels are eliminated from the last to the first, in dense
-    blocks. On a plane, the time is proportional to the number of cells times the square of the
-    width in cells.
+    States are eliminated one by one (Grassmann, Taksar and Heyman 1985). The probability of leaving
+    a state is the sum of the probabilities of the steps from it, not 1 minus the probability of
+    staying. So every number has nearly all its digits, even if the chain leaves its cells once in
+    10^20 steps; other factorisations then return only rounding errors. Levels are eliminated from
+    the last to the first, in dense blocks. On a plane, the time is proportional to the number of
+    cells times the square of the width in cells.
 
     **Arguments:**
 
@@ -104,7 +104,7 @@ def eliminate(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Factor:
-    """An eliminated level, whose part of `I - Q` is an upper triangle times a lower triangle."""
+    """An eliminated level, whose block of `I - Q` is an upper triangle times a lower triangle."""
 
     before: slice
     here: slice

@@ -1,4 +1,4 @@
-"""Solves with the matrix of a chain: products first, then a factorisation if products are slow.
+"""Solvers for the matrix of a chain: products first, then a factorisation if products are slow.
 
 If a chain mixes or is absorbed fast, some tens of products suffice, while the factors of its matrix
 are not sparse: for 6,000 cells with 10 random images each, products take 2 ms and a factorisation
@@ -14,9 +14,9 @@ per entry. If BiCGSTAB does not converge, a complete factorisation follows; if t
 than half a million rows, its factors could exceed any memory, and products follow. The factors of a
 chain that is unrolled over the phases of a tide are not sparse in any order; it is a `Cycle`.
 
-If a part is left once in 10^10 steps or less often, all these methods give small residuals and
-wrong answers. Such chains are eliminated without subtractions, which takes some seconds for 10^5
-cells of a plane.
+If a part of the chain is left once in 10^10 steps or less often, all these methods return wrong
+answers with small residuals. Such chains are eliminated without subtractions, which takes some
+seconds for 10^5 cells of a plane.
 """
 
 import dataclasses
@@ -50,7 +50,7 @@ class Limits:
     rough_steps: int = 60
     "Largest number of steps of BiCGSTAB on two levels."
     cycle: int = 20_000
-    "A cycle with more rows is solved by GMRES."
+    "A cycle with more rows is solved with GMRES."
     complete: int = 500_000
     "A matrix with more rows is not factored completely if BiCGSTAB does not converge."
     factored: int = 20_000_000
@@ -109,7 +109,7 @@ def factor_and_solve(
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
-    """Solve as [`solve_transient`][], by a factorisation of `I - Q`, or roughly if `Q` is large.
+    """Solve as [`solve_transient`][] with a factorisation of `I - Q`, or roughly if `Q` is large.
 
     `leaving` is the probability of leaving from each row, and `order` the order in which rows are
     factored, if it is known. Returns the solution, or `None` if the matrix is singular up to
@@ -138,7 +138,7 @@ def eliminate_unless_large(
     right: Columns,
     adjoint: bool,
 ) -> Columns | None:
-    """Solve by [`eliminate`][]; return `None` if it would take too many multiplications."""
+    """Solve with [`eliminate`][], or return `None` if it would take too many multiplications."""
     levels = Levels.of(step)
     if levels.work > LIMITS.elimination:
         return None
@@ -146,8 +146,10 @@ def eliminate_unless_large(
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
-    """Return the rows in the order of their strong components, in which `I - Q` is nearly
-    triangular, or `None` if the components are too large."""
+    """Return the rows in the order of their strong components.
+
+    In this order `I - Q` is nearly triangular. The result is `None` if the components are too
+    large."""
     _, label = csgraph.connected_components(step, connection="strong")
     # If a row has a step into a component, the row of the factor has at most all its entries.
     most = np.bincount(label)[label[step.indices]].sum()
@@ -155,7 +157,10 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of products. Returns the sum, their number, and whether it converged."""
+    """Sum the series of products.
+
+    **Returns:** the sum, the number of products, and whether the series converged.
+    """
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
@@ -173,7 +178,7 @@ def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Column
 def _factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
 ) -> Callable[..., Columns]:
-    """Factor `I - matrix`. Returns a function that solves with it or with its transpose.
+    """Factor `I - matrix`, and return a function that solves with it or with its transpose.
 
     **Raises:** `RuntimeError` if the matrix is singular up to rounding.
     """
@@ -217,7 +222,7 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Columns, attempt: _Attempt
 ) -> tuple[Columns | None, int]:
-    """Solve by repeated rough solves. If they do not converge, solve by products.
+    """Solve with repeated rough solves. If they do not converge, solve with products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the
     number of products.

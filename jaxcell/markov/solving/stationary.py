@@ -1,11 +1,11 @@
 """The stationary distributions of closed classes.
 
-Small chains are eliminated without subtractions, so that each share has nearly all its digits,
-however rare the cell is. Larger chains are solved as described in `solve.py`. Products must
-converge to the same distribution from two starts, because a single start may contain a very slow
-mode. If products are slow, the share of one cell of each class, its *root*, is set to 1, and a
-solve gives the others. The root must be a likely cell, because the matrix without a rare cell is
-still singular up to rounding.
+Small chains are eliminated without subtractions, so that each share has nearly all its digits, even
+if the cell is rare. Larger chains are solved as described in `solve.py`. Products must converge to
+the same distribution from two starts, because a single start may contain a very slow mode. If
+products are slow, the share of one cell of each class, its *root*, is set to 1, and a solve gives
+the other shares. The root must be a likely cell, because the matrix without a rare cell is still
+singular up to rounding.
 """
 
 import contextlib
@@ -97,7 +97,7 @@ class Rooted:
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":
-        """Take the likeliest cell of each class as its root."""
+        """Choose the likeliest cell of each class as its root."""
         peak = np.zeros(np.bincount(group).size)
         np.maximum.at(peak, group, likely)
         peaks = np.flatnonzero(likely == peak[group])
@@ -151,10 +151,10 @@ def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares
 def _converge(
     matrix: scipy.sparse.csr_array, x: _Shares, goal: float, *, limit: _Shares | None = None
 ) -> tuple[_Shares, int, bool]:
-    """Apply products until the 1-norm of the last change, or the distance to `limit`, is at most
-    `goal`, or until a factorisation will be faster.
+    """Apply products until they converge, or until a factorisation will be faster.
 
-    Returns the distribution, the number of products, and whether the goal is reached.
+    They have converged if the 1-norm of the last change, or the distance to `limit`, is at most
+    `goal`. Returns the distribution, the number of products, and whether the goal is reached.
     """
     first = 0.0
     for products in range(1, solve.LIMITS.products + 1):

@@ -26,8 +26,8 @@ class TwoLevel:
     An incomplete factorisation removes the differences of the error between near states. It exists
     without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The remaining
     error is nearly equal in near states, because a slow chain stays long among a few states before
-    it goes on, as a drifter does in an eddy. So near states are joined in *aggregates*, and the
-    chain between aggregates has few states (Takahashi 1975).
+    it moves on, like a drifter in an eddy. So near states are joined in *aggregates*, and the chain
+    between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
@@ -64,7 +64,7 @@ class TwoLevel:
         return cls(matrix, factor, aggregate, coarse, steps)
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + Q x` roughly. Returns the solution and the number of products."""
+        """Solve `x = right + Q x` roughly, and return the solution and the number of products."""
         products = 0
 
         def left(x: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:

@@ -57,7 +57,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex as read from a file, not yet checked; `field` is its place in the file."""
+    """A vertex as read from a file, not yet checked; `field` names its position in the file."""
 
     field: str
     name: object
@@ -65,7 +65,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge as read from a file, not yet checked; `field` is its place in the file."""
+    """An edge as read from a file, not yet checked; `field` names its position in the file."""
 
     field: str
     tail: object
@@ -259,7 +259,7 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Check the vertices and edges of a file. Returns the graph and the names of its vertices."""
+    """Check the vertices and edges of a file, and return the graph with the names of vertices."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:

@@ -17,7 +17,7 @@ def save_graph(
     **Arguments:** a graph whose vertices have positions; the file to write or replace, whose suffix
     gives the format, as in [`load_graph`][]; and the name of each vertex, by default its number.
 
-    A line of two vertices:
+    A graph of two vertices and an edge:
 
         >>> import pathlib, tempfile
         >>> from jaxcell import patrol

@@ -21,7 +21,7 @@ _Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
 
 @dataclasses.dataclass(frozen=True)
 class Gld:
-    """A generalized lambda distribution as parametrized by Freimer, Mudholkar, Kollia and Lin.
+    """A generalized lambda distribution in the form of Freimer, Mudholkar, Kollia and Lin (1988).
 
     The distribution is defined by its quantile function (Alam 2018, Eq. 4.10)
 
@@ -31,7 +31,7 @@ class Gld:
     logistic distribution, with 1 and 1 a uniform distribution. If the four parameters are arrays
     `[laws, 1]`, they are several distributions, and functions return arrays `[laws, values]`.
 
-    The other functions invert `Q` by Newton's method in a bracket, in the log-odds `log(u / (1 -
+    The other functions invert `Q` with Newton's method in a bracket, in the log-odds `log(u / (1 -
     u))`, so that neither tail loses digits.
 
     The logistic distribution:
@@ -69,7 +69,7 @@ class Gld:
 
     @np.errstate(all="ignore")
     def quantile(self, u: Any) -> Float[np.ndarray, "*values"]:
-        """Return the value that is not exceeded with probability `u`; NaN outside of [0, 1]."""
+        """Return the quantile of probability `u`; NaN if `u` is outside of [0, 1]."""
         u = np.asarray(u, np.float64)
         z = _power(np.log(u), self.l3) - _power(np.log1p(-u), self.l4)
         return np.asarray(self.l1 + z / self.l2)

@@ -45,10 +45,10 @@ class GldFit(Result):
 
     law: Gld
     log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
-    "The sum over all samples of log-probabilities if censored, else of log-densities."
+    "The sum over all samples of log-probabilities if censored, otherwise of log-densities."
     distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
     """Kolmogorov-Smirnov statistic: the largest difference between the distribution functions of
-    the law and of the samples. If censored, only whole numbers plus a half count."""
+    the law and of the samples. If censored, only whole numbers plus 1/2 are compared."""
     censored: bool
     "`True` if samples stand for intervals of length 1."
     certificate: Certificate
@@ -66,7 +66,7 @@ class GldFit(Result):
 def fit_gld(
     samples: Any, *, censored: bool | None = None, steps: int = 60, throw: bool = True
 ) -> GldFit:
-    """Fit a generalized lambda distribution by maximum likelihood (Alam 2018, section 4.4.6).
+    """Fit a generalized lambda distribution with maximum likelihood (Alam 2018, section 4.4.6).
 
     Times counted in steps are whole numbers, for which the likelihood of a density grows without
     bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
@@ -130,11 +130,11 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The samples of a fit, and the points at which a law is given by its log-odds."""
+    """The samples of a fit, and the points at which the log-odds of a law are its parameters."""
 
     data: Likelihood
     few: Likelihood
-    "The likelihood of at most `_RANKED` of the values, which ranks laws and begins the search."
+    "The likelihood of at most `_RANKED` of the values, which ranks laws and starts the search."
     inner: _Point
     "Two points near the quartiles."
     log_odds: _Point
@@ -234,16 +234,16 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 
 
 def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Maximize the likelihood by Newton's method within bounds.
+    """Maximize the likelihood with Newton's method within bounds.
 
     Curvatures of the loss count as positive, so that each step lowers the loss.
 
     No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
     and L-BFGS-B stop too early.
 
-    A law is given by its log-odds at two points and its shapes. On a side with a bounded support,
-    the outer point is used, with which no change of the other parameters excludes a sample;
-    otherwise the inner point is used, at which log-odds hardly depend on the shape.
+    The parameters of a law are its log-odds at two points and its shapes. On a side with a bounded
+    support, the outer point is used, with which no change of the other parameters excludes a
+    sample; otherwise the inner point is used, at which log-odds hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])

@@ -1,7 +1,7 @@
 """Likelihood of samples under generalized lambda distributions, with derivatives.
 
-Here, a law is given by four numbers: the log-odds of its distribution function at two points, and
-its shapes.
+Here, the parameters of a law are four numbers: the log-odds of its distribution function at two
+points, and its two shapes.
 """
 
 import dataclasses

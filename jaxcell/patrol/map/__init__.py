@@ -1,6 +1,6 @@
-"""Patrols of a map by robots with a limited view (Alam 2018, section 4.4).
+"""Patrols of a map by robots with a limited range of sight (Alam 2018, section 4.4).
 
-`cell_graph` makes the graph whose vertices are the free cells. From each cell a robot sees other
+`cell_graph` builds the graph whose vertices are the free cells. From each cell a robot sees other
 cells (Eq. 4.1, `jaxcell.space.visible_cells`). A *cover* is a set of cells from which all cells are
 seen. It grows cell by cell: the cover of robot 0 gets the best cell, that of robot 1 the second
 best, and so on (Alg. 4.3).

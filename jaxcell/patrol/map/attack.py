@@ -43,15 +43,16 @@ class Attack:
 
     @property
     def first(self) -> "Attack":
-        """This attack with only the first of its times."""
+        """A copy of this attack with only the first of its times."""
         return Attack(self.times[:1], self.start)
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
     ) -> list[Float[np.ndarray, "*targets cells"]]:
-        """Compute the distribution of each robot when an attack begins, over its cells out of view.
+        """Compute the distribution of each robot over its cells out of view when an attack begins.
 
-        For the start `worst`, it is uniform over the cells among which the worst is chosen.
+        For the start `worst`, it is uniform over the cells among which the adversary chooses the
+        worst cell.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):
@@ -114,7 +115,7 @@ def contested(
     **Arguments:** `visible[i, j]` is true if a robot in cell `i` sees cell `j`; the policy of each
     robot; and the regions around a base station, if any. **Returns:** the cells, in order.
 
-    The base station in the middle of a corridor of five cells sees all but the ends:
+    The base station in the middle of a corridor of five cells sees all cells except the ends:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()

@@ -47,7 +47,7 @@ class Vulnerability(Result):
     fitted: Annotated[
         Float[np.ndarray, "times"], quantity("attack_time", "by the law that is fitted", "1")
     ]
-    "The probability by the fitted generalized lambda distribution; NaN without a fit."
+    "The probability from the fitted generalized lambda distribution; NaN without a fit."
     law: Annotated[
         Float[np.ndarray, "steps"],
         quantity("step", "probability that the first robot is in view then", "1", kind="share"),

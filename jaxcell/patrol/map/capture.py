@@ -24,7 +24,7 @@ _TARGETS = 512
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Capture(Result):
-    """The probability of capturing an adversary, by attack time and attacked cell."""
+    """The probability of capturing an adversary, for each attack time and attacked cell."""
 
     title: ClassVar[str] = "Probability of capture"
     tables: ClassVar[Mapping[str, str]] = {"attack_time": "attacks"}
@@ -35,7 +35,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots start in all cells with equal probability, out of view."
+    "The probability if robots start in all cells out of view with equal probability."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -48,7 +48,7 @@ class Capture(Result):
         attack: Attack,
         regions: Regions | None = None,
     ) -> "Capture":
-        """Compute the capture by robots with given policies.
+        """Compute the probability of capture by robots with given policies.
 
         **Arguments:**
 
@@ -140,15 +140,15 @@ def capture_by_tours(
     **Arguments:**
 
     - `graph`, `visible`: as in [`capture_probabilities`][].
-    - `covers`: the cells that each robot visits, on a tour by
+    - `covers`: the cells that each robot visits, on a tour from
         [`jaxcell.optimize.shortest_tour`][].
     - `attack`: the attack; only its first time counts.
 
     **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
     single cell.
 
-    One robot in a corridor of five cells goes to and fro between cells 1 and 3, and sees each end
-    again after at most 3 steps:
+    One robot in a corridor of five cells goes back and forth between cells 1 and 3. It sees each
+    end again after at most 3 steps:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -215,7 +215,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late`, the probability that a robot from a cell does not see a target, by `steps`."""
+    """Extend `late`, the probability that a robot does not see a target in time, by `steps`."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

@@ -109,8 +109,8 @@ def capture_policies(
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together. The starts are tours through covers, and *even*
-    walks, which take all edges with equal probability; both are perturbed at random.
+    logits of the steps of all robots together. The searches start from tours through covers, and
+    from *even* walks, which take all edges with equal probability; both are perturbed randomly.
 
     The result mixes each trained walk with rare excursions, which visit all cells and drift back.
     Excursions spend a share of time of at least 1e-5 in an average cell, so that every cell is
@@ -126,7 +126,8 @@ def capture_policies(
     - `starts`: number of starts: tours first, then even walks. On a large map even walks may
         capture too little to be used as starts.
     - `seed`: seed of the starts.
-    - `say`: called with a description of the work, the number of steps done, and their total.
+    - `say`: a function that is called with a description of the work, the number of completed
+        steps, and their total.
 
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
     the last quarter of the steps added: if it is large, more steps would improve the result.
@@ -166,7 +167,7 @@ def capture_frontier(
     - other arguments as in [`capture_policies`][].
 
     **Returns:** [`Frontier`][], with floors in increasing order. Each search has two starts, a new
-    start and the patrol of the next higher floor, so that capture never rises with the floor.
+    start and the result for the next higher floor, so that capture never increases with the floor.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
@@ -197,7 +198,7 @@ def capture_frontier(
 
 
 def entropy_rate(graph: Graph, policy: Policy) -> float:
-    """Compute the entropy of a robot's step in the long run, in nats; 0 for a robot that stays."""
+    """Compute the long-run entropy of a robot's step, in nats; 0 for a robot in one cell."""
     share = policy.share_of_time(graph)
     chance = np.asarray(policy.chain.probability)
     surprise = -np.log(np.where(chance > 0, chance, 1.0))
@@ -220,7 +221,7 @@ class _Problem:
     "An attack with a single time."
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a target is out of view, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
 
     @classmethod
     def of(
@@ -292,7 +293,7 @@ class _Problem:
     def search(
         self, begins: Sequence[Logits], randomness: float, say: Say | None = None
     ) -> tuple[CaptureSearch, Logits]:
-        """Follow the gradient from several starts. Returns the best result, and its logits."""
+        """Follow the gradient from several starts, and return the best result with its logits."""
         steps = STEPS if self.unseen.shape[1] else 0
         ascent = self.ascent(randomness)
         tries = [

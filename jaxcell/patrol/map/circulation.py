@@ -76,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Convert the derivative of a value by shares of time to the one by added visits."""
+        """Convert the derivative with respect to shares of time to that with respect to visits."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -90,7 +90,7 @@ class CirculationAscent:
     graph: Graph
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a robot does not see a target, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     start: str
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
@@ -104,10 +104,12 @@ class CirculationAscent:
         work: str = "",
         say: Callable[[str, int, int], None] | None = None,
     ) -> tuple[Logits, list[Circulation], list[float]]:
-        """Follow the gradient with `count` steps of Adam; `say` is called with the description of
-        the work, the number of steps done, and their total.
+        """Follow the gradient with `count` steps of Adam.
 
-        **Returns:** the last logits, the walks, and the least capture every `_BLOCK` steps.
+        `say` is called with the description of the work, the number of completed steps, and their
+        total.
+
+        **Returns:** the last logits, the walks, and the least capture after every `_BLOCK` steps.
         """
         image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
@@ -156,7 +158,7 @@ class CirculationAscent:
         return logits, walks, course
 
     def least(self, logits: Logits) -> float:
-        """Compute the least capture over the targets by walks with given logits."""
+        """Compute the least capture over the targets for walks with given logits."""
         _, walks, _ = self.climb(logits, 0)
         chance, share = _stacked(walks)
         missed = _log_missed(
@@ -207,7 +209,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the weakest target in each range of targets, and the weakest of the others."""
+    """Choose the weakest target in each range of targets, and the weakest remaining targets."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets
@@ -261,7 +263,7 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
-    """Differentiate the soft minimum of capture by the trained steps and the shares of time."""
+    """Differentiate the soft minimum of capture with respect to steps and shares of time."""
     hardness = rest[-1]
 
     def loss(chance, share):  # type: ignore[no-untyped-def]

@@ -7,17 +7,17 @@ from ...space import CellSpace, Motion, free_steps
 
 
 def cell_graph(cells: CellSpace) -> Graph:
-    """Make the graph of the free cells, whose edges are straight free paths to neighbours.
+    """Build the graph of the free cells, whose edges are straight free paths to neighbours.
 
     The vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
     An edge joins a cell to one of its eight neighbours if the segment between the centres stays in
     the closed free space: the segment may touch the corner of an obstacle, but not pass between two
     obstacles that meet at a point.
 
-    **Arguments:** the cell space of a map; its number of directions does not matter.
-    **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
+    **Arguments:** the cell space of a map; its number of directions has no effect. **Returns:**
+    [`jaxcell.optimize.Graph`][], which need not be connected.
 
-    A room of 2 x 2 cells; robots may also go diagonally:
+    A room of 2 x 2 cells, in which robots may also move diagonally:
 
         >>> from jaxcell import patrol, space
         >>> room = space.Workspace([(0, 0), (2, 0), (2, 2), (0, 2)])

@@ -38,13 +38,13 @@ class Attacks:
     since: Int[np.ndarray, "times"]
     "The steps since the last attack began."
     caught: Int[np.ndarray, "times"]
-    "The number of failed attacks by each time."
+    "The number of failed attacks up to each time."
     succeeded: Int[np.ndarray, "times"]
-    "The number of successful attacks by each time."
+    "The number of successful attacks up to each time."
 
 
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
-    """Simulate patrolling robots, and an adversary that attacks the target when it is out of view.
+    """Simulate patrolling robots, and an adversary that attacks a target that is out of view.
 
     The first cells of robots are drawn from their shares of time. An attack takes the first attack
     time, and fails if a robot sees the target within this time.

@@ -58,22 +58,22 @@ class PatrolledMap(Result):
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
     attack: Vulnerability
-    "The capture of attacks on one cell."
+    "The probability of capture of attacks on one cell."
     captures: Capture
-    "The capture of attacks on each cell."
+    "The probability of capture of attacks on each cell."
     regions: Regions | None = None
-    "The region of each robot around a base station, or `None` without one."
+    "The region of each robot around a base station, or `None` if there is no base station."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The capture while the remaining robots keep their old regions, or `None`."
+    "The capture after one robot has failed, if the others keep their old regions; or `None`."
     recovery: Capture | None = None
-    "The capture when the remaining robots patrol the new regions, or `None`."
+    "The capture after one robot has failed, if the others patrol the new regions; or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
-    "The search that found the policies, if they maximise capture; else `None`."
+    "The search that found the policies if they maximise capture; otherwise `None`."
     frontier: Frontier | None = None
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
@@ -96,7 +96,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "sizes"] | None,
         quantity("size", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
-    "The capture by teams of one robot, two robots, and so on up to all."
+    "The probability of capture by a team of one robot, of two robots, and so on."
     seed: int = 0
     "Seed of the patrol that a recording shows."
 

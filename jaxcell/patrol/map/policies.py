@@ -69,7 +69,7 @@ def of_policies(path: str, *description: Any, **more: Any) -> Any:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make walks such that each robot alone sees all cells (Alam 2018, section 4.4.4).
+    """Compute walks on which each robot alone sees all cells (Alam 2018, section 4.4.4).
 
     The cover of robot `i` is [`jaxcell.optimize.greedy_cover`][] with choice `i`. The walk has the
     minimum average expected commute time with an emphasis on the cover,
@@ -79,7 +79,7 @@ def distributed_policies(
 
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
-    - `share`: the least weight of the tour through the cover, 0 to 1.
+    - `share`: the least weight of the tour through the cover, from 0 to 1.
 
     **Returns:** a [`Policy`][] for each robot.
 
@@ -110,7 +110,7 @@ def distributed_policies(
 def centralized_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make walks that watch one region each and report to a base (Alam 2018, section 4.4.5).
+    """Compute walks that each watch one region and report to a base (Alam 2018, section 4.4.5).
 
     A robot stays in its region, and its cover consists of cells of the region. The source leaves
     the choice of the *contact cell* open: here it is the cell of the region, in view of the base
@@ -120,7 +120,7 @@ def centralized_policies(
 
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `regions`: the region of each robot.
-    - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
+    - `share`: the least weight of the tour through the cover and the contact cell, from 0 to 1.
 
     **Returns:** a [`Policy`][] for each region, in order.
 
@@ -173,7 +173,7 @@ def _policy(
     view: Bool[np.ndarray, "cells"] | None = None,
     walk: MinimumCommute | None = None,
 ) -> Policy:
-    """Make the policy on given cells, with a contact cell in the view of a base station, if any."""
+    """Compute a policy on given cells, with a contact cell in `view` if there is a base station."""
     inside = np.isin(graph.edges, cells).all(axis=1)
     part = part_of_graph(graph, cells)
     cover = greedy_cover(visible[np.ix_(cells, cells)], choice)
@@ -211,7 +211,7 @@ def _contact(
 
 
 def _among(cells: Int[np.ndarray, "visited"], chain: Chain, count: int) -> Chain:
-    """Extend a chain on given cells to all cells; it stays in place in the other cells."""
+    """Extend a chain on given cells to all cells; in the other cells, it stays in place."""
     image = np.tile(np.arange(count, dtype=np.int32), (len(chain.image), 1))
     probability = np.zeros(image.shape)
     probability[0] = 1

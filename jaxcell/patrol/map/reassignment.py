@@ -52,7 +52,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     **Arguments:** the policy of a robot with a contact cell; and the probability of a false alarm,
     more than 0 and less than 1. **Returns:** the number of steps.
 
-    A robot that alternates between two cells reports every other step:
+    A robot that alternates between two cells reports in every second step:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -92,7 +92,7 @@ def reassign(
     share: float = 0.8,
     alpha: float = 0.01,
 ) -> Reassignment:
-    """Make new regions and policies for the remaining robots when one robot stops reporting.
+    """Compute new regions and policies for the remaining robots when one robot stops reporting.
 
     Alam 2018, section 6.3, leaves this to future work. The base station keeps its place and divides
     the map among the remaining robots. The assignment of regions lets the robots keep as many of

@@ -46,9 +46,9 @@ def base_station(
 ) -> int:
     """Choose the cell for a base station: the central cell that sees the most cells.
 
-    The source asks for a place near the middle with a wide view (Alam 2018, section 4.4.5). Here a
-    cell is more central if its mean path to all other cells is shorter. Of cells with equal views,
-    the most central cell is chosen.
+    The source requires a place near the middle with a wide view (Alam 2018, section 4.4.5). Here a
+    cell is more central if its paths to all other cells are shorter on average. Among cells with
+    equal views, the most central cell is chosen.
 
     **Arguments:** the graph of the cells, which is connected; the mask of the cells seen from each
     cell, within the range of a base station; and the share of the cells that count as central, more

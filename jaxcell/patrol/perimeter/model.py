@@ -25,7 +25,7 @@ _Polynomials: TypeAlias = Float[np.ndarray, "segments coefficients"]
 
 
 class Movement(enum.Enum):
-    """The rule by which robots move on a perimeter; one coin per step decides for all robots."""
+    """The rule for the moves of robots on a perimeter; one coin per step decides for all robots."""
 
     BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
     DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
@@ -83,7 +83,7 @@ class Perimeter:
         return np.arange(self.images.shape[1]) % self.distance == 0
 
     def chain(self, p: float) -> Chain:
-        """Make the Markov chain of the states, with the probability `p` of heads."""
+        """Return the Markov chain of the states for the probability `p` of heads."""
         if not 0 <= p <= 1:
             raise ValueError(f"p: expected a probability, got {p}")
         images = self.images
@@ -216,7 +216,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
 
 
 def _bound(coefficients: _Polynomials) -> float:
-    """Return an upper bound of the minimum of the polynomials, for all p in [0, 1]."""
+    """Return an upper bound, over all p in [0, 1], on the minimum of the polynomials."""
     return float(coefficients.max(axis=1).min())
 
 

@@ -49,7 +49,8 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    "The capture by walks optimised without a charger, which [`charged`][] then made return to it."
+    """The capture by walks that were optimised without a charger, after [`charged`][] has added the
+    returns to it."""
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
@@ -65,8 +66,9 @@ class Charged(Result):
         attack_time: Any = None,
         names: Sequence[str] | None = None,
     ) -> "Charged":
-        """Compute the statistics of walks whose steps depend on the number of steps since a charge;
-        the probabilities of steps are 0 in states that never occur."""
+        """Compute the statistics of walks whose steps depend on the number of steps since a charge.
+
+        The probabilities of steps are 0 in states that never occur."""
         robots, every, vertices, _ = chance.shape
         often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
         here = np.tile(np.eye(vertices)[charger], (robots, 1))
@@ -120,11 +122,11 @@ def charged(
     attack_time: Any = None,
     names: Sequence[str] | None = None,
 ) -> Charged:
-    """Make walks return to a charger in time, and compute their statistics exactly.
+    """Modify walks so that they return to a charger in time, and compute their exact statistics.
 
-    A robot draws among the steps of its walk after which it can still reach the charger in time; if
-    its walk has no such step, it goes to a random neighbour from which it can. So its steps depend
-    on the number of steps since the charge. Robots are independent.
+    A robot draws among the steps of its walk after which it can still reach the charger in time. If
+    its walk has no such step, it goes to a random neighbour from which it can reach the charger in
+    time. So its steps depend on the number of steps since the charge. Robots are independent.
 
     **Arguments:**
 
@@ -159,6 +161,7 @@ def charged(
 
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
     """Return a mask of the vertices to which a robot may step and still reach the charger in time.
+
     Its rows are the numbers of steps since the charge.
     """
     check_vertex("charger", charger, graph.vertices)

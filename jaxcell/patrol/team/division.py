@@ -19,7 +19,7 @@ _HEAT, _ALONE = 1.0, 1000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Division(Result):
-    """Robots that share a graph, compared with robots that each have a part of it."""
+    """Robots that share a graph, compared with robots that each patrol a part of it."""
 
     title: ClassVar[str] = "Sharing a graph against dividing it"
     tables: ClassVar[Mapping[str, str]] = {"division": "divisions"}
@@ -96,7 +96,7 @@ def divide_graph(
 def _balanced(
     part: Int[np.ndarray, "vertices"], beside: list[list[int]], parts: int
 ) -> Int[np.ndarray, "vertices"]:
-    """Move vertices between connected parts until sizes differ by at most 1, or steps are used up.
+    """Move vertices between connected parts until sizes differ by at most 1, up to a step limit.
 
     A vertex moves to a neighbouring part. If its old part then falls into pieces, all pieces except
     one move too, so each part stays connected. The cost is the sum of the squares of the sizes,
@@ -185,7 +185,7 @@ def walk_in_part(
     `matrix` is the transition matrix between the vertices of the part; the result is the transition
     matrix between all vertices.
 
-    To and fro at one end of a line of four vertices:
+    A walk that alternates between two vertices at one end of a line of four:
 
         >>> import numpy as np
         >>> from jaxcell import patrol

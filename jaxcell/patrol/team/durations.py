@@ -66,8 +66,8 @@ def timed(
     s + P h`, and the mean time between two departures of a robot from vertex `j` is `pi s / pi_j`.
 
     **Arguments:** the graph; the transition matrix of each robot; the share of steps of each robot
-    that begin at each vertex; the travel time of each edge, in seconds; and the time of a step that
-    stays. **Returns:** [`Timed`][], with hitting times of the first robot.
+    that begin at each vertex; the travel time of each edge, in seconds; and the duration of a step
+    that stays at a vertex. **Returns:** [`Timed`][], with hitting times of the first robot.
 
     A random walk on a line of three vertices, whose second edge takes ten times as long:
 
@@ -101,7 +101,7 @@ def _hitting(
     share: Float[np.ndarray, "vertices"],
     step: Float[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the mean hitting times, infinite to vertices that are not visited in the long run.
+    """Compute the mean hitting times, which are infinite for targets without long-run visits.
 
     With the fundamental matrix `Z = (I - P + 1 pi)^-1`, the times are `(Z s)_i - (Z s)_j + pi s
     (z_jj - z_ij) / pi_j`.

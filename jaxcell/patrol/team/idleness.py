@@ -85,8 +85,9 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """Make two quantities of a result, the mean and the maximum over vertices of the time between
-    visits; `idleness` returns this time per vertex of a result."""
+    """Build two quantities: the mean and the maximum over vertices of the time between visits.
+
+    `idleness` is a function that returns the time between visits to each vertex of a result."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(
@@ -212,7 +213,7 @@ def simulate_idleness(
 
 
 def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
-    """Compute the means of successive batches of times between visits; infinite if too few."""
+    """Compute the means of successive batches of times between visits; `inf` for too few times."""
     few = times.size < _BATCHES
     return [np.inf if few else part.mean() for part in np.array_split(times, _BATCHES)]
 
@@ -225,7 +226,7 @@ def _error(means: Float[np.ndarray, "batches"]) -> float:
 def _spaced(
     tour: Int[np.ndarray, "steps"], durations: Float[np.ndarray, "vertices vertices"], robots: int
 ) -> list[int]:
-    """Choose places on a tour such that robots follow each other at nearly equal intervals."""
+    """Choose starts on a tour so that robots follow each other at nearly equal intervals."""
     reached = np.concatenate([[0.0], durations[tour, np.roll(tour, -1)].cumsum()])
     aims = np.arange(robots) * reached[-1] / robots
     return [int(np.abs(reached[:-1] - aim).argmin()) for aim in aims]

@@ -76,7 +76,7 @@ def age_of_news(
     unit: float = 1.0,
     names: Sequence[str] | None = None,
 ) -> News:
-    """Compute the probability law of the age of news at a base, exactly.
+    """Compute the exact probability distribution of the age of news at a base.
 
     A robot sees a vertex when it is at the vertex, and reports when it is at the base. The newest
     news of a vertex comes from the last visit to the vertex after which the visitor has reached the
@@ -154,8 +154,9 @@ def _backward(
 def with_vertices_on_the_way(
     matrix: Float[np.ndarray, "vertices vertices"], delays: Int[np.ndarray, "vertices vertices"]
 ) -> scipy.sparse.csr_array:
-    """Replace each step that takes several units of time by a chain of steps of one unit; the
-    places on these chains follow the vertices."""
+    """Replace each step of several units of time by a chain of steps of one unit.
+
+    The additional states on these chains are numbered after the vertices."""
     tails, heads = np.nonzero(matrix)
     more = delays[tails, heads] - 1
     places = len(matrix) + int(more.sum())

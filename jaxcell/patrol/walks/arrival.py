@@ -1,4 +1,4 @@
-"""Exact law of capture: the probability that robots on a graph reach a target in time."""
+"""Exact probabilities of capture: the probability that robots on a graph reach a target in time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -78,8 +78,8 @@ def first_passage(
     """Compute the probability of first passage from each state to each target in time.
 
     At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`.
-    The lengths of the last two arguments are the lengths of the loops: they are passed as shapes
-    because JAX compiles once per shape.
+    The lengths of the last two arguments are the numbers of iterations of the loops. They are
+    passed as shapes because JAX compiles once per shape.
     """
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
@@ -97,14 +97,14 @@ def first_passage(
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
-    """Make the matrix that is 1 where a state is at a vertex; the vertex varies fastest."""
+    """Return the matrix that is 1 where a state is at a vertex; the vertex varies fastest."""
     return np.tile(np.eye(vertices), (states // vertices, 1))
 
 
 def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
-    """Check the times; return the times of moves, 0 without an edge, and of attacks on vertices."""
+    """Check the times, and return the times of moves (0 without an edge) and of attacks."""
     attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
     given = 1 if travel_times is None else travel_times
     times = _whole("travel_times", given, len(graph.edges), "edge")

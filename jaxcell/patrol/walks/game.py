@@ -104,16 +104,16 @@ def strategy_game(
 
     The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk with the
     least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
-    walk with the least commute time under that emphasis. Each strategy orders the vertices by a
-    mean hitting time: the time from a vertex to the preferred vertices or, in the strategy for all
-    vertices, the time to a vertex from all others.
+    walk with the least commute time under that emphasis. Each strategy sorts the vertices by a mean
+    hitting time: the time from a vertex to the preferred vertices or, in the strategy for all
+    vertices, the time to a vertex from all other vertices.
 
     **Arguments:**
 
     - `graph`: a connected graph whose vertices have positions.
-    - `emphasis`: two or more vertices to emphasise; `None` leaves out the last strategy.
+    - `emphasis`: two or more vertices to emphasise, or `None` to leave out the last strategy.
     - `share`: the least sum of the weights on the shortest closed tour through these vertices.
-    - `paths`: number of shortest paths from each vertex to the vertex that a walk heads for.
+    - `paths`: number of shortest paths from each vertex to the target of a walk.
     - `names`: names of the vertices; by default their numbers.
     - `stakes`: the stakes of the game at each vertex, as in [`jaxcell.optimize.payoffs`][].
 

@@ -37,7 +37,8 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Largest graph, in vertices, on which first arrivals of several robots are computed, in 10 s."""
+"""Largest number of vertices for which first arrivals of several robots are computed; it takes 10
+s."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,9 +73,9 @@ class GraphPatrol(Measures):
     charged: Charged | None = None
     "The walks that return to a charger in time, or `None`."
     walks_with_memory: MemoryPatrol | None = None
-    "The walks of robots with memory, or `None`; other measures are of the walk without memory."
+    "The walks of robots with memory, or `None`. The other measures are of the walk without memory."
     idleness: Idleness | None = None
-    "The times between visits of these walks and of three other patrols, or `None`."
+    "The times between visits to vertices, for these walks and three other patrols, or `None`."
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
@@ -171,7 +172,7 @@ class GraphPatrol(Measures):
 
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
-        """The transition matrix of each robot, over pairs of memory and vertex if it has memory."""
+        """The transition matrix of each robot, over pairs of memory and vertex if it remembers."""
         return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property

@@ -80,7 +80,7 @@ def memory_patrol(
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:
-    """Find the walks that capture most with 2, 4, 8, ... states of memory, up to a given number.
+    """Find the walks that capture most, for robots with 2, 4, 8, ... states of memory.
 
     **Arguments:**
 
@@ -90,7 +90,7 @@ def memory_patrol(
     - `matrices`: the transition matrix of each robot without memory.
     - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
     - `names`: names of the vertices; by default their numbers.
-    - `say`: called with a line of text when a search begins.
+    - `say`: a function that is called with a line of text when a search begins.
 
     **Returns:** [`MemoryPatrol`][].
 

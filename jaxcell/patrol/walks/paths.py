@@ -20,15 +20,15 @@ _MAX_SEARCHES = 500_000
 
 
 def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
-    """Make a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
+    """Build a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
 
-    From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
-    counts once for each of these paths that contains it, and each step away from the vertex counts
-    once; a step has a probability in proportion to its count. As in the printed algorithm, a path
-    counts only in its own direction. In the long run, the walk may leave out vertices that are on
-    no path from a neighbour of the vertex.
+    From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). Each
+    step gets a count: the number of these paths that contain it, or 1 for a step that leaves the
+    vertex. The probability of a step is in proportion to its count. As in the printed algorithm, a
+    path counts only in its own direction. In the long run, the walk may leave out vertices that are
+    on no path from a neighbour of the vertex.
 
-    Paths are in order of their Euclidean lengths. Of equally long paths, such as a line and its
+    Paths are in order of their Euclidean lengths. Among equally long paths, such as a line and its
     pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
     edge, in the order of the graph, that is in only one path decides: that path is second.
 

@@ -53,7 +53,7 @@ class Steps(NamedTuple):
     def matrices(
         self, chance: Float[np.ndarray, "*batch branches cells"]
     ) -> Float[np.ndarray, "*batch cells cells"]:
-        """Make transition matrices from the probabilities of steps."""
+        """Build transition matrices from the probabilities of steps."""
         cells = chance.shape[-1]
         matrices = np.zeros((*chance.shape[:-2], cells, cells))
         places: Any = (..., np.arange(cells), np.asarray(self.image))
@@ -71,32 +71,34 @@ class Steps(NamedTuple):
     def pull(self, chance: _Chance, value: _Values) -> _Values:
         """Compute the products `P v` of the transition matrix and several vectors.
 
-        The derivative gathers, because every step has a step back; JAX's own derivative scatters,
-        which takes several times as long.
+        Because every step has a step back, the derivative can gather values. JAX's own derivative
+        scatters values, which takes several times as long.
         """
         return _pull(chance, value, self)
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
-        """Return the weight of each cell as the start of a robot; all weights are equal."""
+        """Return the weight of each cell among the starts of a robot; all weights are equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
 
 class SymmetricSteps(NamedTuple):
     """The steps of a robot with memory that acts in the same way in all symmetric positions.
 
-    A state of the memory is a pair of a *frame*, the symmetry through which the robot sees the
-    graph, and a number; each step may change both. The cells are the pairs of a number and a vertex
-    in the first frame, the identity. The steps in other frames follow by symmetry.
+    A state of the memory is a pair (frame, number), and each step may change both. The *frame* is
+    the symmetry of the graph through which the robot sees the graph; frame 0 is the identity. The
+    *cells* are the pairs of a number and a vertex in frame 0. The steps in other frames follow by
+    symmetry.
     """
 
     own: Steps
-    "The steps from the cells to states of the memory at neighbours; the frame varies slowest."
+    """The steps from each cell (in frame 0) to a memory state and a neighbouring vertex. In the
+    numbers of these states the frame varies slowest, and the vertex fastest."""
     frames: Int[Array, "frames vertices"]
     "The image of each vertex in each frame; the frames are a group of permutations."
 
     @classmethod
     def of(cls, graph: Graph, frames: Int[np.ndarray, "frames vertices"]) -> "SymmetricSteps":
-        """Make the steps from a graph whose vertices are pairs of a memory state and a vertex."""
+        """Build the steps from a graph whose vertices are pairs of a memory state and a vertex."""
         cells = graph.vertices // len(frames)
         own = Steps(*(part[:, :cells] for part in Steps.of(graph)))
         return cls(own, jax.device_put(frames))
@@ -110,7 +112,7 @@ class SymmetricSteps(NamedTuple):
     def matrices(
         self, chance: Float[np.ndarray, "robots branches cells"]
     ) -> Float[np.ndarray, "robots states states"]:
-        """Make the transition matrices in all frames from the probabilities of steps."""
+        """Build the transition matrices of all frames from the probabilities in frame 0."""
         frames = np.asarray(self.frames)
         count, vertices = frames.shape
         own = np.asarray(self._dense(chance))

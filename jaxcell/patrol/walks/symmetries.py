@@ -15,7 +15,7 @@ MOST_SYMMETRIES = 48
 def symmetries(
     delays: Int[np.ndarray, "vertices vertices"], kinds: Sequence[Any]
 ) -> Int[np.ndarray, "symmetries vertices"]:
-    """Find permutations of vertices that keep the durations of moves and the kinds of vertices.
+    """Find permutations of vertices that preserve durations of moves and kinds of vertices.
 
     **Returns:** the image of each vertex under each permutation, the identity first. If there are
     at most 48 permutations, they form a group.

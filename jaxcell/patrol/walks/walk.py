@@ -10,7 +10,7 @@ from ...optimize.checked import one_each
 
 
 def random_walk(graph: Graph, weights: Any) -> Chain:
-    """Make the chain of a patroller that takes edges with probabilities in proportion to weights.
+    """Build the chain of a patroller that takes edges with probabilities proportional to weights.
 
     The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
 

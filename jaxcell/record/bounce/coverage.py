@@ -53,7 +53,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Make a logarithmic scale of the time in a cell, as a multiple of an even share.
+    """Return a logarithmic scale of the time in a cell, as a multiple of an even share.
 
     An even share is the time in each cell if all cells get the same time. `most` is the largest
     multiple. Bounds double every second level.

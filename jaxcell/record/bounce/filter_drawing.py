@@ -38,9 +38,9 @@ class Drawing:
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
     """Place the states of a filter in the plane.
 
-    States outside the knowledge cycles are in columns, by their number of edges from the start. The
-    cycles are loops beside the columns. Of a filter with more than 300 states, only some cycles and
-    the states at the end of a run are drawn.
+    States outside the knowledge cycles are in columns, one column for each number of edges from the
+    start. The cycles are loops beside the columns. If a filter has more than 300 states, only some
+    cycles and the states at the end of a run are drawn.
 
     **Arguments:**
 
@@ -80,7 +80,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in columns by their number of edges from the start, so that edges are short."""
+    """Place states in columns according to their distance from the start; edges are short."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0

@@ -115,7 +115,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log which cells reach the goal: their number on each square, and a map per direction."""
+    """Log the cells that reach the goal: their number on each square, and a map per direction."""
     cells, below = map.cells, f"{path}/" if path else ""
     reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
@@ -195,7 +195,7 @@ def _outcome(plan: Plan) -> str:
 
 
 def _action_string(plan: Plan) -> str:
-    """Write a plan as angles in degrees, with the numbers of steps between them."""
+    """Format a plan as angles in degrees, with the numbers of steps between them."""
     words = []
     for action, same in itertools.groupby(plan.actions.tolist()):
         count = len(list(same))

@@ -105,7 +105,7 @@ def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
 
 
 def _name(localized: AdaptivelyLocalized, state: int) -> str:
-    """Describe a state by its number, the number of its cells, and its turn."""
+    """Describe a state with its number, the number of its cells, and its turn."""
     turn = int(localized.policy.turn[state])
     cells = counted(int(localized.policy.uncertainty[state]), "cell").replace(",", "")
     does = f"turn by {degrees(localized.bounces[turn])}" if turn >= 0 else "run to the first bump"
@@ -115,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log the number of bumps until the robot is localized, for the worst and for each heading."""
+    """Log the number of bumps until localization, for the worst heading and for each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

@@ -126,8 +126,8 @@ def log_states(
 ) -> rrb.View:
     """Log a graph of states, in which the visited state is highlighted at each step.
 
-    `names` has the text of each state, `place` its coordinates with y down, and `size` its number
-    of cells. `visited` has the state at each step.
+    `names` contains the text of each state, `place` its coordinates with y down, and `size` its
+    number of cells. `visited` contains the state at each step.
     """
     drawn = np.array([*names])
     nodes = rr.GraphNodes.from_fields(

@@ -56,7 +56,7 @@ def log_shades(stream: rr.RecordingStream) -> None:
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "positions"]:
-    """Return the shade of each position, by the share of its directions that are possible.
+    """Return the shade of each position according to the share of its possible directions.
 
     All shades are 0 if there are few cells, because arrows show them.
     """

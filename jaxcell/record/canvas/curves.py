@@ -23,7 +23,7 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> None:
-    """Log numbers as a curve; `style` has the arguments of [`log_curve_style`][]."""
+    """Log numbers as a curve; `style` contains the arguments of [`log_curve_style`][]."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
@@ -69,11 +69,11 @@ def curve_view(
     legend: bool = False,
     first: int = 0,
 ) -> rrb.TimeSeriesView:
-    """Make a view of the curves at a path, over the whole timeline.
+    """Create a view of the curves at a path, over the whole timeline.
 
     `first` and `last` are the ends of the timeline; `last` is `None` while the recording grows.
-    `most` is the largest number on an axis from 0. For an `int` the axis is so long that the viewer
-    places ticks only at whole numbers.
+    `most` is the largest number on an axis from 0. If it is an `int`, the axis is extended so that
+    the viewer places ticks only at whole numbers.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

@@ -74,7 +74,7 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return the place of a label below a mark at `place`, and the colour of the map there.
+        """Return the position of a label below a mark at `place`, and the colour of the map there.
 
         `gap` is the distance of the label from the mark, in metres.
         """
@@ -189,7 +189,7 @@ class CellMap:
         send_changing(self.stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
-        """Make a view of entities on the map, with a margin around it."""
+        """Create a view of entities on the map, with a margin around it."""
         left, bottom, right, top = self.bounds
         margin = 0.04 * self.extent
         box = left - margin, -top - margin, right + margin, margin - bottom
@@ -228,7 +228,7 @@ class CellMap:
         return squares
 
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
-        """Divide the map into fine squares, and find those beyond the walls.
+        """Divide the map into fine squares, and find the fine squares beyond the walls.
 
         If the map is an image, each of its pixels consists of whole fine squares.
 
@@ -250,8 +250,9 @@ Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndar
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
     """Choose the directions that pictures show over the timelines `direction` and `step`.
 
-    The timeline `direction` has all directions, and `step` has the direction of a robot at each
-    step. `path` has the cells of the robot; without a path there is no timeline `step`.
+    The timeline `direction` contains all directions, and `step` contains the direction of a robot
+    at each step. `path` contains the cells of the robot; without a path there is no timeline
+    `step`.
     """
     every = np.arange(cells.directions)
     shown = {"direction": (every, every)}

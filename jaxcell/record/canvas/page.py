@@ -142,5 +142,5 @@ def _swatches(
 
 
 def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:
-    """Make a view of a legend; `rows` is the number of its rows."""
+    """Create a view of a legend; `rows` is the number of its rows."""
     return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2), ground=OBSTACLE)

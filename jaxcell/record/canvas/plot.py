@@ -1,4 +1,4 @@
-"""Charts with bars and curves that do not depend on the time, drawn in a plane.
+"""Static charts with bars and curves, drawn in a plane.
 
 The charts of the viewer itself show only data over a timeline, or only one kind of mark.
 """
@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes, with ticks at `x` and `y`, and their titles. A mapping names the ticks."""
+        """Log the axes with titles, and with ticks at `x` and `y`; a mapping names the ticks."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -97,7 +97,7 @@ class Plot:
         self._lines(name, strips, color, 1.0, 5.0)
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
-        """Make a view of the chart, and of the entities `also` in the same plane."""
+        """Create a view of the chart, and of the entities `also` in the same plane."""
         box = -_LEFT, -_HEIGHT - _ABOVE, _WIDTH + _RIGHT, _BELOW
         return plane("/", name, box, (f"/{self.path}/**", *also))
 

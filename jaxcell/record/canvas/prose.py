@@ -44,7 +44,7 @@ def degrees(angle: float) -> str:
 
 
 def made_with(spec: Spec, cells: CellSpace | None = None) -> str:
-    """Write the section "Made with": the map, and a table of the parameters, if any."""
+    """Format the section "Made with": the map, and a table of the parameters, if any."""
     given = [(key, value) for key, value in spec.items() if value is not None]
     parts = [] if cells is None else [describe(cells)]
     parts += [table(("parameter", "value"), given)] if given else []
@@ -52,7 +52,7 @@ def made_with(spec: Spec, cells: CellSpace | None = None) -> str:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = _MAX_ROWS) -> str:
-    """Write a table in Markdown, with at most `most` rows."""
+    """Format a table in Markdown, with at most `most` rows."""
     body = [[str(cell).replace("|", "&#124;") for cell in row] for row in rows[:most]]
     if len(rows) > most:
         body.append([f"{len(rows) - most:,} more"] + [""] * (len(columns) - 1))
@@ -61,7 +61,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 
 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
-    """Write the single numbers and texts of a result, if any, as a table in Markdown."""
+    """Format the single numbers and texts of a result, if any, as a table in Markdown."""
     singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
     rows = [(about.meaning, format_value(value, about, cells)) for about, value in singles.values()]
     return table(("quantity", "value"), rows) if rows else ""
@@ -73,14 +73,14 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """Write a table in Markdown with a column per quantity.
+    """Format a table in Markdown with a column per quantity.
 
     **Arguments:**
 
     - `results`: one result, with a row per element along the dimension of the quantities; or
         several results of one class, with a row per result.
     - `names`: the quantities; a quantity that no result has is left out.
-    - `first`: columns before those of the quantities, by their heads.
+    - `first`: the columns before the columns of the quantities, as a mapping from heads to values.
     - `most`: the largest number of rows.
     """
     several = [results] if isinstance(results, Result) else results
@@ -101,10 +101,10 @@ def described(
 
 
 def times(count: int) -> str:
-    """Write a number of times: `once`, `twice`, `3 times`."""
+    """Format a number of times: `once`, `twice`, `3 times`."""
     return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
 def counted(count: int, one: str) -> str:
-    """Write a number with a noun in the singular or plural: `1 group`, `2,000 groups`."""
+    """Format a number with a noun in the singular or plural: `1 group`, `2,000 groups`."""
     return f"{count:,} {one}{'s' * (count != 1)}"

@@ -1,4 +1,4 @@
-"""Scales of colours, which give the class of each number in a picture, and the legend."""
+"""Colour scales, which determine the class of each number in a picture, and the legend."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -49,7 +49,7 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """Make a scale over the range of some numbers.
+        """Create a scale over the range of some numbers.
 
         **Arguments:**
 
@@ -77,7 +77,7 @@ class Scale:
         levels: int = _MOST_LEVELS,
         **about: Any,
     ) -> "Scale":
-        """Make a scale of the whole numbers from `least` to `most`, with at most `levels` levels.
+        """Create a scale of the whole numbers from `least` to `most`, with at most `levels` levels.
 
         The other arguments are those of [`Scale.over`][].
         """
@@ -104,8 +104,8 @@ class Scale:
     ) -> UInt8[np.ndarray, "*shape"]:
         """Return the class of each number.
 
-        `special` has a mask for each special class, by its meaning. If masks overlap, the last mask
-        counts. A NaN outside of all masks gets the last level.
+        `special` maps the meaning of each special class to a mask. If masks overlap, the last mask
+        applies. A NaN outside of all masks gets the last level.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
         kind = 1 + len(self.special) + level

@@ -41,7 +41,7 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
 
 
 def new_stream(kind: str) -> rr.RecordingStream:
-    """Make a stream with a new application identifier.
+    """Create a stream with a new application identifier.
 
     The viewer keeps one blueprint, or layout, per application. If two recordings had the same
     identifier, the viewer would show the first with the layout of the second, with empty views.
@@ -67,7 +67,7 @@ class Dated:
 
 
 def time_columns(timeline: str | Dated, times: Int[np.ndarray, "times"]) -> list[rr.TimeColumn]:
-    """Make the columns of a timeline: times, and for a dated timeline also dates."""
+    """Build the columns of a timeline: times, and for a dated timeline also dates."""
     if isinstance(timeline, str):
         return [rr.TimeColumn(timeline, sequence=times)]
     dates = timeline.start.astype("datetime64[ns]") + times * np.timedelta64(timeline.seconds, "s")
@@ -131,7 +131,7 @@ def plane(
     contents: Sequence[str] | None = None,
     ground: Color = BLACK,
 ) -> rrb.Spatial2DView:
-    """Make a view of a box in a plane with y down.
+    """Create a view of a box in a plane with y down.
 
     **Arguments:**
 
@@ -151,7 +151,7 @@ def plane(
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """Make a blueprint with a layout and a time panel, to which the viewer adds no views."""
+    """Create a blueprint with a layout and a time panel, to which the viewer adds no views."""
     return rrb.Blueprint(
         layout,
         time,

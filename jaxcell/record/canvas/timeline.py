@@ -13,14 +13,15 @@ class Timeline(NamedTuple):
     """A timeline along the values of a parameter."""
 
     name: str
-    "The name of the timeline, with the factor from values to times, such as `angle x 10`."
+    """The name of the timeline. It contains the factor that converts values to times, as in `angle
+    x 10`."""
     times: Int[np.ndarray, "values"]
     meaning: str
     "The meaning of a time, such as `the value times 10`."
 
 
 def along_values(name: str, values: np.ndarray) -> Timeline:
-    """Make the timeline along the values of a parameter.
+    """Create the timeline along the values of a parameter.
 
     A time is a value times a power of ten. If values are texts, or not all different, their indices
     are the times.
@@ -36,7 +37,7 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Scale values to whole numbers by a power of ten; return the numbers and the exponent.
+    """Scale values by a power of ten to whole numbers, and return the numbers and the exponent.
 
     The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the least
     number of digits that keeps the values different, but the largest value has at least five.

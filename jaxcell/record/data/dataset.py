@@ -175,5 +175,5 @@ def _without(array: np.ndarray, padding: float) -> np.ndarray:
 
 
 def _most(*arrays: np.ndarray) -> float:
-    """Return the largest of 0 and all values; NaN if an array contains NaN."""
+    """Return the maximum of 0 and all values; NaN if an array contains NaN."""
     return float(max(np.max(array, initial=0.0) for array in arrays))

@@ -25,7 +25,7 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make the tables that a terminal shows: single numbers, arrays, and tables of the parts.
+    """Build the tables that a terminal shows: single numbers, arrays, and tables of the parts.
 
     **Arguments:**
 
@@ -97,7 +97,7 @@ def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> Iterator[Table]:
-    """Make a table of the numbers of several results of one class, and the tables of each result.
+    """Build a table that compares several results of one class, and the tables of each result.
 
     In the first table each result has a column, or a row if there are more than three results.
     """

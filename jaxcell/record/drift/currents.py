@@ -24,7 +24,7 @@ _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the tab of currents: arrows by time, and drifters that move with the current."""
+    """Log the tab of currents: arrows over time, and drifters that move with the current."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))
@@ -36,7 +36,7 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
 
 
 def currents_of(drift: SeaDrift) -> str:
-    """Write a sentence with the source and the times of the currents."""
+    """Return a sentence with the source and the times of the currents."""
     times, source = drift.currents.time.values, drift.currents.attrs["source"]
     if times.size == 1:
         return f"The current of `{source}` at {_moment(times[0])}."

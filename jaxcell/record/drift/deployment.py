@@ -64,7 +64,7 @@ def _log_views(map: CurrentMap) -> rrb.View:
 
 
 def _log_curve(map: CurrentMap) -> rrb.View:
-    """Log the number of cells that drifters may visit, by the number of drifters."""
+    """Log the number of cells that drifters may visit as a function of the number of drifters."""
     assert map.drift.curve is not None
     share = 100 * map.drift.curve.covered / map.water.cells
     number = np.arange(share.size + 1, dtype=float)

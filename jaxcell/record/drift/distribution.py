@@ -41,7 +41,7 @@ def log_distribution(
 
 @functools.cache
 def density() -> Scale:
-    """Make the scale of the number of drifters in a cell, in multiples of the number at release."""
+    """Return the scale of the number of drifters in a cell, relative to the number at release."""
     return Scale.over(
         np.zeros(0),
         "{} x".format,
@@ -55,13 +55,13 @@ def density() -> Scale:
 
 
 def levels(share: np.ndarray) -> np.ndarray:
-    """Classify each cell by its share of the drifters."""
+    """Classify each cell according to its share of the drifters."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distribution every few steps; return the classes of cells, and the times."""
+    """Compute the distribution every few steps, and return the classes of cells and the times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)

@@ -27,8 +27,8 @@ def log_frame(
 ) -> None:
     """Log the coastline, degrees at the edges, a scale bar and a North arrow.
 
-    `side` has the sides of the mean cell in kilometres, and `coastline` is the file of land, or ""
-    for Natural Earth.
+    `side` contains the sides of the mean cell in kilometres, and `coastline` is the file of land,
+    or "" for Natural Earth.
     """
     rows, columns = water.number.shape
     width, height = (np.array([columns, rows]) * side).tolist()
@@ -59,7 +59,7 @@ def log_frame(
 def on_the_grid(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
-    """Convert places in degrees to columns and rows of a grid, on and beyond the grid.
+    """Convert positions in degrees to columns and rows of a grid, on and beyond the grid.
 
     The offset from the nearest centre is divided by the sides of its square, along its axes.
 
@@ -105,7 +105,7 @@ def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 
 
 
 def _ticks(water: Water, side: Float[np.ndarray, "2"]) -> Iterator[tuple[str, float, int]]:
-    """Yield the text, place in kilometres, and axis (0 for x, 1 for y) of marks of degrees."""
+    """Yield the text, the position in km, and the axis (0 for x, 1 for y) of each degree mark."""
     for axis, values, name in ((0, water.lon[0], longitude), (1, water.lat[:, 0], latitude)):
         at = np.flatnonzero(np.isfinite(values))
         if at.size < 2:
@@ -128,18 +128,18 @@ def _ticks(water: Water, side: Float[np.ndarray, "2"]) -> Iterator[tuple[str, fl
 
 
 def longitude(value: float, digits: int = 2) -> str:
-    """Write a longitude in degrees with its hemisphere."""
+    """Format a longitude in degrees with its hemisphere."""
     value = (value + 180) % 360 - 180
     return f"{abs(value):.{digits}f}°{'' if value in (0, -180) else ' W' if value < 0 else ' E'}"
 
 
 def latitude(value: float, digits: int = 2) -> str:
-    """Write a latitude in degrees with its hemisphere."""
+    """Format a latitude in degrees with its hemisphere."""
     return f"{abs(value):.{digits}f}°{'' if value == 0 else ' S' if value < 0 else ' N'}"
 
 
 def place_name(lon: float, lat: float) -> str:
-    """Write a place in degrees with its hemispheres."""
+    """Format a position in degrees with its hemispheres."""
     return f"{latitude(lat)}, {longitude(lon)}"
 
 

@@ -124,7 +124,7 @@ leaves, or off the map.
 
 
 def groups_text(drift: SeaDrift, spec: Spec) -> str:
-    """Write the text of the tab of groups in a current."""
+    """Compose the text of the tab of groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
@@ -164,7 +164,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Write a sentence on the time of release in a periodic current."""
+    """Return a sentence on the time of release in a periodic current."""
     if drift.phases is None:
         return ""
     return (

@@ -77,7 +77,7 @@ class SeaMap:
     """The map of a layer in a recording; layer 0 is at the surface."""
 
     dry: ClassVar[str] = "land"
-    "The name of the squares without water in legends."
+    "The name, in legends, of squares without water."
     drift: SeaLayers
 
     def __init__(
@@ -97,7 +97,7 @@ class SeaMap:
         "The radius of a mark: most of a cell, but enough to be visible on a large map."
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Choose a place for a label: the middle of the cells farthest from the edge of the set."""
+        """Choose the position of a label: amid the cells farthest from the edge of a set."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
@@ -110,7 +110,7 @@ class SeaMap:
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
     ) -> Float[np.ndarray, "*points 2"]:
-        """Convert places in cells of the grid to kilometres."""
+        """Convert coordinates on the grid, in cells, to kilometres."""
         return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
 
     def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
@@ -121,7 +121,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select at most about `most` cells, on a coarser grid."""
+        """Select roughly `most` cells or fewer, on a coarser grid."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -155,7 +155,7 @@ class SeaMap:
         return self.view(title, [self.picture(name, scale.classes, scale.levels(values))])
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
-        """Make a view of entities on the map, with the scale bar and the North arrow below it."""
+        """Create a view of entities on the map, with the scale bar and the North arrow below it."""
         width, height = self.size.tolist()
         margin = 0.04 * self.extent
         shown = "frame/**", f"grid/water_{self.number}", *contents
@@ -206,7 +206,7 @@ class CurrentMap(SeaMap):
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
-    """Make the maps of the layers, with y upward, and log their water and the frame."""
+    """Create the maps of the layers, with y upward, and log their water and the frame."""
     clock = Clock(drift)
     count = min(len(drift.layers), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]

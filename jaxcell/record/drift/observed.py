@@ -29,7 +29,7 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log where observed drifters end.
+    """Log the recording of the ends of observed drifters.
 
     Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
     and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of

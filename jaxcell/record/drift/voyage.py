@@ -38,7 +38,7 @@ class _Space:
         "The distance between layers, in kilometres of the map."
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """Return the centres of cells, by their numbers among the cells of all layers."""
+        """Return the centres of cells; `cells` are numbers among the cells of all layers."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -61,7 +61,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the tab of a voyage in three dimensions: the value function, the policy, and drifters."""
+    """Log the tab of a voyage: in three dimensions, the value function, the policy and drifters."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy
@@ -123,7 +123,7 @@ def _log_squares(
     stride: int,
     color: UInt8[np.ndarray, "squares 3"],
 ) -> None:
-    """Log squares around places of the grid, all at the height `z`."""
+    """Log squares around positions on the grid, all at the height `z`."""
     corners = (at[:, None] + stride * _SIDE + 0.5) * space.surface.side
     height = np.full((*corners.shape[:2], 1), z)
     first = 4 * np.arange(len(at))[:, None, None]

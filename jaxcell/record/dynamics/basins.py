@@ -129,8 +129,8 @@ def _slices(
 ) -> UInt8[np.ndarray, "slices rows columns"]:
     """Cut planes of the first two axes out of the box, with rows along the second axis.
 
-    `classes` has the class of each cell. The planes are at the indices `thirds` along the third
-    axis, and in the middle of all other axes.
+    `classes` contains the class of each cell. The planes are at the indices `thirds` along the
+    third axis, and in the middle of all other axes.
     """
     box = basins.box
     rest = [n // 2 for n in box.cells[3:]]
@@ -161,7 +161,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return pictures of the basins by [`_slices`][]; `names` has the numbers of attractors."""
+    """Return the pictures of the basins from [`_slices`][]; `names` are numbers of attractors."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):

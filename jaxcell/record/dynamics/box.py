@@ -16,7 +16,7 @@ SIDE = 10.0
 
 
 def category(number: int) -> Color:
-    """Return the colour of an attractor or a set, by its number; grey after the last colour."""
+    """Return the colour of the attractor or set `number`; grey after the last colour."""
     return list(CATEGORIES.values())[number] if number < len(CATEGORIES) else PLAIN
 
 
@@ -44,6 +44,6 @@ def log_axes(
 
 
 def view(title: str, *shown: str) -> rrb.Spatial2DView:
-    """Make a view of entities of the box, with the axes."""
+    """Create a view of entities of the box, with the axes."""
     around = -3, -1.2, SIDE + 1, SIDE + 1.4
     return plane("box", title, around, [f"/box/{one}" for one in (*shown, "ends")])

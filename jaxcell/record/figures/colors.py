@@ -29,15 +29,15 @@ class Drawn:
 
     @property
     def label(self) -> str:
-        """The label of an axis or a colour bar: the units, because the title has the meaning."""
+        """The label of an axis or a colour bar: the units; the title contains the meaning."""
         kinds = {"share": "share", "distribution": "share", "count": "number"}
         return self.about.label or kinds.get(self.about.kind, "")
 
     def show(self, ax: "Axes", draw: Callable[[np.ndarray, dict[str, Any]], Any]) -> None:
         """Draw the numbers as colours, and add a colour bar or a legend.
 
-        `draw` gets an array of numbers or ranks, and the options of matplotlib for their colours.
-        Indices and flags have a legend, with the most frequent value first.
+        `draw` is called with an array of numbers or ranks, and the options of matplotlib for their
+        colours. Indices and flags have a legend, with the most frequent value first.
         """
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch

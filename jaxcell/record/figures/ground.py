@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ground(NamedTuple):
-    """A background, on which each element along some dimensions of a quantity has a place."""
+    """A background, on which each element along some dimensions of a quantity has a position."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."
@@ -119,7 +119,7 @@ def _plane(
 
 
 def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the squares of a sea, by longitude and latitude."""
+    """Draw the squares of a sea in longitude and latitude."""
     lon, lat = (np.asarray(getattr(result, name)) for name in ("lon", "lat"))
     if drawn.about.kind == "index":
         drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))

@@ -39,7 +39,7 @@ def html(result: Result) -> str:
 def _table(
     title: str, heads: Sequence[str] = (), lines: Sequence[Sequence[str]] = (), rows: int = _ROWS
 ) -> str:
-    """Write a table in HTML, with at most the first `rows` rows."""
+    """Format a table in HTML, with at most the first `rows` rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)
     body = "".join(_row("td", line) for line in lines[:rows])
     if len(lines) > rows:

@@ -26,7 +26,8 @@ def plot(
 
     A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
     as a map, and cells over time as a path. Other arrays are drawn as a curve or bars (one
-    dimension), or as lines or an image (two dimensions). Of other dimensions, one index is drawn.
+    dimension), or as lines or an image (two dimensions). Along each other dimension, the values at
+    one index are drawn.
 
     **Arguments:**
 
@@ -93,7 +94,7 @@ def picture(result: Result) -> str | None:
 
 
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
-    """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
+    """Find the arrays of numbers of a result and of its parts, keyed by their dataset names.
 
     For each array, return the result or part that has it, its name in this part, and its
     description.

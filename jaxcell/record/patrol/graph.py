@@ -85,7 +85,7 @@ class _Drawing:
         log_lines(stream, "graph/edges", list(self.ends), PLAIN, 1.0, 1.0)
 
     def view(self, title: str, *contents: str) -> rrb.Spatial2DView:
-        """Make a view of entities of the graph, with a margin around it."""
+        """Create a view of entities of the graph, with a margin around it."""
         margin = 0.06 * self.extent + 2 * self.mark
         (left, bottom), (right, top) = self.low - margin, self.high + margin
         return plane(
@@ -110,12 +110,15 @@ class _Drawing:
     def lines(
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
-        """Log lines that show numbers from 0 to 1: near 1, a line is wide and yellow."""
+        """Log lines that show numbers from 0 to 1.
+
+        A line with a number near 1 is wide and yellow.
+        """
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
 def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
-    """Log the edges by the share of steps, the vertices by the share of time, and patrollers."""
+    """Log the share of steps along edges, the share of time at vertices, and patrollers."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     flow, (tails, heads) = _flow(patrol), patrol.graph.edges.T
     weight, share = flow[tails, heads] + flow[heads, tails], flow.sum(axis=1)
@@ -233,7 +236,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log the halves of edges, each by the probability of leaving its vertex along the edge."""
+    """Log the halves of edges, with the probability of leaving their vertex along the edge."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
     # Both halves of each edge, with a gap in the middle between them.
@@ -307,7 +310,7 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 
 
 def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
-    """Write the strategy of the walk, its value, and the least probability of capture."""
+    """Describe the strategy of the walk, its value, and the least probability of capture."""
     parts = []
     if spec.get("strategy"):
         parts.append(f"The strategy is **{spec['strategy']}**.")
@@ -330,7 +333,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """Write the sections on constraints, times, division, news, charging and memory, if any."""
+    """Compose the sections on constraints, times, division, news, charging and memory, if any."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:

@@ -68,5 +68,5 @@ def robot_table(patrol: PatrolledMap, *names: str) -> str:
 
 
 def only_some(patrol: PatrolledMap) -> str:
-    """Return a sentence that only the first robots are shown, or an empty text."""
+    """Return a sentence about the number of shown robots, or "" if all robots are shown."""
     return f" The first {MAX_MAPS} robots are shown." if patrol.robots > MAX_MAPS else ""

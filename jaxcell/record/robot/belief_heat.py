@@ -31,7 +31,7 @@ class BeliefHeat:
         self.state = self.belief.start()
 
     def observe(self, stream: rr.RecordingStream, observation: int) -> None:
-        """Update the belief by an observation, and log the new belief."""
+        """Update the belief with an observation, and log the new belief."""
         self.state = self.belief.observe(self.state, observation)
         self.log(stream)
 

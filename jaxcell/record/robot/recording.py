@@ -37,8 +37,8 @@ class RobotRecording:
 
     This is a context manager. If the run is interrupted, even by a loss of power, the file has all
     data except the last moments. The timelines `seconds` and `observation` show the true pose, the
-    trail, the place by odometry and the observations of each robot, and the possible cells of its
-    filter.
+    trail, the place according to odometry and the observations of each robot, and the possible
+    cells of its filter.
 
     To record the events of a run, set `jaxcell.robot.RunLog.on_event` to the method `event`.
 
@@ -147,8 +147,9 @@ class RobotRecording:
         - `name`: `"observation"`, `"end"`, or another name, which only the text log shows.
         - `fields`: `seconds`, the time of the event; `robot`, the index of the robot, by default 0.
             An observation has `observation`, 0 for a step and 1 for a bump. It may have `estimate`,
-            the pose by odometry relative to the start (metres ahead, metres to the left, radians),
-            and `state`, `color` and `uncertainty` of a filter. An end has `result` and `reason`.
+            the pose from odometry relative to the start (metres ahead, metres to the left,
+            radians), and `state`, `color` and `uncertainty` of a filter. An end has `result` and
+            `reason`.
         """
         with self._lock:
             robot = self._robots[fields.get("robot", 0)]

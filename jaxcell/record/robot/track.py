@@ -50,7 +50,7 @@ class Track:
     logged: float = -math.inf
     "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
-    "The place of the last observation; `None` after the robot has left this place."
+    "The position of the last observation; `None` after the robot has left it."
     scalars: dict[str, int | float] = dataclasses.field(default_factory=dict)
     "The last logged number of each curve."
     trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
@@ -105,7 +105,7 @@ class Track:
         self.place = None if self.last is None else np.array(self.last[1:3])
 
     def seconds(self, fields: Mapping[str, Any]) -> float:
-        """Return the time of an event: the last time of the trace, or else the time in `fields`."""
+        """Return the time of an event: the last time of the trace or, without one, of `fields`."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:

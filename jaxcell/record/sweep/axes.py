@@ -17,17 +17,22 @@ _MAX_LETTERS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A parameter of a sweep. A step of the axis has one value, or several adjacent values."""
+    """A parameter of a sweep as an axis.
+
+    A step of the axis stands for one value or, if there are too many values, for several adjacent
+    values.
+    """
 
     name: str
     dimension: str
     timeline: str
-    "The name of the timeline, with the factor from values to times, such as `angle x 10`."
+    """The name of the timeline. It contains the factor that converts values to times, as in `angle
+    x 10`."""
     times: Int[np.ndarray, "steps"]
     labels: tuple[str, ...]
-    "The value of each step; the first value if a step has several values."
+    "The value of each step; the first value if a step stands for several values."
     step: Int[np.ndarray, "places"]
-    "The step of each member, by its index along the dimension."
+    "The step of each index along the dimension."
     meaning: str
     "The meaning of a time, such as `the value times 10`."
 
@@ -81,8 +86,8 @@ def statistics(
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
     """Compute quantiles of the known values at each step of an axis.
 
-    **Returns:** the steps with known values, their `QUANTILES`, and `True` if each step has only
-    one value.
+    **Returns:** the steps with known values, the `QUANTILES` at these steps, and `True` if each
+    step has only one value.
     """
     members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
     rows = members.quantile([*QUANTILES.values()]).unstack()

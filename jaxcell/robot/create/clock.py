@@ -25,12 +25,12 @@ class Wheeled(Protocol):
 
 
 class ByClock:
-    """A robot that measures distances and angles by a clock, at known speeds.
+    """A robot that measures distances and angles with a clock, at known speeds.
 
     The robots of Alam 2018 use only a bump sensor and a clock (sections 2.5 and 4.5.7). A clock is
     less accurate than encoders, because it does not measure the delays of commands and bumps on the
-    line and the acceleration of the wheels. The errors add up to a few centimetres for ten bumps in
-    a map of a few metres.
+    line and the acceleration of the wheels. The errors add up to a few centimetres over ten bumps
+    in a map of a few metres.
     """
 
     def __init__(
@@ -72,7 +72,10 @@ class ByClock:
     def _for(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels for a time. Returns the elapsed time, and whether a bump ended it."""
+        """Turn the wheels for some seconds.
+
+        Returns the elapsed time, and whether a bump ended the motion.
+        """
         began = self._clock()
         free = True
         try:

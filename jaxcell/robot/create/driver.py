@@ -1,4 +1,4 @@
-"""Drive a Create 2 or Roomba 600 over a serial line, and stop its wheels in any failure."""
+"""Drive a Create 2 or Roomba 600 over a serial line, and stop its wheels after any failure."""
 
 import contextlib
 import math
@@ -56,7 +56,7 @@ class Driver:
     - `port`: the open line at 115200 baud, which the driver closes at its end.
     - `patience`: the longest silence that is allowed, from 0.2 to 10 seconds.
 
-    **Raises:** `ValueError` for a `patience` outside of this range. The `with` statement raises
+    **Raises:** `ValueError` if `patience` is outside this range. The `with` statement raises
     `OSError` if the line fails, and `ConnectionError` if no robot answers.
     """
 
@@ -86,7 +86,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot: a device, or a URL of pySerial such as `socket://host:port`."""
+        """Open the line to a robot at a device, or at a pySerial URL such as `socket://host:port`."""
         return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
@@ -140,7 +140,7 @@ class Driver:
         raise RobotStopped("it does not go to mode Safe")
 
     def sensors(self) -> Reading:
-        """Get the latest reading. Raises [`RobotStopped`][] if it is older than `patience`."""
+        """Return the latest reading. Raises [`RobotStopped`][] if it is older than `patience`."""
         with self._news:
             reading = self._reading
             if reading is None or self._now() - reading.time > self._patience:
@@ -151,10 +151,10 @@ class Driver:
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
         """Set the speeds of the wheels, -0.5 to 0.5 m/s. They must be renewed within `patience`.
 
-        If a byte of the speeds could be taken for a command, the next slower speeds on the same arc
-        are sent. Turns on the spot at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight drives
-        forward at up to 0.127 m/s, are not slowed. With `stop_on_bump`, a bump stops the wheels
-        without waiting for the caller, until a call without `stop_on_bump`, or `stop`.
+        If the robot could mistake a byte of the speeds for a command, the next slower speeds on the
+        same arc are sent. Turns on the spot at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight
+        forward drives at up to 0.127 m/s, keep their speeds. With `stop_on_bump`, a bump stops the
+        wheels without waiting for the caller, until a call without `stop_on_bump`, or `stop`.
 
         **Returns:** whether the robot drives: `False` after a bump.
 
@@ -179,7 +179,10 @@ class Driver:
             self._write(_STILL)
 
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        """Wait for a newer reading. The speeds will not change for the next `steady` seconds."""
+        """Wait for a reading newer than `reading`.
+
+        The speeds will not change for the next `steady` seconds.
+        """
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
@@ -219,7 +222,7 @@ class Driver:
         )
 
     def _greet(self) -> bool:
-        """Open the interface in mode Passive, and start the stream. Returns true if it arrives."""
+        """Open the interface in mode Passive, start the stream, and return whether it arrives."""
         # The robot needs a moment to change its mode.
         for command in (_HALT + STOP, START):
             with self._news:
@@ -236,7 +239,7 @@ class Driver:
             return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
 
     def _wake(self) -> None:
-        """Wake the robot by a pulse on its pin BRC, if the cable connects it to RTS or DTR."""
+        """Wake the robot with a pulse on its pin BRC, if the cable connects BRC to RTS or DTR."""
         for line in ("rts", "dtr"):
             # A pseudo-terminal has no such lines, and raises OSError 25.
             with contextlib.suppress(OSError, AttributeError):

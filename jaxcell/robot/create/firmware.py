@@ -11,7 +11,7 @@ _SECONDS, _QUIET = 10.0, 2.0
 def firmware(port: Port) -> str:
     """Reboot a robot, and read the lines that it prints, which contain its firmware version.
 
-    No driver may use the line meanwhile. The returned text is empty if the robot is silent.
+    No driver may use the line at the same time. The returned text is empty if the robot is silent.
     """
     port.timeout = 0.1
     port.write(START + RESET)

@@ -26,7 +26,7 @@ class Port(Protocol):
 
 
 def open_line(url: str) -> serial.SerialBase:
-    """Open a device such as `/dev/ttyUSB0`, or a URL of pySerial such as `socket://host:port`.
+    """Open a device such as `/dev/ttyUSB0`, or a pySerial URL such as `socket://host:port`.
 
     Some adapters, such as those of FTDI, collect bytes for 16 ms by default. They are set to pass
     on each byte at once.

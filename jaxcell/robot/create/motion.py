@@ -29,7 +29,7 @@ class Moved(NamedTuple):
     bumped: bool
     "True if a bump ended the motion."
     left: float = 0.0
-    "The displacement of the centre of the body to the left of this heading, in metres."
+    "The displacement of the centre of the body to the left of the heading at the start, in metres."
 
 
 class Create(Driver):
@@ -58,8 +58,8 @@ class Create(Driver):
         """Drive straight by a distance in metres, backward if negative. A bump ends the drive.
 
         `speed` is in metres per second, at most 0.5, by default the speed of the robot. `tolerance`
-        is the largest final error by the encoders, in metres. The default `timeout` is twice the
-        expected duration plus 3 s.
+        is the largest final error that the encoders may measure, in metres. The default `timeout`
+        is twice the expected duration plus 3 s.
 
         **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped, or exceeds the
         timeout.
@@ -109,7 +109,7 @@ class Create(Driver):
         tolerance: float,
         timeout: float | None,
     ) -> Moved:
-        """Drive until a quantity of the readings has changed by `target`, and the wheels stand.
+        """Drive until a quantity of the readings has changed by `target`, and the wheels are still.
 
         `wheels` computes the speeds of the right and the left wheel in m/s, from the remaining
         change of the quantity and the turn so far in radians.
@@ -154,7 +154,7 @@ class Create(Driver):
             self.stop()
 
     def _settle(self) -> Reading:
-        """Wait until three consecutive readings have the same encoders, or for 30 readings."""
+        """Wait until three consecutive readings have equal encoder counts, or for 30 readings."""
         now = self.sensors()
         same = 0
         for _ in range(30):
@@ -166,5 +166,5 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """Compute the velocity of a motion, which slows down from `speed` to `slowest` near its end."""
+    """Compute the velocity of a motion that slows down from `speed` to `slowest` near its end."""
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

@@ -67,7 +67,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Encode a frame of the stream with these packets, as the robot sends it."""
+    """Encode the frame of the stream that a robot sends for these packets."""
     layout = _FrameLayout.of(tuple(ids))
     known, free = layout.empty, layout.values.pack(*chosen(ids, values))
     frame = bytes(map(operator.or_, known, free))
@@ -75,7 +75,7 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
 
 class StreamParser:
-    """A parser of a stream of frames, which arrives in pieces and may be damaged.
+    """A parser of the stream of frames, which arrives in pieces and may be damaged.
 
     `ids` are the numbers of packets and groups, as for `stream`. A frame is accepted if its header,
     its length, its packet numbers in the order of the request, and its checksum are right, and if
@@ -90,7 +90,7 @@ class StreamParser:
     Greater damage may remain unnoticed, because an eight-bit checksum accepts one in 256 damaged
     frames whose length and packet numbers are right.
 
-    A byte of noise, and a frame with the counts of the encoders:
+    The stream of a byte of noise, and a frame with the counts of the encoders:
 
         >>> from jaxcell import robot
         >>> from jaxcell.robot.create.open_interface import stream_frame
@@ -110,7 +110,7 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Parse the next bytes of the line. Returns the values of each completed frame, by name."""
+        """Parse the next bytes of the line, and return the values of each completed frame."""
         frames = []
         buffer = self._buffer
         buffer += data
@@ -167,7 +167,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Parse the next bytes of the line. Returns the completed commands."""
+        """Parse the next bytes of the line, and return the completed commands."""
         commands = []
         buffer = self._buffer
         buffer += data

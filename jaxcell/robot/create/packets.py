@@ -15,7 +15,7 @@ METRES_PER_COUNT = math.pi * 0.072 / 508.8
 """The distance that a wheel of 72 mm rolls per encoder count, in metres."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The mask of packet 14 (overcurrent) for the two wheels; the other bits are for the brushes."""
+"""The bits of packet 14 (overcurrent) for the two wheels; its other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
@@ -48,7 +48,7 @@ class Packet:
     name: str
     "The name of the packet, which is the key of its value."
     size: int
-    "The size of the packet in bytes."
+    "The number of bytes of the packet."
     low: int
     "The smallest value. Packets with negative values use the two's complement."
     high: int
@@ -164,7 +164,7 @@ def layout(ids: Iterable[int]) -> struct.Struct:
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
     """Encode the answer of the robot to a request for the packets and groups `ids`.
 
-    `values` are by name; values of other packets are ignored.
+    `values` maps the names of packets to their values; values of other packets are ignored.
 
     **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
@@ -190,6 +190,6 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 def encoder_difference(before: int, after: int) -> int:
     """Subtract two encoder readings, which wrap at 16 bits.
 
-    The difference in counts, positive or negative, is right up to 2**15 counts (14 m).
+    The difference in counts, positive or negative, is correct up to 2**15 counts (14 m).
     """
     return (after - before + 2**15) % 2**16 - 2**15

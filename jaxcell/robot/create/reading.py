@@ -1,4 +1,4 @@
-"""The sensor packets that the driver requests, and their decoding."""
+"""The sensor packets that the driver requests, and the readings decoded from them."""
 
 import cmath
 import math
@@ -62,13 +62,14 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Make a reading from the values of the packets in `STREAM`, by name.
+        """Create a reading from the values of the packets in `STREAM`, by name.
 
         Distances are computed from the encoders, because the distances of the robot (packets 19 and
         20) are wrong in most firmware. The encoders do not sense the direction in which a wheel
-        turns. The robot assumes the last commanded direction, so that a robot that is pushed by
-        hand counts in a wrong direction. Since the previous reading, the robot must have moved less
-        than 14 m. `first_mode` is the number of mode Off: 0, or 1 for some robots.
+        turns. The robot assumes the last commanded direction, so the counts have the wrong sign if
+        the robot is pushed by hand against this direction. Since the previous reading, the robot
+        must have moved less than 14 m. `first_mode` is the number of mode Off: 0, or 1 for some
+        robots.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0
@@ -107,7 +108,7 @@ class Reading:
 
     @property
     def distance(self) -> float:
-        """The distance of the centre of the body since the driver connected, in metres."""
+        """The distance that the centre of the body has driven since connection, in metres."""
         return (self.left + self.right) / 2
 
     @property

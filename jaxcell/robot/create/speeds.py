@@ -1,4 +1,4 @@
-"""Choose speeds of the wheels whose bytes cannot be taken for commands."""
+"""Choose speeds of the wheels whose bytes the robot cannot mistake for commands."""
 
 import functools
 
@@ -8,10 +8,10 @@ from .open_interface import MAX_SPEED, RESET, START, STOP
 def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
     """Convert speeds in m/s, from -0.5 to 0.5, to speeds in mm/s that are safe to send.
 
-    If the line loses the opcode of a drive command, the robot takes its data for commands, and
-    might clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode
-    is replaced by the next slower pair on the same arc. A straight drive remains straight, and a
-    turn on the spot stays on the spot. On another arc, speeds are rounded by at most half a mm/s.
+    If the line loses the opcode of a drive command, the robot reads its data as commands, and might
+    clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode is
+    replaced by the next slower pair on the same arc. A straight drive remains straight, and a turn
+    on the spot stays on the spot. On another arc, speeds are rounded by at most half a mm/s.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

@@ -9,7 +9,7 @@ _PLAY = 4
 
 
 class Strain:
-    """A detector of blocked wheels, updated by each frame of the stream.
+    """A detector of blocked wheels, updated with each frame of the stream.
 
     A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
     much current for a third of a second. Shorter times are normal at a bump or a start.
@@ -21,7 +21,7 @@ class Strain:
         self._overcurrent = 0
 
     def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
-        """Update the detector by the next frame. Returns the reason for a stop, or `None`.
+        """Update the detector with the next frame, and return the reason to stop, or `None`.
 
         `wheels` are the commanded speeds of the right and the left wheel, in mm/s.
         """

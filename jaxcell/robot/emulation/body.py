@@ -35,10 +35,11 @@ class Noise:
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
-    """The angle by which a bump at 45 degrees turns the robot toward the wall, in radians; see
+    """The angle in radians by which a bump at 45 degrees turns the robot toward the wall; see
     [`jaxcell.space.Slip`][]."""
     bump_skid: float = 0.0
-    "The distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
+    """The distance in metres by which the wheels skid at a head-on bump; see
+    [`jaxcell.space.Slip`][]."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -51,9 +52,10 @@ def bumper_give(cell: float) -> float:
     """Choose the distance by which the bumper of an emulated robot can be pushed in, in metres.
 
     If a step enters a wall by less than this distance, the emulated robot does not bump, although
-    the robot of the model does. With a rigid bumper, on the other hand, small errors of its place
-    would make it bump into corners that the robot of the model grazes. The compromise is 2 cm for
-    cells with a side of 1 m, and decreases with the square of the side, down to half a millimetre.
+    the robot of the model does. With a rigid bumper, on the other hand, small errors of position
+    would make the robot bump into corners that the robot of the model grazes. The compromise is 2
+    cm for cells with a side of 1 m, and decreases with the square of the side, down to half a
+    millimetre.
     """
     return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
@@ -63,8 +65,8 @@ class Body:
 
     Time advances in steps of any length. In each step the body moves along the chord of the arc of
     its wheels. At a wall the body and its wheels stop, so that encoders count the true distance.
-    The half of the bumper on the side of the wall is pressed while the body is at the wall. The
-    bumper faces forward, so that a body which backs into a wall stops without a bump.
+    While the body is at the wall, the half of the bumper on this side is pressed. The bumper faces
+    forward, so a body that backs into a wall stops without a bump.
     """
 
     def __init__(
@@ -106,14 +108,14 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """The seconds during which the motion is known: 0, because noise is drawn in each step."""
+        """The seconds for which the motion is predictable: 0, because each step draws noise."""
         return 0.0
 
     @classmethod
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
         """Put a body at the centre of a cell, with the `bumper_give` of the cells.
 
-        `error` is the `distance`, `rotation` and `veer` of the noise.
+        `error` is used for the `distance`, the `rotation` and the `veer` of the noise.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
@@ -157,7 +159,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Go straight as far as the walls allow. Returns the covered share of `forward`."""
+        """Move straight as far as the walls allow, and return the completed share of `forward`."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)

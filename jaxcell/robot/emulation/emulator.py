@@ -30,7 +30,7 @@ class Moving(Protocol):
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """The x and y in metres, and the heading in radians, which is not wrapped."""
+        """The x and y in metres, and the heading in radians, which may exceed a full turn."""
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -61,8 +61,8 @@ class Line:
     dropped: float = 0.0
     "The probability that a byte is lost, in both directions."
     speedup: float = 1.0
-    """The emulated seconds per real second. Above 1, the emulated time stands still until the host
-    has read all bytes, so that a slow host does not miss any."""
+    """The emulated seconds per real second. If it is above 1, the emulated time stands still until
+    the host has read all bytes, so that a slow host misses no byte."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.latency) and self.latency >= 0):
@@ -260,7 +260,10 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _known(self, ids: tuple[int, ...]) -> bool:
-        """Check that the packets fit a frame, because a lost byte may have changed the request."""
+        """Check that the requested packets fit into a frame.
+
+        A lost byte may have changed the request.
+        """
         try:
             stream_frame(ids, self._values())
         except ValueError:

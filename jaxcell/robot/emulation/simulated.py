@@ -16,7 +16,7 @@ _GLIDE, _LOOK = 0.3, 0.03
 
 
 class _Wire:
-    """A line without delay: the robot receives bytes when they are written."""
+    """A line without delay: the robot receives bytes at the moment they are written."""
 
     timeout: float | None = None
     write_timeout: float | None = None

@@ -1,9 +1,9 @@
-"""A Create 2 in a physics engine, which the driver controls by the same bytes as a real robot.
+"""A Create 2 in a physics engine, which the driver controls with the same bytes as a real robot.
 
 A [`PhysicsBody`][] is a body for the `jaxcell.robot.emulation.emulator.Emulator`. Its wheels roll
-on the floor by friction, its bumper is held by springs, and a bump turns it. Therefore the driver,
-filters and beliefs meet errors that their own models do not contain. It needs MuJoCo:
-`pip install 'jaxcell[physics]'`.
+on a floor with friction, springs hold its bumper, and a bump turns it. Therefore the driver,
+filters and beliefs meet errors that their own models do not contain. It needs MuJoCo: `pip install
+'jaxcell[physics]'`.
 
 | quantity | source |
 | --- | --- |

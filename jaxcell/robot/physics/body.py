@@ -143,7 +143,7 @@ class PhysicsBody:
             self._touch()
 
     def _leap(self, most: int) -> int:
-        """Roll in closed form by at most `most` steps. Returns the number of steps."""
+        """Roll in closed form for at most `most` steps, and return the number of steps."""
         step, rate = self.physics.time_step, self._rate
         if rate is None:
             return 0
@@ -184,7 +184,7 @@ class PhysicsBody:
         self._model.geom_contype[self._boxes] = self._model.geom_conaffinity[self._boxes] = kinds
 
     def _pressed(self, side: int) -> bool:
-        """Check whether half of the bumper is pressed: 1 for the left half, -1 for the right."""
+        """Check whether the left (`side` 1) or right (`side` -1) half of the bumper is pressed."""
         ahead, left = self._data.qpos[SHELL].tolist()
         return -(ahead + side * left) / math.sqrt(2) >= self.physics.threshold
 

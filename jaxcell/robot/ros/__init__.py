@@ -1,10 +1,11 @@
 """Robots on ROS 2: an iRobot Create 3 or TurtleBot 4, and any base with `cmd_vel` and `odom`.
 
-This package has not been tested on a robot, but with a substitute for `rclpy` and the messages,
-whose fields and types follow the definitions. By the documentation of the Create 3:
+This package has been tested with a substitute for `rclpy` and the messages, whose fields and types
+follow the definitions, but not on a robot. According to the documentation of the Create 3:
 
 - The robot measures the actions `drive_distance` and `rotate_angle` by its odometry. A robot that
-    bumps keeps pushing, so this package cancels a goal as soon as `hazard_detection` has a bump.
+    bumps keeps pushing, so this package cancels a goal as soon as `hazard_detection` reports a
+    bump.
 - By default the robot backs away from a bump, and drives only a few centimetres backward. A run
     needs other settings: `ros2 param set /motion_control reflexes.REFLEX_BUMP false` and
     `ros2 param set /motion_control safety_override backup_only`. Because the cliff sensors look
@@ -12,9 +13,9 @@ whose fields and types follow the definitions. By the documentation of the Creat
 - A cliff, a stall and a dropped wheel end a goal. Here they stop the robot until it is armed again.
 
 **Other stops.** `arm` refuses a robot until its bumper has reported (`hazard_detection` of a Create
-3, `bumper` of a base). A bumper or an odometry that is silent for `patience` stops the robot until
-it is armed again. So do a battery below 10 % and a charger (by `battery_state`, if it is
-published), and the dock of a Create 3 (by `dock_status`).
+3, `bumper` of a base). The robot stops until it is armed again if the bumper or the odometry sends
+no message for longer than `patience`, if the battery is below 10 % or charging (according to
+`battery_state`, if it is published), or if a Create 3 is in its dock (according to `dock_status`).
 
 **If the host fails,** an accepted goal of an action runs to its end, at most a step of the map. A
 separate process, which outlives the driver, cancels all goals and sends a speed of 0 when the

@@ -21,8 +21,8 @@ class Base(RosRobot):
 
     Speeds are sent as `geometry_msgs/Twist` or `TwistStamped`, the type to which the base
     subscribes. The bumper is a `std_msgs/Bool` on `bumper`, published continuously, and true while
-    the bumper is pressed. A short node can publish it by a contact sensor, or by a laser that sees
-    a wall close ahead.
+    the bumper is pressed. A short node can publish it from a contact sensor, or from a laser that
+    sees a wall close ahead.
 
     [`jaxcell.robot.ros`][] describes the events that stop the base.
     """
@@ -70,8 +70,8 @@ class Base(RosRobot):
     ) -> Moved:
         """Drive until a quantity of the motion has reached `target`.
 
-        At each odometry message, `roll` sends speeds that depend on the rest of the quantity and on
-        the turn so far, in radians.
+        At each odometry message, `roll` sends speeds that depend on the remaining change of the
+        quantity and on the turn so far, in radians.
         """
         stop_on_bump = quantity == "distance" and target > 0
         end = time.monotonic() + 2 * abs(target) / speed + 5

@@ -99,7 +99,7 @@ class Create3(RosRobot):
         return moved(start, now, bumped)
 
     def _known(self, future: Any) -> Any:
-        """Make the end of a future wake the waiting thread, and return the future."""
+        """Add a callback to a future that wakes the waiting thread, and return the future."""
         future.add_done_callback(self._notice)
         return future
 

@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """Make a function that cancels all goals of a Create 3, and returns futures of the answers."""
+    """Return a function that cancels all goals of a Create 3, and returns the futures."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 
@@ -33,7 +33,7 @@ def speed_type(node: Any) -> str | None:
 
 
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
-    """Make a function that sets the speeds of a base, in metres and radians per second.
+    """Return a function that sets the speeds of a base, in metres and radians per second.
 
     `kind` is the message type that [`speed_type`][jaxcell.robot.ros.halt.speed_type] returns.
     """

@@ -43,12 +43,12 @@ class RosRobot(abc.ABC):
     A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
     thread, and the robot can drive after `arm`. The wheels stop at the end of the block, even if
     SIGINT, SIGTERM or SIGHUP ends it. They also stop when the robot reports a danger, a low battery
-    or a charger, and when its odometry or its bumper is silent for `patience`. Then motions raise
-    [`jaxcell.robot.RobotStopped`][] until the robot is armed again.
+    or a charger, and when its odometry or its bumper sends no message for `patience`. Then motions
+    raise [`jaxcell.robot.RobotStopped`][] until the robot is armed again.
     """
 
     kind: ClassVar[str]
-    "The kind of the robot, by which the watchdog process chooses how to stop it."
+    "The kind of the robot. The watchdog process needs it to stop the robot."
     contact: ClassVar[str]
     "The topic of the bumper."
     greeting: float = 10.0
@@ -130,7 +130,7 @@ class RosRobot(abc.ABC):
         """Create the publishers and the other subscriptions of the node."""
 
     def _connect_speeds(self) -> str:
-        """Prepare to send speeds. Returns their message type, `Twist` or `TwistStamped`."""
+        """Prepare to send speeds, and return their message type, `Twist` or `TwistStamped`."""
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
@@ -238,7 +238,7 @@ class RosRobot(abc.ABC):
                     self._stop("the watchdog is gone")
 
     def _begin(self) -> Odometry:
-        """Get the pose at the beginning of a motion. The bumper may be pressed already."""
+        """Return the pose at the beginning of a motion. The bumper may be pressed already."""
         with self._news:
             self._check()
             self._bumped = self._pressed
@@ -279,6 +279,6 @@ class RosRobot(abc.ABC):
 
 
 def moved(start: Odometry, end: Odometry, bumped: bool) -> Moved:
-    """Make the result of a motion from the poses at its start and its end."""
+    """Compute the result of a motion from the poses at its start and its end."""
     way = (end.place - start.place) * cmath.rect(1.0, -start.heading)
     return Moved(way.real, end.heading - start.heading, bumped, way.imag)

@@ -33,7 +33,7 @@ class FilterTask(Task):
         return {**super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
-        """Make a follower of the filter, without observations."""
+        """Create a follower of the filter, without observations."""
         return FilterFollower(self.filter, until)
 
 
@@ -57,19 +57,19 @@ class PolicyTask(_Choice):
     policy: Policy
 
     def follower(self) -> Follower:
-        """Make a follower of the policy, without observations."""
+        """Create a follower of the policy, without observations."""
         return PolicyFollower(self.policy)
 
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """The task of a slipping robot that is localized by a belief."""
+    """The task of a slipping robot that is localized with a belief."""
 
     kind = "belief"
     belief: Belief
 
     def follower(self) -> Follower:
-        """Make a follower of the belief, without observations."""
+        """Create a follower of the belief, without observations."""
         return BeliefFollower(self.belief)
 
 
@@ -81,7 +81,7 @@ class PlanTask(Task):
     start: int
     "The cell where the plan starts."
     actions: tuple[float, ...]
-    "The actions: 0 for a step without a bump, else the turn after a bump, in radians."
+    "The actions: 0 for a step without a bump, otherwise the turn after a bump, in radians."
     positions: int | None = None
     "The number of positions of the map, or `None` if the file does not contain it."
 

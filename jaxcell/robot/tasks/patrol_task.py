@@ -16,7 +16,7 @@ from .task import Task, common_fields, robot_fields, write_task
 
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
-    """The task of a robot that patrols the cells of a map by a random walk."""
+    """The task of a robot that patrols the cells of a map in a random walk."""
 
     kind = "patrol"
     robot: int
@@ -26,7 +26,8 @@ class PatrolTask(Task):
     cells: CellSpace
     "The squares of the map, with the four directions in which the robot drives."
     closed: tuple[tuple[int, int], ...]
-    "The steps that a wall between two free squares blocks: a position, and 0 East to 3 South."
+    """The steps that a wall between two free squares blocks, as pairs of a position and a
+    direction, from 0 for East to 3 for South."""
     image: Int[np.ndarray, "branches states"]
     """The possible next states of each state. A state is a position or, for a robot with memory,
     `memory * positions + position`."""

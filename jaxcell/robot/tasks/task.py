@@ -87,7 +87,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
-    """Read at least `count` angles, which are in degrees in the file. Returns radians."""
+    """Read at least `count` angles in degrees from a file, and return them in radians."""
     values = fields.get(name)
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
@@ -99,7 +99,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Get the fields of a robot in the file of several robots."""
+    """Return the fields of a robot in the file of several robots."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")

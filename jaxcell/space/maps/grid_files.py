@@ -213,7 +213,7 @@ def _side(field: str, text: Any) -> float:
 def _grid_fields(
     blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
 ) -> dict[str, Any]:
-    """Make the fields of the map of a grid. Row 0 is at the bottom; `origin` is the lower left."""
+    """Return the map fields of a grid; row 0 is the lowest, `origin` the lower left corner."""
     if blocked.all():
         raise ValueError("the grid has no free square")
     rows, columns = blocked.shape

@@ -1,9 +1,9 @@
 """Read and write map files in the format of their suffix, and the JSON format of jaxcell.
 
-The other formats are in `grid_files`. A map is represented by the keyword arguments of `Workspace`.
-In JSON, `format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by
-default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a
-misspelt key is noticed.
+The module `grid_files` reads and writes the other formats. A map is represented by the keyword
+arguments of `Workspace`. In JSON, `format` ("jaxcell-map"), `version` (1) and `boundary` are
+required; `units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown
+keys are refused, so that a misspelt key is noticed.
 """
 
 import json
@@ -93,7 +93,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres."""
+    """Read a map in JSON, and return keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
         raise ValueError('format: expected an object with "format": "jaxcell-map"')
@@ -126,7 +126,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """Write the JSON text of a map, in metres, which `parse_json` reads to the same numbers."""
+    """Format a map as JSON, in metres, so that `parse_json` restores exactly the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',

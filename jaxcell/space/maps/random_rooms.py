@@ -1,4 +1,4 @@
-"""Draw rooms with obstacles at random places, from a seed and the number of the room."""
+"""Draw rooms with obstacles at random places, determined by a seed and a room number."""
 
 from collections.abc import Callable
 from typing import NamedTuple

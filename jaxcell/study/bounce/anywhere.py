@@ -27,15 +27,16 @@ class AnywhereStudy(MapStudy):
     seed: int = 0
     """Seed of the random starts, errors and choices."""
     anywhere: Annotated[bool, Only(collision="swept")] = False
-    """Start robots anywhere, and track each by sets of places on the walls instead of a filter of
+    """Start robots anywhere, and track each with sets of places on the walls instead of a filter of
     cells. The robots drive straight until they bump, and count the steps of each run."""
     heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
-    """First heading of the robots: one of the directions (known), or any heading (unknown)."""
+    """Heading of the robots at the start: one of the directions (known), or any heading
+    (unknown)."""
     errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
-    """Bounds of the errors: of the length of a run, as a share of it (run=0.02) and in metres
-    (distance=0.05); of a turn and of the first heading, in degrees (turn=1 heading=2); of the
-    distance driven before a bump is felt (late=0.01), and of the distance between the wall and the
-    start of a run (displacement=0.03), in metres. With bump_turn=2, a bump also turns the robot
+    """Bounds of the errors: of the length of a run, as a share of the length (run=0.02) and in
+    metres (distance=0.05); of a turn and of the first heading, in degrees (turn=1 heading=2); of
+    the distance driven before a bump is felt (late=0.01), and of the distance between the wall and
+    the start of a run (displacement=0.03), in metres. With bump_turn=2, a bump also turns the robot
     toward the wall, by 2 degrees at 45 degrees of incidence."""
     measured: Annotated[bool, _ANYWHERE] = False
     """Let the robots measure the length of each run instead of counting steps."""
@@ -54,7 +55,7 @@ class AnywhereStudy(MapStudy):
             self.bounds()
 
     def bounds(self) -> "walls.Errors":
-        """Read the bounds of the errors."""
+        """Read the bounds of the errors from the parameter `errors`."""
         bounds = {}
         for text in self.errors:
             name, _, value = text.partition("=")
@@ -152,7 +153,7 @@ class AnywhereStudy(MapStudy):
 
 
 def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Read a pose from a text; raise if the pose is not in the free space of a room."""
+    """Read a pose from a text, and raise if the pose is not in the free space of a room."""
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')

@@ -17,7 +17,7 @@ MAX_AT_ONCE = 20_000_000
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Groups(MapStudy):
-    """Find the periodic groups of a bouncing robot and how every cell reaches them.
+    """Find the periodic groups of a bouncing robot, and the steps from every cell to its group.
 
     More than 20 million cells, or more than fit in memory, are written one direction at a time to a
     Zarr store, in place of a dataset and a recording.
@@ -50,7 +50,7 @@ class Groups(MapStudy):
 
     @functools.cached_property
     def _free(self) -> int | None:
-        """The free memory in bytes at the first access; it decides how results are written."""
+        """The free memory in bytes at the first access; it determines how results are written."""
         return memory.free()
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":

@@ -29,11 +29,11 @@ class Localize(AnywhereStudy):
     bounce: Annotated[Degrees | None, Only(bounces=False)] = None
     """Bouncing angle in degrees, counter-clockwise."""
     bounces: Annotated[tuple[Degrees, ...], Only(bounce=False)] = ()
-    """Bouncing angles among which the robot chooses at each bump. A robot that slips takes the
+    """Bouncing angles among which the robot chooses at each bump. A robot that slips chooses the
     angle after which the expected entropy of its belief at the next bump is least."""
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
-    """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
-    angles cannot tell apart."""
+    """Knowledge to reach: the cell, the position at any heading, or the class of cells that no
+    choice of these angles distinguishes."""
     aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
     """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts. With
     --anywhere it is the largest or the mean extent of the set of possible places."""
@@ -56,14 +56,17 @@ class Localize(AnywhereStudy):
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
     metre. A belief then localizes the robot instead of a filter."""
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
-    """Turn toward the wall that a bump causes at an incidence of 45 degrees, in degrees; the wheels
-    do not measure the turn. At an incidence i the turn is sin(2 i) times as large."""
+    """Angle in degrees by which a bump at an incidence of 45 degrees turns the robot toward the
+    wall. The wheel encoders do not measure it. At an incidence i the angle is sin(2 i) times as
+    large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
-    """Distance that the wheels skid at a head-on bump, in metres; the robot then drives back too
-    far by this distance. At an incidence i the distance is cos(i)² times as large."""
+    """Distance in metres that the wheels skid at a head-on bump. The encoders count this distance,
+    so the robot drives back too far by it. At an incidence i the distance is cos(i)² times as
+    large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of finer cells of a belief, by default 100,000, and up to 400,000 for a slip
-    below 2 %. More of them make its credible sets smaller on large maps, and take longer."""
+    below 2 %. With more fine cells, the credible sets on large maps are smaller, and the
+    computation takes longer."""
 
     @property
     def choice(self) -> dict[str, Any]:

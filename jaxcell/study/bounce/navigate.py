@@ -24,9 +24,9 @@ class Plans(MapStudy):
     bounces: tuple[Degrees, ...]
     """Bouncing angles to choose from, in degrees, counter-clockwise."""
     keep: _Cost = 1.0
-    """Cost of a step, and of a bump with the same angle as the bump before."""
+    """Cost of a step, and of a bump with the same angle as the previous bump."""
     change: _Cost = 100.0
-    """Cost of a bump with an angle other than that of the bump before."""
+    """Cost of a bump with another angle than the previous bump."""
 
     def needed(self, extent: "space.Extent") -> float | int:
         return space.estimates.plans(extent, self.motion)
@@ -69,8 +69,8 @@ class Navigate(AnywhereStudy, Plans):
     keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
-    """Error of the robot, as for `jaxcell localize`. The result then has the probability that the
-    robot arrives by the plan, and a policy by which it arrives with certainty."""
+    """Error of the robot, as for `jaxcell localize`. The result then contains the probability that
+    a robot that follows the plan arrives, and a policy with which it is certain to arrive."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

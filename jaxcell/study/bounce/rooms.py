@@ -26,7 +26,8 @@ class Rooms(Study):
     bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
     environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
-    """Kind of room: with rectangles at random places, or from Alam 2018, Figure 2.7."""
+    """Kind of room: with rectangles at random places (random), or an environment of Figure 2.7 of
+    Alam 2018 (E1 to E4)."""
     columns: _Side = 50
     """Columns of squares of a random room."""
     rows: _Side = 45
@@ -36,12 +37,13 @@ class Rooms(Study):
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360
     """Number of directions."""
     collision: Collision = "swept"
-    """Part of a step that must be free: all of it (swept), or its end, as in the dissertation."""
+    """Part of a step that must be free: the whole step (swept), or its end (endpoint), as in the
+    dissertation."""
     seed: WholeNumber = 0
     """Seed of the rooms."""
 
     def free(self) -> Any:
-        """Make a mask of the free squares of the room."""
+        """Return a mask of the free squares of the room."""
         from ...space.maps.random_rooms import place, random_room
 
         if self.environment == "random":

@@ -40,7 +40,8 @@ class Drift(SeaStudy):
     grid: Path | None = None
     """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
     time: int | str | None = None
-    """Number, from 0, or time (2016-02-02T12:00) of the only record to read; by default all."""
+    """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
+    records are read."""
     current: Literal["changing", "mean"] | None = None
     """Current that carries drifters: the records in turn, repeated at their end (changing), or the
     mean of the records (mean). By default changing, and mean with --method source."""
@@ -70,8 +71,8 @@ class Drift(SeaStudy):
     of the cell drift (sampled). By default turned with --method source, and otherwise sampled."""
     edge: Literal["uniform", "exit"] | None = None
     """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
-    cell, as in the dissertation (uniform), or drift like all others and may leave the map (exit).
-    By default uniform with --method source, and otherwise exit."""
+    cell, as in the dissertation (uniform), or drift like all other drifters and may leave the map
+    (exit). By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they are held at the coast until the current carries them
     off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
@@ -80,7 +81,7 @@ class Drift(SeaStudy):
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
     gaps: Literal["open", "land"] = "open"
-    """Treatment of squares without data that are not land by the mask or the coastline: as an open
+    """Treatment of squares without data that are not land in the mask or the coastline: as an open
     edge (open), or as land (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
@@ -88,9 +89,9 @@ class Drift(SeaStudy):
     """Time of interest in days; by default the median time until drifters are in a group or off the
     map, in whole days up to 30."""
     backward: bool = False
-    """Follow drifters backward in time from the last record, to find where they come from."""
+    """Follow drifters backward in time from the last record, to find their origins."""
     start: str | None = None
-    """Place where a drifter is dropped, "lon,lat" in degrees."""
+    """Position at which a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
@@ -98,15 +99,17 @@ class Drift(SeaStudy):
     drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
     """Number of drifters to simulate from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
-    """Seconds after which drifters are counted in the regions and on beaches."""
+    """Time in seconds after which drifters are counted in the regions and on beaches."""
     beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
-    """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
+    """Time in seconds in which half of the surface drifters in a cell at a coast strand."""
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
-    """Seconds in which half of the drifters on a beach float again; by default they never do."""
+    """Time in seconds in which half of the drifters on a beach float again; by default they never
+    float again."""
     range: Length | None = None
     """Distance in metres at which drifters see the sea bed, to find drifters that see all of it."""
     search: Annotated[Duration | None, Only(range=True)] = None
-    """Seconds to search for the fewest views; by default views are chosen greedily."""
+    """Time limit in seconds of the search for the fewest views; by default views are chosen
+    greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
     leave in a day. They depend less on the duration of a step than persistent groups do. By default

@@ -26,20 +26,22 @@ class Drifters(SeaStudy):
     task: ClassVar[str] = "drifters"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Trajectories: files of the Global Drifter Program, OpenDrift, Parcels or in the CF
-    convention, a pattern, a Zarr store, an OPeNDAP address, or @drifters."""
+    """Trajectories: files (or a pattern of their names) of the Global Drifter Program, of
+    OpenDrift, of Parcels, or in the CF convention; a Zarr store; an OPeNDAP address; or
+    @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0
     """Duration of a move in days."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
     """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the part to cut into cells, in degrees; the part may contain
-    the date line."""
+    """West, south, east and north of the region to divide into cells, in degrees; the region may
+    contain the date line."""
     least: AtLeastOne = 1
-    """Least number of observed moves from a cell; cells with fewer are left out of the map."""
+    """Least number of observed moves from a cell; cells with fewer moves are left out of the
+    map."""
     drogue: Literal["kept", "lost"] | None = None
-    """Select drifters that still have their drogue (kept), or have lost it (lost) and so go with
-    the wind too; by default all drifters."""
+    """Select drifters that still have their drogue (kept), or drifters that have lost it (lost) and
+    so move with the wind too; by default all drifters."""
     after: Days | None = None
     """Days after which the distribution of drifters is computed; by default the long run."""
     nearly_closed: AtLeastOne | None = None

@@ -11,7 +11,7 @@ from ..study import Study
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SeaStudy(Study):
-    """A study of drifters whose data are in files."""
+    """A study of drifters that reads its data, currents or trajectories, from files."""
 
     file: tyro.conf.Positional[tuple[Path, ...]]
     """Files of currents or of trajectories."""

@@ -32,18 +32,20 @@ class GraphStudy(Study):
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
     division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
-    """Use of the graph by several robots: all robots share the graph (shared), or each robot has a
-    part (partition). The result compares both uses. By default robots share the graph."""
+    """Use of the graph by several robots: all robots share the graph (shared), or each robot
+    patrols a part of it (partition). The result compares both uses. By default robots share the
+    graph."""
     speed: _Positive | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
     time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
-    """Unit in seconds, to multiples of which the travel times of edges are rounded."""
+    """Unit of time in seconds. Travel times of edges are rounded to multiples of it."""
     base: str | None = None
-    """Base station: a vertex where robots report. The result has the age of news there."""
+    """Base station: a vertex where robots report. The result contains the age of the news at the
+    base."""
     charger: Annotated[str | None, Only(speed=False)] = None
-    """Vertex that each robot must visit at least once in --every steps. The walk is changed to do
-    so, or with the strategy capture, the best such walk is found."""
+    """Vertex that each robot must visit at least once in --every steps. The walk is changed to meet
+    this condition, or with the strategy capture, the best walk that meets it is found."""
     every: Annotated[int | None, Needed(charger=True)] = None
     """Largest number of steps between two visits to the charger."""
     baselines: bool = False

@@ -45,8 +45,8 @@ class PatrolGraph(GraphStudy):
     vertex: Annotated[str | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
-    """Number of shortest paths from each vertex that count. With one path, as in the dissertation's
-    table, the walk goes straight to the vertex."""
+    """Number of shortest paths from each vertex that count. With one path, as in the table of the
+    dissertation, the walk takes the shortest path to the vertex."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
@@ -162,7 +162,7 @@ class PatrolGraph(GraphStudy):
     def _walks(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
-        """Find the walks of all robots; with a division, compare shared with divided walks."""
+        """Find the walks of all robots; with `division`, compare sharing and dividing the graph."""
         import numpy as np
         import scipy.sparse
 

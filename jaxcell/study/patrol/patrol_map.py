@@ -32,7 +32,7 @@ class PatrolMap(CellStudy):
     example: ClassVar[str] = "@depot --robots 2 --range 6"
 
     robots: AtLeastOne | Literal["auto"] = 2
-    """Number of robots; "auto" takes the fewest, up to 20, that reach --capture."""
+    """Number of robots; "auto" chooses the smallest number, up to 20, that reaches --capture."""
     capture: Annotated[Annotated[float, Limit(gt=0, lt=1)] | None, Needed(robots="auto")] = None
     """Least probability of capture to reach, for the first of the attack times."""
     range: _Reach = 6.0
@@ -42,16 +42,17 @@ class PatrolMap(CellStudy):
     other cell (centre), or the whole cell (cell), or its own whole cell is in view of the other
     centre (source, as in the attacks of the dissertation)."""
     strategy: Literal["commute", "capture"] = "commute"
-    """Aim of the walks: a short mean commute time between cells (commute), or a high least
-    probability of capture for the first of the attack times and for --start, a local optimum
-    (capture)."""
+    """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
+    probability of capture at the weakest cell (capture), which is searched to a local optimum for
+    the first of the attack times and for --start."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Least share of steps on the shortest closed tour through the cells that see the whole map;
-    "auto" takes the share among 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more than 2,000
-    cells."""
+    "auto" chooses the share among 0, 0.2, 0.5 and 0.8 with the highest probability of capture, or 0
+    on more than 2,000 cells."""
     start: Literal["stationary", "uniform", "worst"] = "stationary"
-    """Places of the robots, out of view of the target, when an attack begins: as in the long run
-    (stationary), all equally probable (uniform), or the best for the adversary (worst)."""
+    """Distribution of the robots over the cells out of view of the target when an attack begins: as
+    in the long run (stationary), uniform (uniform), or the cells that are best for the adversary
+    (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
     """Least share of steps in which a robot chooses a neighbour uniformly."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
@@ -152,7 +153,7 @@ class PatrolMap(CellStudy):
         attack: "patrol.Attack",
         say: Say,
     ) -> dict[str, Any]:
-        """Find the policies of the robots; with `capture`, of the fewest robots that reach it."""
+        """Find the policies of the robots or, with `capture`, of the fewest sufficient robots."""
         import numpy as np
 
         most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots

@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Convert the errors of a block that reads a sweep to `ValueError` that names the folder."""
+    """Convert the errors of a `with` block that reads a sweep to `ValueError` with the folder."""
     try:
         yield
     except Exception as error:  # Zarr and msgspec have errors of many types.

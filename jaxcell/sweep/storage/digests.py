@@ -35,7 +35,7 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 
 
 def digests(spec: Spec) -> dict[str, str]:
-    """Compute the SHA-256 of each file that the members of a sweep read, by its name.
+    """Compute the SHA-256 of each file that the members of a sweep read, keyed by file name.
 
     Parameters and fixed values name these files. Also included are the images of map_server files,
     and the user's module of the task or of a value (`FILE.py:NAME` or `MODULE:NAME`), with the

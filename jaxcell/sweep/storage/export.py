@@ -50,7 +50,7 @@ def export(store: SweepStore) -> None:
 
 
 def digests_of_files(folder: Path) -> dict[str, str]:
-    """Compute the SHA-256 of each file below a folder, by its relative path."""
+    """Compute the SHA-256 of each file below a folder, keyed by its relative path."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {str(path.relative_to(folder)): digest_of(path) for path in files}
 
@@ -100,7 +100,7 @@ def file_lengths(
 
 
 def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Make the coordinates of a result: the parameters, and `own` coordinates of the task."""
+    """Build the coordinates of a result: the parameters, and the coordinates `own` of the task."""
     along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in spec.dimensions:
@@ -110,7 +110,7 @@ def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
 
 
 def described(spec: Spec) -> dict[str, Any]:
-    """Make the attributes of a result that describe the specification."""
+    """Build the attributes of a result that describe the specification."""
     attributes: dict[str, Any] = {
         "title": f"Sweep of {spec.task}",
         "source": "jaxcell",

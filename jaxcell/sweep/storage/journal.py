@@ -60,7 +60,7 @@ class Record:
 
 
 class Journal:
-    """The open file of a journal. If `append`, records can be added."""
+    """The open file of a journal. If `append` is true, records can be added."""
 
     def __init__(self, path: Path, *, append: bool = False) -> None:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND if append else os.O_RDONLY
@@ -112,7 +112,7 @@ class Journal:
         return Record(kind, state, number, start, len(content), checksum)
 
     def cut(self, size: int) -> None:
-        """Cut the file to `size` bytes, to remove an incomplete record at the end."""
+        """Truncate the file to `size` bytes, to remove an incomplete record at the end."""
         os.ftruncate(self._file, size)
 
     def sync(self) -> None:
@@ -122,7 +122,7 @@ class Journal:
 
 
 def _read_header(data: mmap.mmap, place: int) -> Record | None:
-    """Read the header at a byte `place`; return `None` if there is no intact header."""
+    """Read the header at the byte `place`, or return `None` if there is no intact header."""
     fields = data[place : place + _FIELDS.size]
     checksum = data[place + _FIELDS.size : place + _HEADER]
     if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):

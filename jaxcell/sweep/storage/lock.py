@@ -14,9 +14,10 @@ _PATIENCE = 0.5
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file during the block, and write the name of this process to the file.
+    """Hold a lock on a file inside a `with` block, and write the name of this process to the file.
 
-    A missing file is created. The system removes the lock when the process ends, even by a kill.
+    A missing file is created. The system releases the lock when the process ends, even if it is
+    killed.
     """
     with open(path, "a+", encoding="utf-8") as file:
         # Retry, because `holder` may take the lock for a moment.

@@ -29,9 +29,9 @@ def is_users(module: str, file: Path) -> bool:
 def imported_files(path: Path, name: str = "") -> dict[str, Path]:
     """Find the files of the user's modules that a file imports, directly or indirectly.
 
-    The files are parsed, not run. So imports inside functions are found, but imports by a computed
-    name are not. `name` is the name of the module of the file, or empty for a script. Returns the
-    files by the names of their modules.
+    The files are parsed, not run. So imports inside functions are found, but imports whose names
+    are computed are not. `name` is the name of the module of the file, or empty for a script.
+    Returns the files, keyed by the names of their modules.
     """
     files: dict[str, Path] = {}
     todo = list(_imported(path, name))

@@ -53,7 +53,7 @@ def opened(
 
 
 def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
-    """Check and update a store for a run; return true if it grew and must be opened again."""
+    """Check and update a store for a run, and return whether it grew and must be reopened."""
     changes = store.spec.differences(spec)
     places = spec.places_in(store.spec) if changes else None
     if changes and places is None:
@@ -80,7 +80,10 @@ def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: boo
 
 
 def copy_spec(store: SweepStore) -> bool:
-    """Write `spec.toml`, the copy of the specification; return true if it was missing or wrong."""
+    """Write the copy `spec.toml` of the specification, unless it is correct.
+
+    Returns true if the copy was missing or wrong.
+    """
     path = store.folder / "spec.toml"
     if path.exists() and path.read_bytes() == store.spec.text:
         return False

@@ -30,7 +30,7 @@ class Begun(msgspec.Struct):
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
-        """Make the record of a sweep whose store is in `folder`.
+        """Create the record of a sweep whose store is in `folder`.
 
         Paths are relative, so that the store and the input files can be moved together.
         """
@@ -87,7 +87,7 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
 
 
 class Exported(msgspec.Struct):
-    """The record of a result that was made from all earlier records."""
+    """The record of a result that contains all earlier records."""
 
     files: dict[str, str]
     "The SHA-256 of each file of the result."
@@ -101,7 +101,7 @@ class Contents:
     frame: Computed | None = None
     chunks: dict[int, Record] = dataclasses.field(default_factory=dict)
     exported: Mapping[str, str] | None = None
-    "The SHA-256 of each file of the result; `None` if the result has to be made."
+    "The SHA-256 of each file of the result; `None` if the result has to be written."
     readable: list[Record] = dataclasses.field(default_factory=list)
     damage: dict[str, Record | None] = dataclasses.field(default_factory=dict)
     "The damaged records, by their descriptions; `None` for a record with a damaged header."

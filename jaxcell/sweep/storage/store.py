@@ -1,4 +1,4 @@
-"""The store of a sweep: a journal that a run appends to, and the result made from the journal."""
+"""The store of a sweep: a journal to which a run appends, and the result built from the journal."""
 
 import dataclasses
 import itertools
@@ -25,11 +25,11 @@ TO_DO, DONE, FAILED = 0, 1, 2
 class SweepStore:
     """The folder of a sweep.
 
-    - `sweep.journal` has the specification, and records with the results of the chunks.
-    - `sweep.zarr` is the result. It is made from the journal when a run ends.
+    - `sweep.journal` contains the specification, and records with the results of the chunks.
+    - `sweep.zarr` is the result. It is built from the journal when a run ends.
     - `spec.toml` is a copy of the specification.
     - `failures.json` lists the failed members. It is written when a run ends.
-    - `lock` has the name of the process that writes to the store.
+    - `lock` contains the name of the process that writes to the store.
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
@@ -76,7 +76,7 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """The first result, with variables of length 0; `None` before a member is done."""
+        """A template of the results: the first result without its values; or `None` before it."""
         return self.contents.frame
 
     @property
@@ -122,7 +122,7 @@ class SweepStore:
         return states, arrays
 
     def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Make arrays of states and variables in which no member is done."""
+        """Create arrays of states and variables in which no member is done."""
         arrays = {}
         for name, one in ({} if self.frame is None else self.frame.variables).items():
             dtype, inner = one.values.dtype, one.values.shape[1:]
@@ -177,7 +177,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
-        """Record the result of a job, or the failure of its single member; return the failure."""
+        """Record the result of a job, or the failure of its only member; return new failures."""
         chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
         states.reshape(-1)[places] = DONE

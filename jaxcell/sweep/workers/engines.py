@@ -51,7 +51,7 @@ _LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 def engine_named(name: str, workers: int | None = None, timeout: float | None = None) -> Engine:
-    """Make an engine from its name.
+    """Return the engine with a name.
 
     **Arguments:**
 
@@ -238,7 +238,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
 
 
 def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
-    """Take all futures from a queue; if it is empty, wait at most `LOOK_SECONDS` for one."""
+    """Take all futures from a queue. If it is empty, wait at most `LOOK_SECONDS` for a future."""
     futures = []
     with contextlib.suppress(queue.Empty):
         futures.append(ended.get(timeout=LOOK_SECONDS))
@@ -249,7 +249,7 @@ def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
 
 @contextlib.contextmanager
 def _reaching(address: str) -> Iterator[None]:
-    """Raise a short `ConnectionError` if the block cannot reach the scheduler."""
+    """Raise a short `ConnectionError` if a `with` block cannot reach the scheduler."""
     try:
         yield
     except (OSError, RuntimeError, asyncio.CancelledError) as error:
@@ -288,7 +288,7 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """Make the environment variables that divide the processors of this machine among workers.
+    """Return environment variables that divide the processors of this machine among workers.
 
     JAX reads only `PJRT_NPROC`; libraries of linear algebra read the other variables.
     """

@@ -18,9 +18,11 @@ _MAX_DEATHS = 3
 
 
 class Worker:
-    """A child process that computes jobs. It ends when this process ends, even by a kill.
+    """A child process that computes jobs.
 
-    What tasks print to standard output goes to standard error.
+    It ends when this process ends, even if this process is killed.
+
+    Output of tasks to standard output is redirected to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""The progress of a run, for its caller, and for other processes by a file in the store."""
+"""The progress of a run, for its caller, and for other processes through a file in the store."""
 
 import contextlib
 import dataclasses
@@ -24,7 +24,7 @@ class Progress:
     chunks: int
     "The number of chunks of the run."
     done: int
-    "The number of chunks that have ended, in this run and earlier ones."
+    "The number of chunks that have ended, in this run and earlier runs."
     failed: int
     "The number of members that failed in this run."
     rate: float
@@ -59,7 +59,7 @@ class Count:
 def written_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield a function that writes the progress of a run to its folder, at most once per second."""
+    """Yield a function that writes the progress of a run to a file, at most once per second."""
     path = folder / _FILE
     path.unlink(missing_ok=True)
     last = -math.inf

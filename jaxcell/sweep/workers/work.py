@@ -48,8 +48,8 @@ class Job:
     wide: bool
     "If true, JAX computes with 64 bits."
     length: int = 0
-    """The least number of members that the task gets: if there are fewer, the last member is
-    repeated. All whole chunks have one length, so that JAX compiles a task once."""
+    """The least number of members that the task is called with: if there are fewer, the last member
+    is repeated. All whole chunks have one length, so that JAX compiles a task once."""
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
@@ -58,7 +58,7 @@ class Job:
         return cls(chunk.number, places, *about, length)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Make the job of some members of this job, by their indices in the chunk."""
+        """Create a job of some members of this job; `places` are their indices in the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch, length=0)
@@ -79,7 +79,7 @@ class Computed:
     """The result of a job."""
 
     variables: Mapping[str, Variable]
-    "The variables by name; the first dimension of their arrays is `member`."
+    "The variables, keyed by name; the first dimension of their arrays is `member`."
     coordinates: Mapping[str, Variable]
     "The coordinates of the other dimensions, equal in all chunks."
 
@@ -140,7 +140,7 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """Make the paths of a specification absolute; check the first chunk if the task is a study."""
+    """Make the paths of a specification absolute, and check the first chunk of a study."""
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
@@ -265,7 +265,7 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Comp
 
 
 def _plain(value: Any) -> Any:
-    """Convert a number or an array of NumPy to objects of Python that JSON can encode."""
+    """Convert a NumPy number or array to Python objects that JSON can encode."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"expected attributes of text and numbers, got {type(value).__name__}")

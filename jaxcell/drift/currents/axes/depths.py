@@ -20,11 +20,11 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The levels that follow the sea bed, if depths are interpolated between them; or `None`."
+    "The levels that follow the sea bed, if depths are interpolated between such levels; or `None`."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the highest level if it is not among `places`; or `None`."
+    "The index of the highest level if `places` does not contain it; or `None`."
     note: str = ""
     "A note for the user on the source of the depths; may be empty."
 
@@ -35,7 +35,7 @@ def choose_layers(
     dim: str | None,
     depths: float | int | Sequence[float | int] | None,
 ) -> Layers:
-    """Choose the layers to read by the argument `depths` of [`jaxcell.drift.open_currents`][].
+    """Choose the layers to read for the argument `depths` of [`jaxcell.drift.open_currents`][].
 
     `dim` is the dimension of depth. A velocity without this dimension has a single level, whose
     depth is the value of a scalar coordinate, or 0 if there is none.

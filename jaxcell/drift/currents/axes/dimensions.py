@@ -22,7 +22,7 @@ class Axes:
     time: str | None
     depth: str | None
     y: str
-    "The dimension along y: of the centres of cells, or of their sides if `staggered`."
+    "The dimension along y: the cell centres, or the cell faces if `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -30,14 +30,15 @@ class Axes:
 
     @property
     def staggered(self) -> bool:
-        """True if the velocity is on the sides of the cells of a C-grid."""
+        """True if the velocity is on the cell faces of a C-grid."""
         return self.rho != (self.y, self.x)
 
     @property
     def between(self) -> int | None:
-        """The axis (-2 for y, -1 for x) along which the velocity lies between centres, or `None`.
+        """The axis (-2 for y, -1 for x) along which the velocity is staggered, or `None`.
 
-        Along the dimensions eta_u and xi_v it has the coordinates of centres.
+        A staggered velocity is on the cell faces, between the centres. Along eta_u and xi_v, a
+        velocity has the coordinates of the centres, so these dimensions do not count as staggered.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
@@ -48,7 +49,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity by their names and attributes."""
+    """Find the dimensions of a velocity from their names and attributes."""
     _check_structured(file, name)
     dims: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
@@ -80,7 +81,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the axis of a dimension, by its name or by the attributes of its coordinate."""
+    """Find the axis of a dimension from its name or from the attributes of its coordinate."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:
@@ -112,7 +113,7 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether one of the dimensions is of nodes or elements of the model SCHISM."""
+    """Return whether one of the dimensions counts nodes or elements of the model SCHISM."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 
@@ -133,7 +134,7 @@ def _check_lengths(file: OceanFile, axes: Axes) -> None:
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:
-    """Make the error for unstructured grids, such as those of FVCOM and SCHISM."""
+    """Return the error for unstructured grids, such as the grids of FVCOM and SCHISM."""
     dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
     return file.error(
         field,
@@ -147,7 +148,7 @@ def unstructured(file: OceanFile, field: str) -> ValueError:
 def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
-    """Find the variable with the longitudes or latitudes of cells of the dimensions `(y, x)`."""
+    """Find the variable with the longitudes or latitudes of cells on the dimensions `dims`."""
     along = dims[0] if which == "lat" else dims[1]
     candidates = (
         str(name)

@@ -37,8 +37,8 @@ class RecordTimes:
     values: Shaped[np.ndarray, " records"]
     "The time of each record, in order."
     start: cftime.datetime | None = None
-    """The beginning of the year of the first record, from which days are counted in a calendar that
-    is not the standard one; `None` in the standard calendar."""
+    """The beginning of the year of the first record, from which days are counted in a non-standard
+    calendar; `None` in the standard calendar."""
     dated: bool = True
     "True if the times have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
@@ -118,7 +118,7 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of another calendar to datetime64, by its days since the `start` of a year."""
+    """Convert a date of another calendar to datetime64: `start` plus the days since `start`."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
@@ -134,7 +134,8 @@ def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.nd
     """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
     A moment selects the nearest record, within half the median time between records. Of two equally
-    near records it selects the later one, so that a date selects the daily mean at its noon.
+    near records, the later record is selected, so a date selects its daily mean, which is dated at
+    noon.
     """
     records = np.arange(len(times.values))
     if when is None:
@@ -208,7 +209,7 @@ def _is_index(value: Any) -> bool:
 
 
 def time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """Find the variable with the times along a dimension, or with a single time if it is `None`."""
+    """Find the variable with the times along `dim`, or with a single time if `dim` is `None`."""
     variables = file.dataset.variables
     names = next(table("time")).names
     if dim is None:

@@ -1,1 +1,1 @@
-"""The layouts of ocean models: velocities on the sides of cells, and levels."""
+"""The layouts of ocean models: velocities on cell faces, and levels."""

@@ -1,4 +1,4 @@
-"""Files of MITgcm and ECCO, whose velocities are on the western and southern sides of cells."""
+"""Files of MITgcm and ECCO, whose velocities are on the western and southern cell faces."""
 
 import dataclasses
 
@@ -17,10 +17,11 @@ _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of MITgcm, and order its sides, as in a file of ROMS.
+    """Convert a file of MITgcm to the dimensions and the order of cell faces of ROMS.
 
-    In a file of MITgcm the first side lies before the first centre, in a file of ROMS after it.
-    Other files are returned unchanged.
+    In a file of MITgcm the first face lies before the first cell centre, in a file of ROMS after
+    it. So faces that lie before the first centre move to the end, or are left out. Other files are
+    returned unchanged.
     """
     dataset = file.dataset
     faces = [dim for dim in _FACES if dataset[u].sizes.get(dim, 1) > 1]
@@ -39,7 +40,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     names = {x: "x_rho", y: "y_rho", x_side: "x_u", y_side: "y_v"}
 
     def placed(array: xr.DataArray) -> xr.Variable:
-        """Order the sides of a variable so that each follows its centre."""
+        """Order the cell faces of a variable so that each face follows its centre."""
         for side, centre in ((x_side, x), (y_side, y)):
             if side in array.dims:
                 count = dataset.sizes[centre]

@@ -1,6 +1,6 @@
-"""Files of NEMO, whose dimensions do not tell the centres of cells from their sides.
+"""Files of NEMO, whose dimensions do not distinguish cell centres from cell faces.
 
-`u` is on the eastern sides of the cells and `v` on the northern sides, along the axes of a curved
+`u` is on the eastern cell faces and `v` on the northern cell faces, along the axes of a curved
 grid. The dimensions of all points have the same names. Centres are in another file, the mesh.
 """
 
@@ -23,7 +23,7 @@ _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of NEMO as in ROMS, whose names tell centres from sides.
+    """Give the dimensions of a NEMO file the names of ROMS, which distinguish cell faces.
 
     The variables of the mesh must be in the file. Other files are returned unchanged.
     """
@@ -54,10 +54,11 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
 
 
 def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
-    """Return whether a velocity is on the sides of the cells of NEMO's grid.
+    """Return whether a velocity is on the cell faces of NEMO's grid.
 
-    The names of its depths, dimensions or positions decide. If they do not, the velocity is on the
-    sides if its positions are nearer to the sides of the mesh than to the centres.
+    The names of its depths, dimensions or positions decide. If the names do not decide, the
+    velocity is on the faces if its positions are nearer to the faces of the mesh than to the
+    centres.
     """
     dataset = file.dataset
     if dims & set(dataset.variables):

@@ -1,8 +1,8 @@
 """ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
 
-`u` is on the western and eastern sides of a cell and `v` on the southern and northern sides, along
-the axes of the grid, which may be turned against East and North. The levels are at fixed values of
-a coordinate `s`, from -1 at the sea bed to 0 at the surface.
+`u` is on the western and eastern faces of a cell and `v` on the southern and northern faces, along
+the axes of the grid, which may be rotated relative to East and North. The levels are at fixed
+values of a coordinate `s`, from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
@@ -24,10 +24,11 @@ ALONE = 0.1
 def to_centres(
     sides: Float[np.ndarray, "*sides"], open_sides: Bool[np.ndarray, "*sides"], axis: int
 ) -> Float[np.ndarray, "..."]:
-    """Average the velocity on the sides of cells to their centres, along an axis.
+    """Average the velocity on the cell faces to the cell centres, along an axis.
 
-    No water flows through a coast, so a side that is not open counts as 0, as in the model. At both
-    ends the file lacks the outer side, and the centre has the velocity of the inner side.
+    No water flows through a coast, so the velocity on a face that is not open is 0, as in the
+    model. At both ends the file lacks the outer face, and the centre gets the velocity of the inner
+    face.
     """
     flow = np.where(open_sides, sides, 0.0)
     before = np.concatenate([flow.take([0], axis), flow], axis)
@@ -108,7 +109,7 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
 def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
     """Interpolate values at the `wanted` heights, linearly between the levels of each cell.
 
-    Above the highest and below the lowest level, the value of this level is taken.
+    Values above the highest level and below the lowest level are the values of these levels.
     """
     levels = len(heights)
     if levels == 1:

@@ -30,7 +30,7 @@ class Ascent:
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 where a target is out of view, else 0."
+    "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     floor: float
     "The share of every step that is divided equally among the neighbours."
@@ -76,7 +76,7 @@ class Ascent:
 def active_targets(
     unseen: Float[np.ndarray, "cells targets"], attack_time: int, robots: int
 ) -> int:
-    """Choose the number of targets in one gradient step, as memory allows."""
+    """Choose the number of targets in one gradient step according to the free memory."""
     cells, targets = unseen.shape
     kept = int(_KEPT / (cells * attack_time * robots))
     return min(targets, max(8, min(ALL_TARGETS, kept)))
@@ -114,8 +114,9 @@ def log_missed_from_worst(
 def soft_loss(
     missed: Float[Array, "targets"], hardness: Float[Array, ""] | float, tiny: float = _TINY
 ) -> Float[Array, ""]:
-    """Compute the negative soft minimum of the log-probability of capture over the targets, from
-    the log-probabilities that all robots miss."""
+    """Compute the negative soft minimum, over the targets, of the log-probability of capture.
+
+    `missed` contains the log-probabilities that all robots miss a target."""
     caught = jnp.log(jnp.maximum(-jnp.expm1(missed), tiny))
     return jax.nn.logsumexp(-hardness * caught) / hardness
 
@@ -150,7 +151,7 @@ def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untype
 
 @functools.partial(jax.jit, static_argnames="attack_time")
 def _follow(logits, moments, steps, unseen, floor, schedule, attack_time):  # type: ignore[no-untyped-def]
-    """Make steps of Adam on the logits, for the soft minimum over the given targets."""
+    """Take steps of Adam on the logits, for the soft minimum over the given targets."""
     adam = optax.scale_by_adam()
 
     def loss(logits, hardness):  # type: ignore[no-untyped-def]

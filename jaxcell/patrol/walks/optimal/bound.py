@@ -85,7 +85,7 @@ def capture_bound(
 
 
 class _Visits:
-    """The visits of walks to vertices within the attack times, by pairs of successive moves.
+    """The visits of walks to vertices within the attack times, counted per pair of moves.
 
     The time of a pair is the end of its first move.
     """
@@ -103,7 +103,7 @@ class _Visits:
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for each pair whose second move makes a new visit in time, and 0 for others.
+        """Return 1 for each pair whose second move makes a new visit in time, and 0 otherwise.
 
         The first move of the pair ends at `time`, in steps since the attack began.
         """
@@ -113,7 +113,7 @@ class _Visits:
         return (in_time & ~again).astype(float)
 
     def draw(self, begin: int) -> Float[np.ndarray, "vertices"]:
-        """Find the probabilities of attacks on vertices for which the best walk captures least."""
+        """Find the attack probabilities of vertices for which the best walk captures least."""
         moves, targets = self.tail.size, self.attack.size
         if self.first.size * self.end > _MOST:
             return np.full(targets, 1 / targets)

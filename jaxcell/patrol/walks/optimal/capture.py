@@ -83,7 +83,7 @@ def maximin_capture(
     tolerance: float = 1e-4,
     throw: bool = True,
 ) -> MaximinCapture:
-    """Find chains that maximise the least probability of capture, whatever the adversary knows.
+    """Find chains that maximise the least probability of capturing an all-knowing adversary.
 
     The adversary attacks a vertex when a robot leaves another vertex or the same one, and is
     captured if a robot reaches it within the attack time. It knows the chains and sees the robots,
@@ -92,8 +92,9 @@ def maximin_capture(
     at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
-    of a soft minimum of logarithms lead near the optimum, by Adam on logits if all edges and
-    attacks take equally long. Linear programs of the nearly best attacks then reach the optimum.
+    of a soft minimum of logarithms lead near the optimum; if all edges and attacks take equally
+    long, Adam follows these gradients on the logits. Linear programs of the nearly best attacks
+    then reach the optimum.
 
     **Arguments:**
 
@@ -174,7 +175,7 @@ def maximin_capture(
 
 
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
-    """Make the graph of all pairs of a memory state and a vertex; the vertex varies fastest.
+    """Build the graph of all pairs of a memory state and a vertex; the vertex varies fastest.
 
     A move or a wait may change the state of the memory to any state.
     """
@@ -190,7 +191,7 @@ def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
 def _frames(
     delays: Int[np.ndarray, "states states"], memory: int
 ) -> Int[np.ndarray, "frames vertices"]:
-    """Return the symmetries of a graph if a memory can be divided among them, else the identity."""
+    """Return the symmetries of a graph if their number divides the memory, else the identity."""
     vertices = len(delays) // memory
     identity = np.arange(vertices)[None]
     if memory == 1 or vertices > ALL_TARGETS:

@@ -47,17 +47,17 @@ def charged_capture(
     **Arguments:**
 
     - `graph`, `charger`, `every`, `names`: as in [`charged`][jaxcell.patrol.team.charged].
-    - `matrices`: the transition matrices of given walks. Made to return in time, they are one of
-        the starts; another start follows a short tour from charge to charge, a third takes all
-        edges with equal probability, and the rest are random.
+    - `matrices`: the transition matrices of given walks. One start of the search is these walks,
+        modified to return in time. Another start follows a short tour from charge to charge, a
+        third takes all edges with equal probability, and the other starts are random.
     - `attack_time`: number of steps that an attack takes.
     - `starts`: number of starts; fewer are made if a start takes long.
     - `seed`: seed of the random starts.
 
     **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
-    walks, made to return in time.
+    walks, modified to return in time.
 
-    On a line of three vertices, the way to the other end and back takes 4 steps:
+    On a line of three vertices, a walk to the other end and back takes 4 steps:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -114,7 +114,8 @@ def charged_capture(
 
 
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
-    """Count the steps of a short tour of all vertices, by the number of steps since the charge.
+    """Count the steps of a short tour of all vertices, per number of steps since the charge.
+
     Steps of the tour at which the next charge is overdue are left out."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
     # All edges have the same length here, because each takes one step.

@@ -21,7 +21,7 @@ _AT = 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MetConstraints(Result):
-    """Linear constraints on the weights of a walk, and how the walk meets them."""
+    """Linear constraints on the weights of a walk, with the values that the walk reaches."""
 
     title: ClassVar[str] = "Constraints on a walk"
     tables: ClassVar[Mapping[str, str]] = {"constraint": "constraints"}
@@ -102,7 +102,7 @@ def load_constraints(
 
 
 class _Reader:
-    """Reads constraints from the fields of a document."""
+    """A reader of constraints from the fields of a document."""
 
     def __init__(self, graph: Graph, names: Sequence[str]) -> None:
         self.names = list(names)

@@ -59,8 +59,8 @@ def minimize(
 
     **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
     relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
-    larger share. If the problem is convex, this holds exactly. The iterations are the total over
-    all starts.
+    larger share. If the problem is convex, this holds for any change, not only to first order. The
+    iterations are the total over all starts.
     """
     require_x64(what)
     check_count("starts", starts)
@@ -129,7 +129,7 @@ def _path(
         inverse = jnp.linalg.pinv(scaled, rtol=1e-12)
 
         def moved(x):  # type: ignore[no-untyped-def]
-            """Project relative changes on those that preserve the equalities, and apply them."""
+            """Project relative changes onto those that preserve the equalities, and apply them."""
             broken = jnp.einsum("rej,rj->re", scaled, x)
             return p * (1 + x - jnp.einsum("rie,re->ri", inverse, broken))
 

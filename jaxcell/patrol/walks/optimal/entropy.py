@@ -25,7 +25,7 @@ _TAIL = 0.1
 def maximum_entropy_rate(
     graph: Graph, stationary: Any = None, *, stay: bool = False, throw: bool = True
 ) -> OptimizedWalk:
-    """Find the chain whose next step is hardest to predict.
+    """Find the chain with the largest entropy rate, whose next step is hardest to predict.
 
     Without a stationary distribution, the chain is `p_ij = A_ij v_j / (lambda v_i)`, with `lambda`
     and `v` the Perron root and vector of the adjacency matrix `A`: all walks of one length between
@@ -38,8 +38,8 @@ def maximum_entropy_rate(
     - `graph`, `stationary`, `stay`, `throw`: as in [`jaxcell.patrol.walks.minimum_kemeny`][].
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
-    nats per step. The residual of its certificate, in nats, bounds by how much another chain can
-    exceed this rate.
+    nats per step. The residual of its certificate, in nats, is an upper bound on the amount by
+    which another chain can exceed this rate.
 
     A star with three leaves, whose adjacency matrix has the Perron root `sqrt(3)`:
 
@@ -150,7 +150,8 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
 def _predictable(
     matrices: Float[Array, "1 vertices vertices"], steps: Float[Array, "horizon"]
 ) -> Float[Array, ""]:
-    """Compute the negative entropy of return times. The horizon is passed as the length of an array
-    because JAX compiles once per shape.
+    """Compute the negative entropy of return times.
+
+    The horizon is passed as the length of an array because JAX compiles once per shape.
     """
     return -return_time_entropy(matrices[0], steps.size)

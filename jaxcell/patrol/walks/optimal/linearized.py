@@ -9,14 +9,14 @@ from .polytope import ChainPolytope
 
 
 class LinearizedCapture:
-    """The probabilities of capture near given chains, by sparse products in NumPy.
+    """The probabilities of capture near given chains, computed from sparse products in NumPy.
 
     Let `S_r` be the probability that a robot does not reach each target within a time `r`, from
     each start, and `P_t` the matrix of moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`,
     where `S` counts as 0 at the target itself, and as 1 everywhere after the attack. The derivative
-    by a move sums over the times at which the robot makes the move before it reaches the target.
-    The derivatives of selected attacks therefore need few values, while the derivatives of all
-    attacks by all moves would need billions.
+    with respect to a move sums over the times at which the robot makes the move before it reaches
+    the target. The derivatives of selected attacks therefore need few values, while the derivatives
+    of all attacks with respect to all moves would need billions.
 
     The vertices of the polytope are the targets, or for a robot with memory its states; the target
     varies fastest.
@@ -51,7 +51,7 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """Compute the derivatives of the probabilities of given attacks by the moves of a robot."""
+        """Compute the derivatives of the capture of attacks with respect to a robot's moves."""
         n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
         count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]
@@ -71,7 +71,7 @@ class LinearizedCapture:
     def along(
         self, robot: int, change: Float[np.ndarray, "moves"]
     ) -> Float[np.ndarray, "starts targets"]:
-        """Compute the first-order change of all probabilities with a change of a robot's moves."""
+        """Compute the first-order change of all probabilities for a change of a robot's moves."""
         late, moved = self._late[robot], np.zeros_like(self._late[robot])
         change_missed = np.empty_like(self._away)
         both = list(zip(self._steps[robot], self._by_time(change), strict=True))
@@ -99,7 +99,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the misses with a time `left`, for attacks of this duration and longer attacks."""
+        """Store the misses with a time `left`, for all attacks of at least this duration."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

@@ -35,7 +35,7 @@ class ChainPolytope:
 
     @classmethod
     def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
-        """Make the polytope of all chains that move along the edges of a graph.
+        """Build the polytope of all chains that move along the edges of a graph.
 
         **Arguments:**
 
@@ -59,13 +59,13 @@ class ChainPolytope:
         return cls(graph.vertices, tails, heads, stationary)
 
     def matrix(self, moves: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "vertices vertices"]:
-        """Make the matrix with one number per move, such as the transition matrix."""
+        """Build a matrix from one number per move, such as the transition matrix."""
         matrix = np.zeros((self.vertices, self.vertices))
         matrix[self.tails, self.heads] = moves
         return matrix
 
     def inside(self, weights: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "moves"]:
-        """Make a chain that uses all moves, with probabilities nearly in proportion to weights.
+        """Return a chain that uses all moves, with probabilities nearly in proportion to `weights`.
 
         With a stationary distribution, the rows and columns of the weights are scaled to meet it.
         """
@@ -77,7 +77,7 @@ class ChainPolytope:
     def starts(
         self, count: int, robots: int, seed: int
     ) -> Float[np.ndarray, "starts robots moves"]:
-        """Make the starts of a search: a short closed tour of all vertices, and random chains.
+        """Create the starts of a search: a short closed tour of all vertices, and random chains.
 
         The tour has a direction: from a start without direction, a gradient could not lead to a
         chain that goes round in one direction, because reversing a chain changes neither its speed
@@ -112,7 +112,7 @@ class ChainPolytope:
         return np.concatenate([rows, columns]), sides
 
     def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
-        """Compute how much a linear function of the chain is below its maximum over all chains.
+        """Compute the distance of a linear function of the chain from its maximum over all chains.
 
         For the gradient of a function, the result is the Frank-Wolfe gap: 0 at a stationary point,
         and for a concave function a bound on its distance from the maximum. The linear program only
@@ -133,7 +133,7 @@ class ChainPolytope:
 def _possible(
     moves: Int[np.ndarray, "moves 2"], share: Float[np.ndarray, "vertices"], stay: bool
 ) -> Bool[np.ndarray, "moves"]:
-    """Find the moves that a chain with the stationary distribution can make.
+    """Find the moves that are possible in a chain with the stationary distribution.
 
     One linear program finds a largest flow within the shares of time. A move is possible if it has
     flow, or if the flow can change along a cycle that contains the move.

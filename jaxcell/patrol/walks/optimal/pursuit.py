@@ -18,7 +18,7 @@ Cuts = dict[int, list[tuple[Any, float]]]
 
 
 class Pursuit:
-    """Upper bounds on capture by a robot with any memory, from cuts of the promises it can keep.
+    """Upper bounds on capture by a robot with any memory, from cuts that exclude promises.
 
     The *promises* of a robot at a vertex are probabilities of reaching each target within each
     number of steps. The promises that it can keep form a convex set at each vertex. After a move,
@@ -49,8 +49,10 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex. Returns the promise of the model for each promise at the
-        vertex, once per symmetry that maps the vertex to the model."""
+        """Choose the model of a vertex.
+
+        Returns the promise of the model for each promise at the vertex, once per symmetry that maps
+        the vertex to the model."""
         there = alike[:, here].tolist()
         model = next((vertex for vertex in self.models.values() if vertex in there), here)
         self.models[here], images = model, {}
@@ -81,7 +83,7 @@ class Pursuit:
         return np.maximum.accumulate(numbers.reshape(vertices, targets, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
-        """Lower the bound `most` by `rounds` tests of probabilities above `least`."""
+        """Lower the bound `most` with `rounds` tests of probabilities above `least`."""
         random = np.random.default_rng(0)
         kept: Cuts = {}
         for _ in range(rounds):
@@ -106,7 +108,7 @@ class _Search:
         self.programs = {here: _Program(pursuit, here, least) for here in models}
 
     def run(self, count: int, random: np.random.Generator) -> float:
-        """Make at most `count` cuts, and return an upper bound on capture."""
+        """Add at most `count` cuts, and return an upper bound on capture."""
         made, turn, last, models = 0, 0, 0, list(self.programs)
         # The search ends if walks from all models need no new cut.
         while made < count and turn - last <= len(models):
@@ -138,7 +140,7 @@ class _Search:
 
 
 class _Program:
-    """The linear program for the promises at a vertex, kept by promises at its neighbours.
+    """The linear program that keeps the promises at a vertex with promises at its neighbours.
 
     Columns are the promises; for each neighbour, the probability of the move and the promises there
     times this probability; a slack; and a relief of the probability to keep, which is 0 except in
@@ -200,7 +202,7 @@ class _Program:
         return len(self.rows) - 1
 
     def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
-        """Solve the linear program with the given rows active.
+        """Solve the linear program in which only `rows` are active.
 
         Returns the values of the columns and the prices of the rows, or `None` for both if the
         solver finds no solution.
@@ -266,7 +268,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack, and the best plan."""
+        """Return an upper bound on the least promise for a whole attack time, and its plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])

@@ -37,7 +37,7 @@ Law = Callable[[_Moves], LinearizedCapture]
 def maximize_least_capture(
     law: Law, polytope: ChainPolytope, moves: _Moves, tolerance: float
 ) -> tuple[_Moves, float, float, int]:
-    """Maximize the least probability of capture by linear programs, within a trusted distance.
+    """Maximize the least probability of capture with linear programs in trust regions.
 
     At a maximum of the least of smooth functions, several functions are equal, and often determine
     the maximum. Linear programs then converge as fast as Newton's method, while
