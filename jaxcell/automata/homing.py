@@ -46,7 +46,8 @@ def homing_sequence(
     **Arguments:**
 
     - `images`, `observations`, `roots`, `place`: as in [`adaptive_choice`][].
-    - `limit`: the search ends when its sequences have left this number of unsettled sets in total.
+    - `limit`: the search ends after it has produced this number of unsettled sets of states; the
+        result is then the shortest sequence that was found.
 
     **Returns:** [`Homing`][].
 

@@ -96,7 +96,7 @@ def quantity(
 
 
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
-    """Describe a quantity that a method computes from the fields, once, when it is first used.
+    """Decorate a method that computes a quantity from the fields when the quantity is first used.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """

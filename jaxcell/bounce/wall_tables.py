@@ -33,7 +33,7 @@ class Walls:
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":
-        """Tabulate the walls of grids. The size grows with the square of the number of ways."""
+        """Tabulate the walls of each grid. The size grows with the square of the number of ways."""
         runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
         way = np.repeat(np.arange(ways), np.diff(runs.begin))
         grid = runs.square // steps.free[0].size

@@ -168,9 +168,10 @@ def mean_first_arrival(
     """Compute the expected number of steps until the first of several robots is in a set of cells.
 
     It is the sum over time of the probability that no robot has arrived. If, for all starts, the
-    probabilities of a robot decrease during some steps by factors between `a` and `b`, they do so
-    in all later periods of that length. So two geometric series enclose the rest of the sum. Both
-    agree as soon as the robots have forgotten their starts, long before the rest is negligible.
+    probability that one robot has not arrived decreases during some steps by a factor between `a`
+    and `b`, it does so in all later periods of that length. So two geometric series enclose the
+    rest of the sum. The two series agree as soon as the robots have forgotten their starts, long
+    before the rest is negligible.
 
     **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
     number of steps.

@@ -217,10 +217,10 @@ def _surest(
 def _quickest(
     moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy to the least time, with actions that preserve its probability of arriving.
+    """Improve a policy until its time is minimal, with actions that preserve its arrival probability.
 
-    Returns the expected times over the paths that arrive, the policy, and a certificate with the
-    possible relative gain.
+    Returns the expected times over the paths that arrive, the policy, and a certificate that bounds
+    the relative gain that is still possible.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)

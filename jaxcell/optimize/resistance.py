@@ -101,7 +101,7 @@ class Emphasis(NamedTuple):
 
 
 class Design(NamedTuple):
-    """The sum of resistances, and the parts of its derivatives."""
+    """The sum of resistances for some weights, and the terms of its first two derivatives."""
 
     resistance: float
     gain: _Weights

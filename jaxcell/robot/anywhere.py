@@ -156,7 +156,7 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Add a turn of the robot, by an angle in radians, to all possible places."""
+        """Turn the robot by an angle in radians, at each of its possible places."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:

@@ -26,7 +26,7 @@ class Trial:
     start: Float[np.ndarray, "robots 2"]
     "The place of each robot at the start, in metres."
     sets: tuple[WallSet, ...]
-    "The set of the first robot after each bump."
+    "The set of possible places of the first robot after each bump."
     place: Float[np.ndarray, "robots bumps 2"]
     "The place of each bump, in metres."
     heading: Float[np.ndarray, "robots bumps"]

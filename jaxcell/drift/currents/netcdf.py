@@ -153,7 +153,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
 
 
 def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the sizes of coordinates and texts that are too long for xarray to read at once."""
+    """Find coordinates and variables of text that are too long for xarray to read; return sizes."""
     with netCDF4.Dataset(path) as file:
         return {
             name: size

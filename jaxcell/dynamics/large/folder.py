@@ -33,7 +33,7 @@ class Folder:
         self._arrays: dict[str, np.memmap] = {}
 
     def array(self, name: str, dtype: Any, size: int) -> np.ndarray:
-        """Open the array with a name, or create it."""
+        """Open the array called `name`, or create it."""
         file = self.path / f"{name}.npy"
         if file.exists():
             array = np.load(file, mmap_mode="r+")

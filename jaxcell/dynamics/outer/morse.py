@@ -265,7 +265,10 @@ class _Search:
     def halved(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], *others: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Return the halves of boxes in ascending order, and copies of other arrays over boxes."""
+        """Return the sorted numbers of the halves of boxes, after `bisections` bisections.
+
+        The entries of other arrays over boxes are repeated for both halves, in the same order.
+        """
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)
         return halves[order], *(np.repeat(x, 2)[order] for x in others)

@@ -145,7 +145,7 @@ def _results(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 
 def _interval(value: Any) -> Interval:
-    """Convert a value to an interval; whole numbers, which are certain, become one point."""
+    """Convert a value to an interval; integers are exact, so they become a single point."""
     return value if isinstance(value, Interval) else Interval(value, value)
 
 

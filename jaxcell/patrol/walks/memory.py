@@ -34,7 +34,7 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "The least capture if each robot has its long-run distribution when an attack begins."
+    "The least capture of attacks that find the robots in their long-run distributions."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]

@@ -27,7 +27,7 @@ class Steps(NamedTuple):
     even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "The slot of the neighbour whose step leads back to the cell."
+    "For each neighbour of a cell, the slot in which that neighbour has the cell as its neighbour."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":

@@ -70,7 +70,7 @@ def _log_curves(
 
 
 def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
-    """Return the legend. Each colour is listed once, also if several robots share it."""
+    """Return the legend. Each colour is listed once, even if several robots share it."""
     robots = [(f"robot {i}", _shade(i)) for i in range(min(team.starts.size, len(ROBOTS)))]
     return [
         *robots,

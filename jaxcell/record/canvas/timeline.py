@@ -1,4 +1,4 @@
-"""Timelines along the values of a parameter, which convert them to whole numbers as times."""
+"""Timelines along a parameter, whose times are its values, scaled to integers."""
 
 from typing import NamedTuple
 

@@ -83,7 +83,10 @@ class Pursuit:
         return np.maximum.accumulate(numbers.reshape(vertices, targets, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
-        """Lower the bound `most` with `rounds` tests of probabilities above `least`."""
+        """Lower `most`, an upper bound on the probability of capture, by bisection; return the bound.
+
+        Each of the `rounds` tests a probability between `least` and `most` with up to `cuts` cuts.
+        """
         random = np.random.default_rng(0)
         kept: Cuts = {}
         for _ in range(rounds):
