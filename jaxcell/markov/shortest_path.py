@@ -217,7 +217,7 @@ def _surest(
 def _quickest(
     moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy until its time is minimal, with actions that preserve its arrival probability.
+    """Improve a policy until its time is minimal, without lowering its probability of arriving.
 
     Returns the expected times over the paths that arrive, the policy, and a certificate that bounds
     the relative gain that is still possible.

@@ -152,7 +152,7 @@ def _room(
     share: float,
     constraints: Sequence[Linear],
 ) -> Room:
-    """Find the weights that the constraints allow, with at least `share` on the edges of the tour."""
+    """Find the weights that constraints allow, with at least `share` on the edges of the tour."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     left = room(len(graph.edges), [*constraints, *emphasis])
     apart = vertices_apart(graph.vertices, graph.edges[left.used])

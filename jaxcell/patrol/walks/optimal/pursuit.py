@@ -83,7 +83,7 @@ class Pursuit:
         return np.maximum.accumulate(numbers.reshape(vertices, targets, -1), axis=2)
 
     def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
-        """Lower `most`, an upper bound on the probability of capture, by bisection; return the bound.
+        """Lower `most`, an upper bound on the probability of capture, by bisection, and return it.
 
         Each of the `rounds` tests a probability between `least` and `most` with up to `cuts` cuts.
         """
