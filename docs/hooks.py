@@ -120,7 +120,8 @@ def formulas(match: re.Match[str]) -> str:
     """Write a block of formulas as a table; several spaces separate its columns."""
     if ">>>" in unescape(match[1]):
         return match[0]
-    lines = [re.split(r" {2,}", line.strip()) for line in unescape(match[1]).splitlines()]
+    whole = unescape(match[1]).splitlines()
+    lines = [re.split(r" {2,}", line.strip()) for line in whole if line.strip()]
     rows = "".join(
         "<tr>" + "".join(f"<td>{mathematics(cell)}</td>" for cell in line) + "</tr>"
         for line in lines

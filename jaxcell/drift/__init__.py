@@ -10,11 +10,12 @@ velocity are land, or sea without data, which is an open edge. At coasts drifter
 **The map.** The *flow map* sends a point to its position after a time `dt`. With one step of
 Euler's method (Eq. 5.3), and `F` the flow,
 
-    z(dt) = z(0) + dt F(z(0)) which `advect` computes, and `flow_map` for all centres or with the
-    Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of its
-    centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
-    with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of
-    a bounded *disturbance set* `A(z)`,
+    z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
+
+or with the Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of
+its centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
+with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of a
+bounded *disturbance set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 

@@ -37,8 +37,9 @@ fewest sets with a mixed-integer program, in time that can grow exponentially.
 
 **Stackelberg** (Eq. 4.6, 4.7, Alg. 4.2). A leader commits to a mixture `x` of strategies. A
 follower that knows `x` chooses the target `j` with its largest payoff, and among equal targets the
-best target for the leader: maximise sum_i x_i P_ij over x >= 0, sum x = 1 and j in argmax_k sum_i
-x_i Q_ik,
+best target for the leader:
+
+    maximise sum_i x_i P_ij     over x >= 0, sum x = 1 and j in argmax_k sum_i x_i Q_ik,
 
 averaged over the types of the follower. With one type, the problem is one linear program per
 target; with more types, one mixed-integer program. `payoffs` computes `P` and `Q` of patrol
