@@ -36,7 +36,7 @@ YEAR = 24 * 365.25
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer:
-    """One layer of the sea at one moment, with a steady flow as in the source."""
+    """A layer of the sea at one moment; its flow is steady, as in the dissertation."""
 
     water: Water
     flow: Flow

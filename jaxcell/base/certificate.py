@@ -46,4 +46,4 @@ class Solution:
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
     """For a chain that is estimated from samples, the change of each value if only half of the
-    samples are used, or `inf` if one of the two values is infinite. `None` for other chains."""
+    samples are used, or `inf` if one of the two values is infinite; for other chains `None`."""

@@ -208,12 +208,11 @@ class WallFilter:
             )
         each = shift[state.robot] if shift.ndim else np.full(state.robot.size, shift)
         errors, width = self.errors, 2 * math.pi / slices
-        middle = (state.slice + 0.5) * width
-        # Within half a slice the turn by a bump changes by at most `bump_turn * width`, and a
-        # heading at the edge may graze the wall.
+        # Within a slice the turn by a bump differs from the turn at an edge by at most `bump_turn *
+        # width`. If a heading of the slice grazes the wall, so does an edge.
         gains = [
-            bump_gains(self.boundary, state.wall, middle + off, errors.bump_turn)
-            for off in (-width / 2, 0.0, width / 2)
+            bump_gains(self.boundary, state.wall, (state.slice + edge) * width, errors.bump_turn)
+            for edge in (0, 1)
         ]
         slack = errors.turn + errors.bump_turn * width
         first = np.floor((np.min(gains, axis=(0, 1)) - slack) / width + 1e-9).astype(int)

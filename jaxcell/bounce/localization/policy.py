@@ -57,7 +57,7 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    """One sequence of angles for all starts and observations; the first bump is not included. With
+    """A sequence of angles for all starts and observations; the first bump is not included. With
     the goal `"position"`, one place is left after at least one bump of the sequence, but not always
     after the last bump."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)

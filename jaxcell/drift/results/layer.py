@@ -86,7 +86,7 @@ class Compared(Ends):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
-    """One layer of the sea: its water, its current, and the long-term behaviour of drifters.
+    """A layer of the sea: its water, its current, and the long-term behaviour of drifters.
 
     The surface of the bundled sea at its first record:
 

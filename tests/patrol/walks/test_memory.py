@@ -112,7 +112,7 @@ def test_memory_is_divided_among_symmetries():
 
 
 def test_the_bound_proves_that_walks_are_best():
-    """One robot, and two robots that visit half of the leaves of a star each."""
+    """A robot visits all leaves of a star, or two robots visit half of the leaves each."""
     assert capture_bound(STAR, 2) == pytest.approx(1 / 8, abs=1e-12)
     assert maximin_capture(STAR, 2, starts=1).value == pytest.approx(1 / 8, rel=1e-6)
     halves = np.zeros((2, 9, 9))
