@@ -4,7 +4,7 @@ Run `python experiments/benchmarks/bench_rosso.py`; it takes about 40 s, and wit
 for larger grids. `--rosso FOLDER` is the folder `robosurvstratopt` of a checkout of
 github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024). Without it, the table has only its
 published results, and no time. `--memory 8` adds the capture of robots with up to 8 states of
-memory (4 in San Francisco), a tour, and an upper bound, which takes many minutes.
+memory, a tour, and an upper bound, which takes many minutes.
 
 RoSSO runs as in its specification of San Francisco (RMSprop, 5 random starts), on its graphs: a
 grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with travel times, the longer of
@@ -167,8 +167,7 @@ def print_memory(chosen: list[Case], most: int) -> None:
     for case in chosen:
         began = time.perf_counter()
         given = {"travel_times": case.travel_times, "stay": case.stay}
-        states = min(most, 4) if case.stay else most
-        found = memory_patrol(case.graph, case.attack_time, states, ours(case)[None], **given)
+        found = memory_patrol(case.graph, case.attack_time, most, ours(case)[None], **given)
         values = dict(zip(found.patrol, found.least_capture.tolist(), strict=True))
         shown = [f"{values[name]:.4f}" if name in values else "" for name in (*sizes, "tour")]
         shown += [f"{found.any_time[-1]:.4f}", f"{found.upper_bound:.4f}"]

@@ -82,6 +82,8 @@ def memory_patrol(
 ) -> MemoryPatrol:
     """Find the walks that capture most, for robots with 2, 4, 8, ... states of memory.
 
+    Each search also starts from the walks with half as many states, so none captures less.
+
     **Arguments:**
 
     - `graph`, `attack_time`, `travel_times`, `stay`: as in
@@ -109,8 +111,9 @@ def memory_patrol(
     while sizes[-1] < memory:
         sizes.append(min(2 * sizes[-1], memory))
         say(f"seeking a walk with {sizes[-1]} states of memory")
-        options = {"robots": len(matrices), "memory": sizes[-1], "throw": False, **given}
-        walks.append(maximin_capture(graph, attack_time, **options).matrices)
+        options = {"memory": sizes[-1], "known": walks[-1], "throw": False, **given}
+        found = maximin_capture(graph, attack_time, robots=len(matrices), **options)
+        walks.append(found.matrices)
     patrols, captured = [f"memory {size}" for size in sizes], []
     for walk in walks:
         each = [walk_capture_probabilities(graph, one, attack_time, travel_times) for one in walk]

@@ -207,3 +207,13 @@ def test_too_large_for_linear_programs(monkeypatch):
     )
     assert found.value > 0.15
     assert found.certificate.tolerance == 0.02
+
+
+def test_with_travel_times_too_large_for_linear_programs(monkeypatch):
+    """Harder and harder soft minima come within a thousandth of the linear programs."""
+    options = {"travel_times": TIMES, "starts": 2, "stay": True, "throw": False}
+    best = maximin_capture(KITE, 6, **options).value
+    monkeypatch.setattr(capture, "POLISHED", 0)
+    found = maximin_capture(KITE, 6, **options)
+    assert best * (1 - 1e-3) < found.value <= best * (1 + 1e-9)
+    assert found.certificate.tolerance == 0.02

@@ -101,6 +101,36 @@ def test_a_robot_that_acts_alike_in_symmetric_positions_against_all_walks():
         np.testing.assert_allclose(rows[number], rows[0][:, frame][..., frame], atol=1e-12)
 
 
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize("times", [None, TIMES])
+@pytest.mark.parametrize("states", [1, 2])
+def test_copies_of_states_capture_the_same_and_a_search_from_them_is_not_worse(
+    monkeypatch, times, states
+):
+    monkeypatch.setattr(capture, "POLISHED", 0)
+    known = maximin_capture(KITE, 5, travel_times=times, memory=states, starts=2, throw=False)
+    exact = walk_capture_probabilities(KITE, known.matrices[0], 5, times)
+    (copies,) = capture._copied(known.matrices, 3, 4, 0)
+    owners = [0, 0, 0] if states == 1 else [0, 0, 1]
+    np.testing.assert_allclose(
+        walk_capture_probabilities(KITE, copies, 5, times).reshape(3, 4, 4),
+        exact.reshape(states, 4, 4)[owners],
+        atol=1e-14,
+    )
+    # From one random start alone, walks with three states can be worse.
+    options = {"travel_times": times, "memory": 3, "starts": 1, "throw": False}
+    found = maximin_capture(KITE, 5, known=known.matrices, **options)
+    assert found.value >= known.value * (1 - 1e-12)
+    least = walk_capture_probabilities(KITE, found.matrices[0], 5, times).min()
+    assert found.value == pytest.approx(least, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, 8), (1, 6, 6), (1, 12, 12)])
+def test_known_walks_that_do_not_fit_are_refused(shape):
+    with pytest.raises(ValueError, match="known: expected matrices of at most 2 times 4 states"):
+        maximin_capture(KITE, 5, memory=2, known=np.zeros(shape))
+
+
 @pytest.mark.usefixtures("brief", "unchecked")
 def test_memory_is_divided_among_symmetries():
     """On a line of nine, whose walk with two states is nearly the best with any memory."""

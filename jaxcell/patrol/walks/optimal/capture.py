@@ -31,9 +31,10 @@ from .polytope import ChainPolytope
 from .sequential_lp import maximize_least_capture
 
 
-# Hardness of the soft minimum of the logarithms. If it is softer, all starts lead to the most
-# symmetric chain; linear programs then improve the result to the minimum.
-_HARDNESS = 50.0
+# Hardness of the soft minimum of the logarithms in all descents, and then in those from the best
+# chain, and the number of steps of the latter for each pressure. If the first hardness is smaller,
+# all starts lead to the most symmetric chain.
+_HARDNESS, _HARDER, _HARDER_STEPS = 50.0, (200.0, 800.0, 3000.0), 240
 # Largest factor on the number of starts; squared number of vertices at which the factor is 1; and
 # the least number of starts if the states of a memory are divided among symmetries.
 _MORE, _QUICK, _SYMMETRIC = 4, 3600, 3
@@ -46,6 +47,8 @@ _LITTLE = 0.02
 STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
 # The first hardness with memory: at a softer minimum all states of the memory become equal.
 _WITH_MEMORY = 10.0
+# Random factor on the moves to copies of a state of memory, and the least weight of a move.
+_COPIED, _MOVED = (1.0, 2.0), 1e-3
 # Relative tolerance of a value in 32 bits; and the largest probability of a negligible move.
 _EQUAL, _RARE = 1e-5, 1e-5
 
@@ -78,6 +81,7 @@ def maximin_capture(
     robots: int = 1,
     stay: bool = False,
     memory: int = 1,
+    known: Float[np.ndarray, "robots _ _"] | None = None,
     starts: int = 8,
     seed: int = 0,
     tolerance: float = 1e-4,
@@ -106,9 +110,11 @@ def maximin_capture(
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
         number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
         the robot acts in the same way in symmetric positions, which makes the search faster.
-    - `starts`: number of starts. The first follows a short closed tour. If all edges and attacks
-        take equally long, a small graph has up to four times as many starts, a graph of more than
-        60 vertices has fewer, and the number is divided by the number of robots.
+    - `known`: matrices of as many robots with at most as many states of memory. The search also
+        starts from them, with copies of their states, and the result is at least as good.
+    - `starts`: number of other starts. The first follows a short closed tour. If all edges and
+        attacks take equally long, a small graph has up to four times as many starts, a graph of
+        more than 60 vertices has fewer, and the number is divided by the number of robots.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
@@ -117,7 +123,8 @@ def maximin_capture(
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
     fewer programs are solved, and the tolerance is 0.02; on graphs of more than 100 none are
     solved, and the residual is the share of the value that the last quarter of the gradient steps
-    added; with memory, the limit of 100 applies to the vertices times the square of `memory`.
+    added, or the hardest soft minimum; with memory, the limit of 100 applies to the vertices times
+    the square of `memory`.
     The iterations are the gradient steps from all starts and the programs.
 
     On a line of three vertices, a robot needs two steps from one end to the other:
@@ -137,6 +144,7 @@ def maximin_capture(
     check_reach(delays, attack, stay=stay)
     delays = np.tile(delays, (memory, memory))
     arguments = on_device(delays, attack)
+    copies = None if known is None else _copied(known, memory, graph.vertices, seed)
     if travel_times is None and not stay and np.ptp(attack) == 0:
         frames = _frames(delays, memory)
         # On small graphs a step is quick, and more starts improve the result more than more steps.
@@ -145,33 +153,82 @@ def maximin_capture(
         count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
         begin = among.starts(max(count, min(starts, 2)), robots, seed)[-count:]
+        begins = [np.stack([among.matrix(robot) for robot in start]) for start in begin]
         matrices, steps, late = _ascend(
             SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
             attack,
-            np.array([[among.matrix(robot) for robot in start] for start in begin]),
+            np.array([*begins, *([] if copies is None else [copies])]),
         )
-        moves = matrices[:, among.tails, among.heads]
-        if graph.vertices * memory**2 > POLISHED:
-            matrices, value = _without_rare_moves(matrices, arguments)
-            certificate = Certificate(steps, late, _LITTLE)
-            certificate.check("maximin_capture", throw)
-            return MaximinCapture(matrices, value, certificate)
     else:
-        every, values, steps = descend(
-            _missed, among, among.starts(starts, robots, seed), arguments
+        begin = among.starts(starts, robots, seed)
+        moves, steps, late = _descend(among, begin, copies, arguments)
+        matrices = np.stack([among.matrix(robot) for robot in moves])
+    if graph.vertices * memory**2 > POLISHED:
+        certificate = Certificate(steps, late, _LITTLE)
+    else:
+        if whole.vertices > EXACT:
+            tolerance = max(tolerance, _LITTLE)
+        moves, _, residual, programs = maximize_least_capture(
+            lambda moves: LinearizedCapture(among, moves, attack, delays),
+            among,
+            matrices[:, among.tails, among.heads],
+            tolerance,
         )
-        moves = every[np.nanargmin(values)]
-
-    def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
-        return LinearizedCapture(among, moves, attack, delays)
-
-    if whole.vertices > EXACT:
-        tolerance = max(tolerance, _LITTLE)
-    moves, _, residual, programs = maximize_least_capture(law, among, moves, tolerance)
-    certificate = Certificate(steps + programs, residual, tolerance)
+        matrices = np.stack([among.matrix(robot) for robot in moves])
+        certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
-    matrices = np.stack([among.matrix(robot) for robot in moves])
-    return MaximinCapture(*_without_rare_moves(matrices, arguments), certificate)
+    matrices, value = _without_rare_moves(matrices, arguments)
+    if copies is not None and (before := _value(copies, arguments)) > value:
+        matrices, value = copies, before
+    return MaximinCapture(matrices, value, certificate)
+
+
+def _copied(
+    known: Float[np.ndarray, "robots _ _"], memory: int, vertices: int, seed: int
+) -> _Matrices:
+    """Copy states of memory until there are `memory`, and divide moves among copies at random."""
+    robots, states = known.shape[:2]
+    if known.shape[1:] != (states, states) or states % vertices or states > memory * vertices:
+        raise ValueError(
+            f"known: expected matrices of at most {memory} times {vertices} states, got an array "
+            f"with shape {list(known.shape)}"
+        )
+    copied = np.arange(memory) * (states // vertices) // memory
+    shares = np.random.default_rng(seed).uniform(*_COPIED, (robots, memory, vertices, memory, 1))
+    shares /= np.einsum("rivjx,jk->rivkx", shares, copied[:, None] == copied)
+    by_state = known.reshape(robots, -1, vertices, states // vertices, vertices)
+    wide = by_state[:, copied][:, :, :, copied] * shares
+    return wide.reshape(robots, memory * vertices, memory * vertices)
+
+
+def _descend(
+    among: ChainPolytope,
+    starts: Float[np.ndarray, "starts robots moves"],
+    copies: _Matrices | None,
+    arguments: tuple[Any, ...],
+) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
+    """Follow the gradient from each start, and then harder minima from the best and the copies.
+
+    **Returns:** the best moves, the number of steps, and the share of the value that the hardest
+    minimum added.
+    """
+
+    def value(moves: Float[np.ndarray, "robots moves"]) -> float:
+        return _value(np.stack([among.matrix(robot) for robot in moves]), arguments)
+
+    every, values, steps = descend(_missed, among, starts, (*arguments, _HARDNESS))
+    best = [every[np.nanargmin(values)]]
+    if copies is not None:
+        weights = copies[:, among.tails, among.heads] + _MOVED
+        best.append(np.stack([among.inside(robot) for robot in weights]))
+    before = moves = np.stack(best)
+    for hardness in _HARDER:
+        before, harder = moves, (*arguments, hardness)
+        moves, _, more = descend(_missed, among, moves, harder, _HARDER_STEPS)
+        steps += more
+    values = np.array([value(each) for each in moves])
+    first = int(values.argmax())
+    return moves[first], steps, max(0.0, 1 - value(before[first]) / values[first])
 
 
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
@@ -233,6 +290,7 @@ def _missed(
     attack: Int[Array, "targets"],
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
+    hardness: Float[Array, ""],
 ) -> Float[Array, ""]:
     """Compute the negative soft minimum of the log-probability of capture."""
     captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
@@ -240,11 +298,11 @@ def _missed(
     )
     # The smallest positive number keeps the gradient finite where probabilities underflow.
     logs = jnp.log(captured + jnp.finfo(captured.dtype).tiny)
-    worst = -jax.nn.logsumexp(-_HARDNESS * logs, axis=1) / _HARDNESS
+    worst = -jax.nn.logsumexp(-hardness * logs, axis=1) / hardness
     if matrices.shape[0] > 1:
         misses = jnp.sum(jnp.log1p(-jnp.exp(worst)), axis=0)
         worst = jnp.log(-jnp.expm1(misses))[None]
-    return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
+    return jax.nn.logsumexp(-hardness * worst) / hardness
 
 
 def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:

@@ -83,13 +83,15 @@ def descend(
     polytope: ChainPolytope,
     starts: Float[np.ndarray, "starts robots moves"],
     arguments: tuple[Any, ...],
+    most: int = _STEPS,
 ) -> tuple[Float[np.ndarray, "starts robots moves"], Float[np.ndarray, "starts"], int]:
     """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
-    pressure, L-BFGS minimises in coordinates that are relative to the probabilities and projected
-    on the equalities, so that each step preserves the equalities. This affine scaling finds optima
-    with many probabilities of 0, as here; on logits, Adam and L-BFGS slow down near such optima.
+    pressure, at most `most` steps of L-BFGS minimise in coordinates that are relative to the
+    probabilities and projected on the equalities, so that each step preserves the equalities. This
+    affine scaling finds optima with many probabilities of 0, as here; on logits, Adam and L-BFGS
+    slow down near such optima.
     Starts run one after the other: under `vmap`, all line searches would wait for the slowest,
     which takes twice as long.
 
@@ -101,7 +103,9 @@ def descend(
     fixed = polytope.tails, polytope.heads, polytope.equalities()[0]
     # optax mixes integers of 32 and 64 bits.
     with jax.numpy_dtype_promotion("standard"):
-        paths = [_path(measure, polytope.vertices, *fixed, start, arguments) for start in starts]
+        paths = [
+            _path(measure, polytope.vertices, *fixed, start, arguments, most) for start in starts
+        ]
     chains, values, steps = (np.array(part) for part in zip(*paths, strict=True))
     return chains, values, int(steps.sum())
 
@@ -115,6 +119,7 @@ def _path(
     equalities: Float[Array, "equalities moves"],
     start: Float[Array, "robots moves"],
     arguments: tuple[Any, ...],
+    most: int | Int[Array, ""],
 ) -> tuple[Float[Array, "robots moves"], Float[Array, ""], Int[Array, ""]]:
     robots, moves = start.shape
     optimizer = optax.lbfgs(memory_size=_MEMORY)
@@ -153,7 +158,7 @@ def _path(
         def goes_on(state):  # type: ignore[no-untyped-def]
             _, _, steps, slope = state
             # In these coordinates, the slope of the barrier is its pressure on a move.
-            return (steps < _STEPS) & (slope > 1e-2 * pressure / moves)
+            return (steps < most) & (slope > 1e-2 * pressure / moves)
 
         x = jnp.zeros_like(p)
         begin = (x, optimizer.init(x), jnp.array(0), jnp.array(jnp.inf, p.dtype))
