@@ -11,8 +11,9 @@ from ..symmetries import symmetries
 
 # Least distance of promises from a set for a cut, and the probability of going on after a cut.
 _OUTSIDE, _ON = 1e-6, 0.7
-# Largest number of steps of a walk along which cuts are made.
-_DEPTH = 30
+# Largest number of steps of a walk along which cuts are made, and the number of rounds of walks,
+# one from each model, without a new cut after which the search ends.
+_DEPTH, _ROUNDS = 30, 4
 
 Cuts = dict[int, list[tuple[Any, float]]]
 
@@ -113,8 +114,7 @@ class _Search:
     def run(self, count: int, random: np.random.Generator) -> float:
         """Add at most `count` cuts, and return an upper bound on capture."""
         made, turn, last, models = 0, 0, 0, list(self.programs)
-        # The search ends if walks from all models need no new cut.
-        while made < count and turn - last <= len(models):
+        while made < count and turn - last <= _ROUNDS * len(models):
             here = models[turn % len(models)]
             turn += 1
             value, plan = self.programs[here].most(self.cuts)
