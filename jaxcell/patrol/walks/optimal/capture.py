@@ -228,7 +228,7 @@ def _descend(
         steps += more
     values = np.array([value(each) for each in moves])
     first = int(values.argmax())
-    return moves[first], steps, max(0.0, 1 - value(before[first]) / values[first])
+    return moves[first], steps, max(0.0, float(1 - value(before[first]) / values[first]))
 
 
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
