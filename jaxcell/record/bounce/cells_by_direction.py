@@ -21,7 +21,7 @@ _ABOUT = {
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
 CHUNK = 2**22
-"""The largest number of cells of a chunk, which is a file of a Zarr store."""
+"""Largest number of cells in a chunk. A Zarr store has a file per chunk."""
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
@@ -71,7 +71,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells, and return checks of their sums over each group."""
+    """Write the quantities of cells. Return the numbers of contradictions as checks."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {

@@ -80,7 +80,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in columns according to their distance from the start; edges are short."""
+    """Place states in columns by their distance from the start, ordered so that edges are short."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
@@ -115,7 +115,7 @@ def _rows(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle at the end of a run, and other cycles up to `_MAX_ON_CYCLES` states."""
+    """Choose the cycle in which a run ends, and others up to `_MAX_ON_CYCLES` states in all."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))

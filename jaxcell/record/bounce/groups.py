@@ -35,7 +35,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
-    """Log the pictures, the legend and the text of one bouncing angle, and lay them out."""
+    """Log a tab with the pictures, the legend and the text of one bouncing angle."""
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
@@ -61,8 +61,8 @@ class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
     Groups with the same directions form a family: with a bouncing angle of 90 degrees and 360
-    directions there are 90 families. A picture shows one direction, and thus one family, whose
-    groups have colours by their ranks.
+    directions there are 90 families. A picture shows one direction, and thus one family. The rank
+    of a group in its family determines its colour.
     """
 
     def __init__(

@@ -177,6 +177,6 @@ def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     """Return the class of the cells that lead to each group, from the rank of the group.
 
-    The next class is that of the cells of the group.
+    The class after it is that of the cells on the group itself.
     """
     return (1 + 2 * ranked(rank)).astype(np.uint8)

@@ -105,6 +105,6 @@ def times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
-def counted(count: int, one: str) -> str:
+def counted(count: int, noun: str) -> str:
     """Format a number with a noun in the singular or plural: `1 group`, `2,000 groups`."""
-    return f"{count:,} {one}{'s' * (count != 1)}"
+    return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -27,7 +27,7 @@ class Scale:
     bounds: Float[np.ndarray, "bounds"]
     "The ends of the levels, ascending; numbers outside belong to the first or the last level."
     label: Callable[[str], str] = "{}".format
-    'A function that adds the meaning to a number or range, such as `"{} h".format`.'
+    'A function that formats the label of a number or range, such as `"{} h".format`.'
     special: Mapping[str, Color] = dataclasses.field(default_factory=dict)
     "The meanings and colours of special classes, which are not levels."
     ground: str = "not free"

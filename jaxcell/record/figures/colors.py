@@ -29,7 +29,7 @@ class Drawn:
 
     @property
     def label(self) -> str:
-        """The label of an axis or a colour bar: the units; the title contains the meaning."""
+        """The units, as the label of an axis or a colour bar. The title contains the meaning."""
         kinds = {"share": "share", "distribution": "share", "count": "number"}
         return self.about.label or kinds.get(self.about.kind, "")
 

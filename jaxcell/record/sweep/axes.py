@@ -42,17 +42,17 @@ class Axis:
 
     @property
     def number(self) -> bool:
-        """True if the values are only the numbers of list members or samples."""
+        """True if the values are only indices of members or samples, and no parameter."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-        """Return the step of each member of an array whose dimension `place` has this axis."""
+        """Return the step of each element of an array with this axis as dimension `place`."""
         step = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
         return np.broadcast_to(step, shape)
 
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """List the axes of a sweep: first its parameters, then the numbers of list members or samples.
+    """List the axes of a sweep: first its parameters, then the indices of members or samples.
 
     An axis has at most `most` steps. If there are more values, adjacent values share a step.
     """
@@ -68,8 +68,8 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
     """List at most `most` pairs of axes for pictures; the first axis of a pair has more steps.
 
-    Both axes have at least two steps. The numbers of samples are not paired with a parameter of the
-    samples, because they have the same dimension. Pairs with numbers of samples are last.
+    Both axes have at least two steps. Indices of samples are not paired with a parameter of the
+    samples, because both have the same dimension. Pairs with indices of samples are last.
     """
     spanned = [
         (a, b)

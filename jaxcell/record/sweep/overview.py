@@ -155,7 +155,7 @@ def _scale(means: np.ndarray, variable: xr.DataArray) -> Scale:
 
 
 def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> None:
-    """Log the ticks, names and sliders of two axes, for the heat maps of all variables."""
+    """Log the axes of the heat maps over two parameters, with lines at the current values."""
     plot = Plot(stream, path, float(across.steps), float(up.steps))
     ticks = [
         {i + 0.5: axis.labels[i] for i in _ticks(axis.steps, most)}
