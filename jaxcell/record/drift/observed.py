@@ -51,7 +51,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and after the time that was set."""
+    """Log the distribution of drifters after each step, and in the long run or at a chosen time."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
