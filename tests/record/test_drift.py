@@ -5,7 +5,7 @@ import pytest
 from recordings import read_back
 from seas import drift_of, sea
 
-from jaxcell import bundled, drift, record
+from jaxcell import bundled, drift
 from jaxcell.record.canvas.stream import new_stream
 from jaxcell.record.drift.map import Clock, CurrentMap
 
@@ -36,11 +36,10 @@ def map_of(sea, number):
 
 
 @pytest.fixture(scope="module")
-def found(gyres, tmp_path_factory, read):
-    file = tmp_path_factory.mktemp("drift") / "drift.rrd"
-    record.save_recording(gyres, file, spec={"file": "a|b", "seed": 3})
-    assert file.stat().st_size < 6_000_000
-    return read(file)
+def found(gyres):
+    recording = read_back(gyres, {"file": "a|b", "seed": 3})
+    assert recording.size < 6_000_000
+    return recording
 
 
 def test_the_recording_shows_groups(gyres, found):
@@ -260,12 +259,11 @@ def test_cells_that_take_almost_forever_are_shown():
     assert "take what holds" in text.replace("\n", " ")
 
 
-def test_a_large_sea_makes_a_small_file(tmp_path):
+def test_a_large_sea_makes_a_small_file():
     row, column = np.mgrid[:60, :90] / 15
     currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=5000.0)
     large = drift_of(currents, drift.DriftStep(2000, spread="all"), start=5, goal=np.arange(1500))
-    record.save_recording(large, tmp_path / "large.rrd")
-    assert (tmp_path / "large.rrd").stat().st_size < 3_000_000
+    assert read_back(large).size < 3_000_000
 
 
 def test_many_groups_have_few_colours():

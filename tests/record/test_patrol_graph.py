@@ -15,9 +15,7 @@ from jaxcell.patrol.team import age_of_news, charged
 from jaxcell.patrol.walks import memory_patrol
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record import dataset
-from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
-from jaxcell.record.recordings import save_recording
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
@@ -239,16 +237,14 @@ def test_a_walk_that_turns_one_way_and_waits():
     np.testing.assert_allclose(dataset(patrol).weight, [0.25, 0.25, 0.25])
 
 
-def test_a_large_graph_makes_a_small_file(tmp_path, read):
+def test_a_large_graph_makes_a_small_file():
     side = 20
     at = np.arange(side * side).reshape(side, side)
     ends = (at[:, :-1], at[:, 1:]), (at[:-1], at[1:])
     edges = np.concatenate([np.stack([one.ravel() for one in pair], axis=1) for pair in ends])
     graph = Graph(edges, xy=np.argwhere(at >= 0))
-    file = tmp_path / "grid.rrd"
-    save_recording(patrol_of(graph), file)
-    assert file.stat().st_size < 5_000_000
-    found = read(file)
+    found = read_back(patrol_of(graph))
+    assert found.size < 5_000_000
     text = found.text()
     assert "| 340 more |  |  |" in text
     assert "| steps until within 1/4 of the shares of time | never |" in text
@@ -275,15 +271,3 @@ def test_parts_of_different_patrols_are_refused(eight, weights, game):
     path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
         patrol_of(path, game=game)
-
-
-def test_a_matrix_of_one_number(tmp_path, read):
-    from jaxcell.record.canvas.stream import recording
-
-    with recording(tmp_path / "one.rrd", "test") as stream:
-        values = np.array([[2.0, np.nan]])
-        _, legend = log_matrix(stream, "m", "times", values, ["a"], ["b", "c"], "steps")
-    assert [label for label, _ in legend] == ["2 steps"]
-    found = read(tmp_path / "one.rrd")
-    assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c"]
-    assert found.static("/m/numbers", "Points2D:labels") == ["2"]

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given
+from recordings import written
 
 from jaxcell.record import log_sweep
 from jaxcell.record.sweep.axes import QUANTILES, axes, means, pairs, statistics
@@ -101,10 +102,8 @@ def sweep():
 
 
 @pytest.fixture(scope="module")
-def recorded(sweep, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("sweep") / "some.rrd"
-    log_sweep(path, sweep, failures=["chunk 7: no luck"])
-    return read(path)
+def recorded(sweep):
+    return written(log_sweep, sweep, failures=["chunk 7: no luck"])
 
 
 def test_series_run_along_each_parameter(sweep, recorded):
@@ -121,12 +120,11 @@ def test_series_run_along_each_parameter(sweep, recorded):
 
 
 def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
-    picture = recorded.picture("/heat/value/0/picture")
-    labels = recorded.classes("/heat/value/0/picture")
+    labels = recorded.labels("/heat/value/0/picture")
     for i in range(12):
         for j in range(3):
             # The greatest value of the parameter is on top.
-            label = labels[picture[2 - j, i]]
+            label = labels[2 - j, i]
             value = float(sweep["value"][i, j])
             if (i, j) in ((3, 1), (4, 1), (5, 1)):
                 assert label == "none is done"
@@ -154,7 +152,7 @@ def test_the_text_says_what_there_is(recorded):
         assert part in text
 
 
-def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
+def test_recordings_of_large_sweeps_stay_small(monkeypatch):
     """Pictures and series are bounded, however many members there are."""
     monkeypatch.setattr("jaxcell.record.sweep.overview.PICTURE_BYTES", 40_000)
     rng = np.random.default_rng(0)
@@ -162,8 +160,7 @@ def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     coords = {name: ("sample", rng.random(n)) for name in "abc"}
     names = [f"v{i}" for i in range(20)]
     dataset = result({"sample": n}, coords, **dict.fromkeys(names, rng.random(n)))
-    log_sweep(tmp_path / "large.rrd", dataset)
-    recorded = read(tmp_path / "large.rrd")
+    recorded = written(log_sweep, dataset)
     pictures = [one for one in recorded.entities if one.endswith("/picture")]
     # Three pairs of parameters, of the variables that are shown.
     assert len(pictures) == 3 * 16
@@ -185,12 +182,11 @@ def test_other_datasets_than_sweeps_are_refused(tmp_path, sweep):
     assert not path.exists()
 
 
-def test_nothing_done_and_one_value_alone(tmp_path, read):
+def test_nothing_done_and_one_value_alone():
     """A parameter of one value spans no picture; a variable without values has no series."""
     dataset = result({"x": 1, "y": 2}, {"x": [7], "y": ["a", "b"]}, value=[1.0, np.nan])
-    log_sweep(tmp_path / "one.rrd", dataset)
-    one = read(tmp_path / "one.rrd")
+    one = written(log_sweep, dataset)
     assert one.over("y number", "/series/value/value", "Scalars:scalars") == {0: [1.0]}
     assert not any(entity.startswith("/heat") for entity in one.entities)
     dataset["status"][:] = 0
-    log_sweep(tmp_path / "none.rrd", dataset)
+    assert written(log_sweep, dataset).entities
