@@ -57,18 +57,14 @@ def test_the_recording_shows_the_policy(cells, policy):
         assert (picture[~cells.free] == 0).all()
 
     for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-        pictures = found.pictures("direction", f"/map/grid/angle_{i}/groups")
-        labels = found.classes(f"/map/grid/angle_{i}/groups")
+        pictures = found.labels(f"/map/grid/angle_{i}/groups", "direction")
         assert sorted(pictures) == list(range(cells.directions))
         shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)]).ravel()
         group = np.asarray(groups.group)
-        np.testing.assert_array_equal(shown == 1, group < 0)
+        np.testing.assert_array_equal(shown == "transient", group < 0)
         likeliest = int(np.argmax(limiting.weights))
-        assert {labels[kind] for kind in shown[group == likeliest]} == {
-            "on the likeliest persistent group"
-        }
-        for number in range(groups.count):
-            assert len(set(shown[group == number].tolist())) == 1
+        assert set(shown[group == likeliest]) == {"on the likeliest persistent group"}
+        assert all(len(set(shown[group == number])) == 1 for number in range(groups.count))
         pictures = found.pictures("direction", f"/map/grid/angle_{i}/limiting")
         heat = (np.asarray(limiting.value) * cells.size).reshape(cells.directions, -1)
         scale = heat_scale(float(heat.max()))

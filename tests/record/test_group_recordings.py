@@ -30,25 +30,20 @@ def test_pictures_say_what_the_groups_are(lab, recorded):
         "steps": [f"{n} mapping{'s' * (n > 1)} to a group" if n else "on a group" for n in steps],
     }
     for name, labels in expected.items():
-        pictures = recorded.pictures("direction", f"/map/grid/bounce_45/{name}")
-        assert list(pictures) == list(range(8))
-        shown = np.stack([*pictures.values()]).reshape(8, -1)[:, lab.cells.square].ravel()
-        classes = recorded.classes(f"/map/grid/bounce_45/{name}")
-        assert [classes[kind] for kind in shown.tolist()] == labels
-        for picture in pictures.values():
-            np.testing.assert_array_equal(picture > 0, lab.cells.free)
+        shown = recorded.labels(f"/map/grid/bounce_45/{name}", "direction")
+        assert list(shown) == list(range(8))
+        assert np.stack([*shown.values()])[:, lab.cells.free].ravel().tolist() == labels
+        for picture in shown.values():
+            np.testing.assert_array_equal(picture == "not free", ~lab.cells.free)
 
 
 def test_cycles_run_where_some_direction_is_periodic(lab, recorded):
-    cycles = recorded.pictures("direction", "/map/grid/bounce_45/cycles")
-    names = recorded.classes("/map/grid/bounce_45/cycles")
+    cycles = recorded.labels("/map/grid/bounce_45/cycles", "direction")
     periodic = (lab.host().step == 0).reshape(lab.cells.directions, -1).any(axis=0)
-    expected = np.zeros(lab.cells.free.size, int)
-    on_group, off_group = names.index("on the largest group"), names.index("on no such group")
-    expected[lab.cells.square] = np.where(periodic, on_group, off_group)
+    expected = np.where(periodic, "on the largest group", "on no such group")
     # One group passes in all directions.
     for picture in cycles.values():
-        np.testing.assert_array_equal(picture.ravel(), expected)
+        np.testing.assert_array_equal(picture[lab.cells.free], expected)
 
 
 def test_y_points_up(lab, recorded):

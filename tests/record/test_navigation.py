@@ -106,17 +106,16 @@ def test_start_and_goal_are_marked(cells, found, recorded):
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
     reaches = found.reaching.reshape(cells.directions, -1)
-    heat, classes = recorded.picture("/map/grid/heat"), recorded.classes("/map/grid/heat")
+    heat = recorded.labels("/map/grid/heat")
     labels = [f"from {n} of 8 headings" if n else "from no heading" for n in reaches.sum(axis=0)]
-    assert [classes[kind] for kind in heat[cells.free].tolist()] == labels
-    assert not heat[~cells.free].any()
-    pictures = recorded.pictures("direction", "/map/grid/heading")
-    names = np.array(recorded.classes("/map/grid/heading"))
-    shown = np.stack([names[pictures[k][cells.free]] for k in range(cells.directions)])
+    assert heat[cells.free].tolist() == labels
+    assert (heat[~cells.free] == "not free").all()
+    pictures = recorded.labels("/map/grid/heading", "direction")
+    shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)])
     np.testing.assert_array_equal(shown, np.where(reaches, "from here", "not from here"))
     # On the way, the picture is that of the heading of the robot.
     headings = found.visited // cells.positions
-    on_the_way = recorded.pictures("step", "/map/grid/heading")
+    on_the_way = recorded.labels("/map/grid/heading", "step")
     assert list(on_the_way) == [0, *(1 + np.flatnonzero(np.diff(headings))).tolist()]
     for time, picture in on_the_way.items():
         np.testing.assert_array_equal(picture, pictures[headings[time]])

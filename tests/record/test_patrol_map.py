@@ -49,12 +49,7 @@ def found(alone):
 def on_cells(patrol, picture):
     """The classes of the cells in a picture; other squares have class 0."""
     assert (picture[~patrol.cells.free] == 0).all()
-    return picture.ravel()[patrol.cells.square]
-
-
-def still(patrol, found, entity):
-    """The classes of the cells in a picture without time."""
-    return on_cells(patrol, found.picture(entity))
+    return picture[patrol.cells.free]
 
 
 def places(patrol, found, entity):
@@ -221,7 +216,7 @@ def test_the_recording_shows_the_policies(alone, found):
 
 def test_the_recording_shows_the_law(alone, found):
     attack = alone.attack
-    kind = still(alone, found, "/map/grid/target_view")
+    kind = on_cells(alone, found.picture("/map/grid/target_view"))
     np.testing.assert_array_equal(kind, np.select([attack.boundary, attack.view], [3, 2], 1))
 
     # The bars have the heights of the runs' shares, and the curves those of the laws.
@@ -255,7 +250,7 @@ def test_the_recording_shows_the_law(alone, found):
 
 def test_the_recording_shows_the_vulnerability(alone, found):
     caught = alone.captures.probability[0]
-    kind = still(alone, found, "/map/grid/capture").astype(int)
+    kind = on_cells(alone, found.picture("/map/grid/capture")).astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
     assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
@@ -300,8 +295,7 @@ def test_the_recording_shows_the_regions(based):
         ("regions", regions, [0, 1, 2], based.policies),
         ("regions_after", after.regions, [0, 2], after.policies),
     ):
-        kind = still(based, found, f"/map/grid/{name}")
-        labels = np.array(found.classes(f"/map/grid/{name}"))[kind]
+        labels = found.labels(f"/map/grid/{name}")[based.cells.free]
         for cell, label in enumerate(labels):
             region = one.region[cell]
             said = "reports" if one.view[cell] else "patrols"
@@ -312,7 +306,7 @@ def test_the_recording_shows_the_regions(based):
     np.testing.assert_allclose(
         found.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
     )
-    heat = np.array(found.classes("/map/grid/capture"))[still(based, found, "/map/grid/capture")]
+    heat = found.labels("/map/grid/capture")[based.cells.free]
     np.testing.assert_array_equal(heat == "always in view of the base station", regions.view)
     last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
