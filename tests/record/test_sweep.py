@@ -25,26 +25,27 @@ def axis_of(values, most=1000):
 
 def test_times_follow_from_values():
     whole = axis_of([30, -10, 20])
-    assert (whole.timeline, whole.meaning) == ("x", "the value")
-    assert whole.times.tolist() == [-10, 20, 30]
+    assert (whole.timeline.name, whole.timeline.meaning) == ("x", "the value")
+    assert whole.timeline.times.tolist() == [-10, 20, 30]
     assert whole.step.tolist() == [2, 0, 1]
-    tenths = axis_of([0.1, 0.2, 1.5])
-    assert (tenths.timeline, tenths.times.tolist()) == ("x x 10", [1, 2, 15])
-    assert tenths.meaning == "the value times 10"
     texts = axis_of(["b", "a"])
-    assert (texts.timeline, texts.times.tolist()) == ("x number", [0, 1])
     assert (texts.labels, texts.step.tolist()) == (("b", "a"), [0, 1])
-    vast = axis_of([1e-30, 1e30])
-    assert (vast.timeline, vast.times.tolist()) == ("x number", [0, 1])
-    third = axis_of([1 / 3, 2 / 3])
-    assert (third.timeline, third.times.tolist()) == ("x x 100000", [33333, 66667])
+    for values, name, times in (
+        ([0.1, 0.2, 1.5], "x x 10", [1, 2, 15]),
+        (["b", "a"], "x number", [0, 1]),
+        ([1e-30, 1e30], "x number", [0, 1]),
+        ([1 / 3, 2 / 3], "x x 100000", [33333, 66667]),
+    ):
+        timeline = axis_of(values).timeline
+        assert (timeline.name, timeline.times.tolist()) == (name, times)
 
 
 def test_many_values_share_steps():
     axis = axis_of(np.arange(25)[::-1], most=10)
-    assert axis.times.tolist() == list(range(0, 25, 3))
+    assert axis.timeline.times.tolist() == list(range(0, 25, 3))
     assert axis.step.tolist() == [value // 3 for value in range(24, -1, -1)]
-    assert axis.meaning == "the value; 3 neighbouring values share a step, at the first of them"
+    shared = "the value; 3 neighbouring values share a step, at the first of them"
+    assert axis.timeline.meaning == shared
 
 
 def test_pairs_of_a_grid_with_samples():

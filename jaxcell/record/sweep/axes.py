@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ..canvas.timeline import along_values
+from ..canvas.timeline import Timeline, along_values
 
 
 QUANTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three quarters": 0.75, "most": 1.0}
@@ -25,20 +25,15 @@ class Axis:
 
     name: str
     dimension: str
-    timeline: str
-    """The name of the timeline. It contains the factor that converts values to times, as in `angle
-    x 10`."""
-    times: Int[np.ndarray, "steps"]
+    timeline: Timeline
     labels: tuple[str, ...]
     "The value of each step; the first value if a step stands for several values."
     step: Int[np.ndarray, "places"]
     "The step of each index along the dimension."
-    meaning: str
-    "The meaning of a time, such as `the value times 10`."
 
     @property
     def steps(self) -> int:
-        return self.times.size
+        return len(self.labels)
 
     @property
     def number(self) -> bool:
@@ -121,11 +116,12 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
     share = -(-known.size // most)
     first = names[::share]
     labels = [f"{value:.6g}" if numeric else value for value in first.tolist()]
-    timeline, times, meaning = along_values(name, first)
+    timeline = along_values(name, first)
     if share > 1:
-        meaning += f"; {share} neighbouring values share a step, at the first of them"
+        shared = f"; {share} neighbouring values share a step, at the first of them"
+        timeline = timeline._replace(meaning=timeline.meaning + shared)
     short = tuple(
         label if len(label) <= _MAX_LETTERS else "..." + label[3 - _MAX_LETTERS :]
         for label in labels
     )
-    return Axis(name, dimension, timeline, times, short, at.ravel() // share, meaning)
+    return Axis(name, dimension, timeline, short, at.ravel() // share)
