@@ -113,7 +113,6 @@ def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int
 
 
 def _quantity(store: zarr.Group, name: str, shape: tuple[int, ...], dtype: Any) -> zarr.Array:
-    """Create the array of a quantity in a store."""
     return store.create_array(
         name,
         shape=shape,

@@ -164,6 +164,6 @@ def _area(shapes: list[Float[np.ndarray, "_ 2"]]) -> float:
 
 
 def _size(shape: Float[np.ndarray, "_ 2"]) -> tuple[float, float]:
-    """Return the width and height of a shape, with a gap to the next shape."""
+    """Return the width and height of a shape, including a gap to the next shape."""
     width, height = shape.max(axis=0, initial=0) + _GAP
     return float(width), float(height)

@@ -121,7 +121,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select roughly `most` cells or fewer, on a coarser grid."""
+        """Select every n-th cell of rows and columns, so that roughly `most` cells remain."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -177,7 +177,6 @@ class CurrentMap(SeaMap):
 
     @property
     def flow(self) -> Flow:
-        """The current of this layer."""
         return self.drift.layers[self.number].flow
 
     @functools.cached_property

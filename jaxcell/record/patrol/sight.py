@@ -56,7 +56,7 @@ def log_sight(
 
 
 def place(patrol: PatrolledMap, cell: int) -> str:
-    """Format the centre of a cell."""
+    """Format the centre of a cell, in metres."""
     x, y = patrol.xy[cell].tolist()
     return f"({x:g}, {y:g})"
 
