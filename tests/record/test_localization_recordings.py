@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from recordings import packed, read_back
 
 from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
@@ -75,13 +76,8 @@ def test_the_robot_and_its_trail(shown):
         np.testing.assert_allclose(trail[-1], path[time, :2])
         assert len(trail) == 2 + np.sum(run.observations[:time])
         # Between corners the robot runs straight: all places lie on the segments of the trail.
-        place = path[: time + 1, :2]
-        start, end = np.array(trail[:-1]), np.array(trail[1:])
-        along = end - start
-        share = np.sum((place[:, None] - start) * along, axis=-1)
-        share = np.clip(share / np.maximum(np.sum(along**2, axis=-1), 1e-12), 0, 1)
-        gap = np.linalg.norm(place[:, None] - start - share[..., None] * along, axis=-1)
-        assert gap.min(axis=1).max() < 1e-5
+        places = shapely.points(path[: time + 1, :2])
+        assert shapely.distance(places, shapely.LineString(trail)).max() < 1e-5
 
 
 def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):

@@ -115,29 +115,26 @@ def test_attacks_keep_to_their_rules(alone):
     for walk in attacks.place.T.tolist():
         assert all(frozenset(step) in edges for step in itertools.pairwise(walk))
     seen = alone.attack.view[attacks.place].any(axis=1)
-    caught = succeeded = 0
-    begun = None
-    for time, state in enumerate(attacks.state.tolist()):
-        before = attacks.state[time - 1] if time else AttackState.WAITING
-        if state == AttackState.ATTACKING:
-            if before != AttackState.ATTACKING:
-                begun = time
-                assert before == AttackState.WAITING
-            assert not seen[time]
-            assert attacks.since[time] == time - begun < TIMES[0]
-        elif (
-            state in (AttackState.CAUGHT, AttackState.SUCCEEDED) and before == AttackState.ATTACKING
-        ):
-            assert seen[time] == (state == AttackState.CAUGHT)
-            assert time - begun <= TIMES[0]
-            assert state == AttackState.CAUGHT or time - begun == TIMES[0]
-            caught += state == AttackState.CAUGHT
-            succeeded += state == AttackState.SUCCEEDED
-        else:
-            assert state in (AttackState.WAITING, before)
-        assert (attacks.caught[time], attacks.succeeded[time]) == (caught, succeeded)
-    assert caught > 3
-    assert succeeded > 3
+    state, since = attacks.state, attacks.since
+    before = np.append(AttackState.WAITING, state[:-1])
+    during, earlier = state == AttackState.ATTACKING, before == AttackState.ATTACKING
+    begun, ended = during & ~earlier, earlier & ~during
+    assert (before[begun] == AttackState.WAITING).all()
+    assert not seen[during].any()
+    assert not since[begun].any()
+    assert (np.diff(since)[during[:-1]] == 1).all()
+    assert (since[during] < TIMES[0]).all()
+    assert (since[ended & ~seen] == TIMES[0]).all()
+    assert (since[ended] <= TIMES[0]).all()
+    ends = np.where(seen, AttackState.CAUGHT, AttackState.SUCCEEDED)
+    np.testing.assert_array_equal(state[ended], ends[ended])
+    assert (state[(state != before) & ~begun & ~ended] == AttackState.WAITING).all()
+    for end, counts in (
+        (AttackState.CAUGHT, attacks.caught),
+        (AttackState.SUCCEEDED, attacks.succeeded),
+    ):
+        np.testing.assert_array_equal(counts, np.cumsum(ended & (state == end)))
+        assert counts[-1] > 3
     again = simulate_attacks(alone, 3)
     np.testing.assert_array_equal(again.place, attacks.place)
     assert not np.array_equal(simulate_attacks(alone, 5).place, attacks.place)
