@@ -1,16 +1,14 @@
 """Results check themselves, and each check sees its kind of damage."""
 
 import dataclasses
-import math
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxcell.bounce import TeamOutcome, TeamTrajectory, plan
-from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.record import dataset
-from jaxcell.space import ENDPOINT, CellSpace
+from jaxcell.space import CellSpace
 
 
 def failing(checks):
@@ -37,12 +35,6 @@ def put(index, value):
         return array
 
     return change
-
-
-@pytest.fixture(scope="module")
-def policy(lab):
-    bounces = np.radians([45, 90, 135])
-    return coverage_policy(lab.cells, bounces, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
 @pytest.fixture(scope="module")

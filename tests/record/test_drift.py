@@ -48,7 +48,6 @@ def found(gyres):
 
 
 def test_the_recording_shows_groups(gyres, found):
-    assert len(found.blueprints) == 1
     assert found.timelines == {"minute", "date"}
     for layer, water in enumerate(gyres.waters):
         behaviour = gyres.layers[layer].behaviour

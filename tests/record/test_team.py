@@ -76,8 +76,6 @@ def test_collisions_and_curves(lab, team, recorded):
     np.testing.assert_array_equal(np.diff(curves["collisions"][:, 0]), team.collisions)
     begins = 1 + np.flatnonzero(np.diff(curves["part"][:, 0]))
     np.testing.assert_array_equal(begins, team.part_begin[1:])
-    assert recorded.timelines >= {"step"}
-    assert recorded.blueprints
 
 
 def test_the_text_says_what_came_out(team, recorded):
