@@ -37,6 +37,18 @@ def put(index, value):
     return change
 
 
+def in_run(name, change):
+    """A function that changes one field of a run."""
+    return lambda run: dataclasses.replace(run, **{name: change(getattr(run, name))})
+
+
+def even_shares(laws):
+    """Laws that share the time evenly among all cells, also among transient cells."""
+    return tuple(
+        dataclasses.replace(one, value=jnp.full_like(one.value, 1 / one.value.size)) for one in laws
+    )
+
+
 @pytest.fixture(scope="module")
 def localized(lab):
     return lab.localized(100)
@@ -74,6 +86,9 @@ def turned():
         ("angles", "longest_period", put(0, 1), "numbers_not_those_of_cells"),
         ("localized", "uncertainty", put(0, 151), "uncertainty_minus_members"),
         ("localized", "transition", put((1, 0), 0), "states_that_gain_cells"),
+        ("localized", "run", in_run("states", put(1, 0)), "run_off_the_transitions"),
+        ("localized", "run", in_run("candidates", put(0, 0)), "candidates_not_of_the_last_state"),
+        ("policy", "limiting", even_shares, "share_of_transient_cells"),
         ("policy", "alpha", lambda alpha: alpha / 2, "alpha_sums_to_1"),
         ("policy", "mixture", lambda mixture: mixture[::-1], "mixture_is_of_coverage"),
         ("policy", "coverage", lambda coverage: coverage[:, ::-1], "coverage_is_of_share"),
@@ -107,29 +122,7 @@ def test_a_result_that_contradicts_itself_is_refused(request, result, name, chan
     assert f"{check} is " in str(refusal.value) or check in failing(wrong.checks())
 
 
-def test_time_in_transient_cells_is_refused(policy):
-    limiting = [
-        dataclasses.replace(one, value=jnp.full_like(one.value, 1 / one.value.size))
-        for one in policy.limiting
-    ]
-    assert (policy.group < 0).any()
-    with pytest.raises(RuntimeError, match="share_of_transient_cells"):
-        dataset(dataclasses.replace(policy, limiting=tuple(limiting)))
-
-
-def test_runs_that_contradict_their_filter_are_refused(localized):
-    run = localized.run
-    states = run.states.copy()
-    states[1] = states[0]
-    for name, value, check in (
-        ("states", states, "run_off_the_transitions"),
-        ("candidates", run.candidates + 1, "candidates_not_of_the_last_state"),
-    ):
-        wrong = dataclasses.replace(run, **{name: value})
-        assert check in failing(dataclasses.replace(localized, run=wrong).checks())
-    path = run.path.copy()
-    path[-1] = 0
-    lost = dataclasses.replace(localized, run=dataclasses.replace(run, path=path))
-    # A robot may be lost if the filter is of another map.
+def test_a_robot_may_be_lost_if_the_filter_is_of_another_map(localized):
+    lost = changed(localized, "run", in_run("path", put(-1, 0))(localized.run))
     assert not failing(lost.checks())
     assert lost.checks()["states_without_the_robot"][0] == 1
