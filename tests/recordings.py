@@ -63,10 +63,10 @@ class Recording:
         parts = sorted(one for one in self.entities if re.fullmatch(rf"{entity}/\d+", one))
         return "\n\n".join(self.static(one, "TextDocument:text")[0] for one in parts)
 
-    def poses(self, entity):
-        """The origins and the unit headings of arrows by step, side by side."""
-        origins = self.over("step", entity, "Arrows2D:origins")
-        vectors = self.over("step", entity, "Arrows2D:vectors")
+    def poses(self, entity, timeline="step"):
+        """The origins and the unit headings of arrows by time, side by side."""
+        origins = self.over(timeline, entity, "Arrows2D:origins")
+        vectors = self.over(timeline, entity, "Arrows2D:vectors")
         poses = {}
         for time, origin in origins.items():
             vector = np.array(vectors[time]).reshape(-1, 2)
@@ -94,6 +94,12 @@ def _picture(buffer, layout):
 def packed(color):
     """A colour as Rerun stores it."""
     return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))
+
+
+def poses_of(cells, where):
+    """The centres and the unit headings of cells, side by side."""
+    x, y, theta = cells.centre(np.array(where, int))
+    return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
 
 
 def written(write, *arguments, **options):

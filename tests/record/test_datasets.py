@@ -10,7 +10,7 @@ import xarray as xr
 
 import jaxcell
 from jaxcell.automata import Filter
-from jaxcell.bounce import BounceGroups, LocalizationFilter, Localized
+from jaxcell.bounce import LocalizationFilter, Localized
 from jaxcell.record import dataset as dataset_of, save_dataset
 from jaxcell.space import CELL_BY_CELL, CellSpace
 
@@ -111,8 +111,6 @@ def test_filter_round_trip(lab, tmp_path):
 
 def test_parts_of_different_maps_are_refused(lab, hall):
     other = CellSpace.of_grid(np.ones((2, 2), bool), 8)
-    with pytest.raises(ValueError, match="nan deg is not a whole number"):
-        BounceGroups.of(lab.cells, math.nan)
     for bad in ({"a": {1, 2}}, {"a": math.inf}):
         with pytest.raises(ValueError, match="spec: expected a JSON object"):
             dataset_of(lab.groups, spec=bad)

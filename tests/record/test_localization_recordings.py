@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from recordings import packed, read_back
+from recordings import packed, poses_of, read_back
 
 from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
@@ -31,11 +31,6 @@ def shown(request):
     return request.getfixturevalue(request.param), *request.getfixturevalue(f"{request.param}_run")
 
 
-def poses(cells, where):
-    x, y, theta = cells.centre(np.array(where, int))
-    return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
-
-
 def test_the_belief_is_the_state_of_the_filter(shown):
     case, run, recorded = shown
     shown = recorded.poses("/map/belief")
@@ -46,7 +41,7 @@ def test_the_belief_is_the_state_of_the_filter(shown):
         cells = case.filter.cells(state)
         assert size[time] == [len(cells)] == [case.filter.uncertainty[state]]
         assert bits[time] == [pytest.approx(math.log2(len(cells)))]
-        expected = poses(case.cells, cells if len(cells) <= MOST_ARROWS else [])
+        expected = poses_of(case.cells, cells if len(cells) <= MOST_ARROWS else [])
         np.testing.assert_allclose(shown[time], expected, atol=1e-5)
 
 
@@ -68,7 +63,7 @@ def test_the_robot_and_its_trail(shown):
     case, run, recorded = shown
     robot = recorded.poses("/map/robot")
     trails = recorded.over("step", "/map/trail", "LineStrips2D:strips")
-    path = poses(case.cells, run.path)
+    path = poses_of(case.cells, run.path)
     for time in range(len(run.path)):
         np.testing.assert_allclose(robot[time], path[time : time + 1], atol=1e-5)
         (trail,) = trails[time]
@@ -85,13 +80,12 @@ def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
     end = len(run.observations)
     boxes = recorded.over("step", "/map/candidates", "Boxes2D:centers")
     assert list(boxes) == [end], "before the end nothing is known"
-    x, y, _ = lab.cells.centre(run.candidates)
-    np.testing.assert_allclose(boxes[end], np.stack([x, y], axis=1))
-    x, y, _ = lab.cells.centre(int(run.path[-1]))
+    np.testing.assert_allclose(boxes[end], poses_of(lab.cells, run.candidates)[:, :2])
+    ((x, y),) = poses_of(lab.cells, run.path[-1:])[:, :2].tolist()
     ((label_x, label_y),) = recorded.over("step", "/map/truth", "Points2D:positions")[end]
-    assert label_x == pytest.approx(float(x))
-    assert abs(label_y - float(y)) <= 0.5
-    assert [float(x), float(y)] in np.array(boxes[end]).round(6).tolist()
+    assert label_x == pytest.approx(x)
+    assert abs(label_y - y) <= 0.5
+    assert [x, y] in np.array(boxes[end]).round(6).tolist()
 
 
 def test_the_filter_is_a_graph_that_lights_up(shown):

@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 import pytest
-from recordings import packed, read_back
+from recordings import packed, poses_of, read_back
 
 from jaxcell.bounce import all_plans, plan
 from jaxcell.record import dataset
@@ -73,10 +73,9 @@ def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
 
 
 def test_bumps_are_marked_and_told(cells, found, recorded):
-    x, y, _ = cells.centre(found.visited)
     bumps = np.flatnonzero(found.actions != 0)
     places = np.array(recorded.static("/map/plan/bumps", "Points2D:positions"))
-    np.testing.assert_allclose(places, np.stack([x, y], axis=1)[bumps])
+    np.testing.assert_allclose(places, poses_of(cells, found.visited[bumps])[:, :2])
     colors = recorded.static("/map/plan/bumps", "Points2D:colors")
     pairs = set(zip(found.turns.tolist(), colors, strict=True))
     assert len(pairs) == found.angles_used == len({color for _, color in pairs})

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recordings import packed, read_back
+from scipy.spatial.distance import cdist
 from walks import times_by_solves, walk_on
 
 from jaxcell.mapping import Chain
@@ -49,6 +50,11 @@ def game(eight):
 @pytest.fixture(scope="module")
 def with_game(patrol, game):
     return dataclasses.replace(patrol, game=game)
+
+
+def nearest(graph, places):
+    """The vertex nearest to each place."""
+    return cdist(places, graph.xy).argmin(axis=1)
 
 
 def test_the_text_names_strategy_attack_and_capture(eight):
@@ -123,18 +129,17 @@ def test_the_recording_shows_the_walk(eight, weights, patrol):
     # The halves of the edges by the probabilities.
     halves = np.array(found.static("/graph/next", "LineStrips2D:strips"))
     labels = found.static("/graph/chances", "Points2D:labels")
-    for (begin, middle), label in zip(halves, labels, strict=True):
-        tail = np.linalg.norm(graph.xy - begin, axis=1).argmin()
-        other = begin + (middle - begin) / 0.48
-        head = np.linalg.norm(graph.xy - other, axis=1).argmin()
-        assert float(label) == pytest.approx(patrol.transition[tail, head], abs=6e-4)
+    begin, middle = halves.swapaxes(0, 1)
+    tails, heads = nearest(graph, begin), nearest(graph, begin + (middle - begin) / 0.48)
+    chances = patrol.transition[tails, heads]
+    np.testing.assert_allclose(np.array(labels, float), chances, atol=6e-4)
 
     # Patrollers walk along edges, and vertices turn yellow as they are there.
     neighbours = {frozenset(edge) for edge in graph.edges.tolist()}
     walks = []
     for robot in range(2):
         places = found.over("step", f"/graph/patrollers/{robot}/here", "Points2D:positions")
-        here = [int(np.linalg.norm(graph.xy - place, axis=1).argmin()) for place in places.values()]
+        here = nearest(graph, np.concatenate([*places.values()])).tolist()
         assert all(frozenset(step) in neighbours for step in itertools.pairwise(here))
         walks.append(here)
     assert walks[0] != walks[1]

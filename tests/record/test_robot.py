@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import rerun as rr
-from recordings import Recording, written
+from recordings import Recording, poses_of, written
 from waiting import wait_until
 from wheels import bounce_filter, map_cells
 
@@ -61,17 +61,12 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter():
     events = [observation(text, state, seconds=second) for second, (text, state) in steps]
     events.append(("end", {"seconds": 10, "result": "localized", "reason": "it is known"}))
     found = recorded(events, RecordedRobot(start=START), cells=LAB, filter=FILTER)
-    origins = found.over("observation", "/map/belief", "Arrows2D:origins")
-    vectors = found.over("observation", "/map/belief", "Arrows2D:vectors")
+    belief = found.poses("/map/belief", "observation")
     sizes = found.over("observation", "/filter/uncertainty", "Scalars:scalars")
     colors = found.over("observation", "/filter/color", "Scalars:scalars")
     bumps = found.over("observation", "/robot/robot/bumped", "Scalars:scalars")
     for time, state in enumerate(states):
-        x, y, theta = LAB.centre(FILTER.cells(state))
-        np.testing.assert_allclose(origins[time], np.stack([x, y], axis=1), atol=1e-6)
-        heading = np.array(vectors[time]) / np.hypot(*np.array(vectors[time]).T)[:, None]
-        expected = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-        np.testing.assert_allclose(heading, expected, atol=1e-6)
+        np.testing.assert_allclose(belief[time], poses_of(LAB, FILTER.cells(state)), atol=1e-6)
         assert sizes[time] == [FILTER.uncertainty[state]]
         assert colors[time] == [FILTER.color[state]]
         if time:
@@ -82,8 +77,8 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter():
     texts = found.over("seconds", "/log", "TextLog:text")
     assert texts[10 * 10**9] == ["end: localized: it is known"]
     left = found.over("observation", "/map/candidates", "Boxes2D:centers")
-    x, y, _ = LAB.centre(FILTER.cells(states[-1]))
-    np.testing.assert_allclose(left[len(observed)], np.stack([x, y], axis=1), atol=1e-6)
+    places = poses_of(LAB, FILTER.cells(states[-1]))[:, :2]
+    np.testing.assert_allclose(left[len(observed)], places, atol=1e-6)
 
 
 def test_a_refuted_robot_is_nowhere():
