@@ -5,9 +5,19 @@ import pytest
 import shapely
 from recordings import packed, poses_of, read_back
 
-from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
+from jaxcell.bounce import (
+    AdaptivelyLocalized,
+    Localized,
+    bounce_map,
+    localization_filter,
+    localization_policy,
+    localize,
+)
+from jaxcell.record.bounce.anywhere import stretches
+from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
 from jaxcell.space import CellSpace, Motion
+from jaxcell.study import Localize
 
 
 MOST_ARROWS = 400
@@ -161,3 +171,48 @@ def test_a_robot_that_cannot_move():
     recorded = read_back(Localized(filter, cells, Motion(), bounce, run))
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4
+
+
+@pytest.fixture(scope="module")
+def adaptive(lab):
+    policy = localization_policy(lab.cells, np.radians([45, 135]), motion=lab.motion)
+    found = AdaptivelyLocalized.of(policy, 151)
+    return found, read_back(found)
+
+
+def test_a_policy_shows_the_turn_at_each_bump_and_its_state(adaptive):
+    found, recorded = adaptive
+    labels = recorded.over("step", "/map/turn", "Points2D:labels")
+    said = [one for time in sorted(labels) for one in labels[time]]
+    turns = found.bounce_deg[found.turned_by[found.turned_by >= 0]]
+    assert said == [f"bump {i}: turn by {turn:g}°" for i, turn in enumerate(turns, 1)]
+    assert len(said) == found.run.bumps - 1
+    bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
+    assert bumps[max(bumps)] == [found.run.bumps]
+    for time, row in recorded.over("step", "/tree/graph", "GraphNodes:colors").items():
+        (state,) = (i for i, color in enumerate(row) if color == packed(CURRENT))
+        assert state == found.run.states[time]
+    labels = recorded.static("/tree/legend/text", "Points2D:labels")
+    assert {"its trail", "the start, until the first bump"} <= set(labels)
+
+
+def test_a_large_policy_is_a_tree_with_the_run(adaptive, monkeypatch):
+    policy, run = adaptive[0].policy, adaptive[0].run.states.tolist()
+    assert set(run) <= set(_tree(policy, run))
+    small, path = 12, list(dict.fromkeys(run))
+    monkeypatch.setattr("jaxcell.record.bounce.policy.MAX_DRAWN", small)
+    tree = _tree(policy, run)
+    assert set(path) <= set(tree)
+    assert len(tree) <= max(small, len(path))
+    assert tree[0] == -1
+    for state, above in tree.items():
+        assert above == -1 or state in policy.after(above).values()
+
+
+@pytest.mark.parametrize("heading", ["known", "unknown"])
+def test_a_robot_that_starts_anywhere_is_on_a_stretch_after_each_bump(heading):
+    small = {"heading": heading, "robots": 1, "bumps": 8, "slices": 72, "directions": 8}
+    found = Localize(map="@lab_a", bounce=135.0, anywhere=True, **small).run()
+    for bump, place in zip(found.bump.tolist(), found.trial.place[0], strict=True):
+        walls = shapely.linestrings(stretches(found, bump))
+        assert shapely.distance(walls, shapely.Point(place)).min() < 1e-4

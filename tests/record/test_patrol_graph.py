@@ -1,6 +1,5 @@
 import dataclasses
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ from recordings import packed, read_back
 from scipy.spatial.distance import cdist
 from walks import times_by_solves, walk_on
 
+from jaxcell import bundled
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import GraphPatrol, random_walk
@@ -19,12 +19,9 @@ from jaxcell.record import dataset
 from jaxcell.record.canvas.palette import ramp
 
 
-GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
-
-
 @pytest.fixture(scope="module")
 def eight():
-    return load_graph(GRAPHS / "eight.json")
+    return load_graph(bundled("eight"))
 
 
 @pytest.fixture(scope="module")
