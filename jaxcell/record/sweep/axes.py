@@ -106,14 +106,9 @@ def means(
 
 def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
     numeric = values.dtype.kind in "iuf"
-    if numeric:
-        known, at = np.unique(values, return_inverse=True)
-        names = known
-    else:
-        # Texts keep the order of the specification.
-        at, names = pd.factorize(values.astype(str))
-        known = np.arange(len(names))
-    share = -(-known.size // most)
+    # Texts keep the order of the specification.
+    at, names = pd.factorize(values if numeric else values.astype(str), sort=numeric)
+    share = -(-names.size // most)
     first = names[::share]
     labels = [f"{value:.6g}" if numeric else value for value in first.tolist()]
     timeline = along_values(name, first)
@@ -124,4 +119,4 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
         label if len(label) <= _MAX_LETTERS else "..." + label[3 - _MAX_LETTERS :]
         for label in labels
     )
-    return Axis(name, dimension, timeline, short, at.ravel() // share)
+    return Axis(name, dimension, timeline, short, at // share)
