@@ -86,7 +86,7 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve, which is drawn over wider curves. Values above the chart are drawn at its top."""
+        """Log a curve over all wider curves; values above the chart are drawn at its top edge."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
