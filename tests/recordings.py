@@ -18,7 +18,12 @@ class Recording:
         self.size = Path(path).stat().st_size
         self.application = reader.recordings()[0].application_id
         self.chunks = reader.stream().to_chunks()
-        self.blueprints = [reader.stream(store=store).to_chunks() for store in reader.blueprints()]
+        # The last value of each column of an entity of the blueprint.
+        self.blueprint = {}
+        for store in reader.blueprints():
+            for chunk in reader.stream(store=store).to_chunks():
+                values = self.blueprint.setdefault(chunk.entity_path, {})
+                values |= {name: column[-1] for name, column in columns(chunk)}
         self.entities = {chunk.entity_path for chunk in self.chunks}
         self.timelines = {name for chunk in self.chunks for name in chunk.timeline_names}
 
@@ -84,6 +89,12 @@ class Recording:
                 elif timeline in batch.schema.names:
                     # Seconds are durations, in nanoseconds.
                     yield batch.column(timeline).cast("int64").to_pylist(), values
+
+
+def columns(chunk):
+    """The names and the values of the columns of a chunk, without times."""
+    batch = chunk.to_record_batch()
+    return [(one, batch.column(one).to_pylist()) for one in batch.schema.names if ":" in one]
 
 
 def _picture(buffer, layout):

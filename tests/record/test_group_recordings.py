@@ -162,20 +162,9 @@ def test_a_tab_for_each_angle(angles):
         assert white == np.sum(angles.step[i] == 0)
         text = recorded.text(f"/{name}/text")
         assert f"**{name.removeprefix('bounce_')}°**" in text
-    names = blueprint_values(recorded, "ContainerBlueprint:display_name")
+    column = "ContainerBlueprint:display_name"
+    names = [name for one in recorded.blueprint.values() for name in one.get(column) or []]
     assert {"bounce 45°", "bounce 90°", "bounce 135°"} <= set(names)
-
-
-def blueprint_values(recorded, column):
-    (chunks,) = recorded.blueprints
-    batches = [chunk.to_record_batch() for chunk in chunks]
-    return [
-        value
-        for batch in batches
-        if column in batch.schema.names
-        for values in batch.column(column).to_pylist()
-        for value in values or []
-    ]
 
 
 def test_the_text_describes_the_groups(recorded):
