@@ -5,6 +5,7 @@ import pytest
 import shapely
 from recordings import packed, poses_of, read_back
 
+from jaxcell import bundled
 from jaxcell.bounce import (
     AdaptivelyLocalized,
     Localized,
@@ -212,7 +213,7 @@ def test_a_large_policy_is_a_tree_with_the_run(adaptive, monkeypatch):
 @pytest.mark.parametrize("heading", ["known", "unknown"])
 def test_a_robot_that_starts_anywhere_is_on_a_stretch_after_each_bump(heading):
     small = {"heading": heading, "robots": 1, "bumps": 8, "slices": 72, "directions": 8}
-    found = Localize(map="@lab_a", bounce=135.0, anywhere=True, **small).run()
+    found = Localize(map=bundled("lab_a"), bounce=135.0, anywhere=True, **small).run()
     for bump, place in zip(found.bump.tolist(), found.trial.place[0], strict=True):
         walls = shapely.linestrings(stretches(found, bump))
         assert shapely.distance(walls, shapely.Point(place)).min() < 1e-4

@@ -40,12 +40,8 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 
     States outside the knowledge cycles are in columns, one column for each number of edges from the
     start. The cycles are loops beside the columns. If a filter has more than 300 states, only some
-    cycles and the states at the end of a run are drawn.
-
-    **Arguments:**
-
-    - `filter`: the filter.
-    - `visited`: the state of the run at each step.
+    cycles and the states at the end of a run are drawn. `visited` contains the state of the run at
+    each step.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
@@ -79,10 +80,8 @@ class _OfAngle:
             self._lowest[groups] = k
         self._family = self._lowest[group[:, 0]]
         # The rank of each group in its family by its basin, 0 for the largest.
-        order = np.lexsort((-self._basin, self._lowest))
-        lowest = self._lowest[order]
-        self._rank = np.empty(order.size, np.int64)
-        self._rank[order] = np.arange(order.size) - np.searchsorted(lowest, lowest)
+        sizes = pd.Series(-self._basin).groupby(self._lowest)
+        self._rank = sizes.rank("first").to_numpy(np.int64) - 1
         self._steps = Scale.counting(
             1,
             int(step.max()),

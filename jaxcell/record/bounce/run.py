@@ -66,11 +66,8 @@ def log_localized(
 ) -> rrb.Container:
     """Log a robot that is localized, the cells where it may be, and curves over its steps.
 
-    **Arguments:**
-
-    - `path`: the parent entity of the curves.
-    - `also`: further entities to show on the map.
-    - `curves`: further views of curves.
+    The curves are below the entity `path`. `also` lists further entities to show on the map, and
+    `curves` further views of curves.
     """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)

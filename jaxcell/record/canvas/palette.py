@@ -8,7 +8,7 @@ from the blue start to the green goal, and the target of an adversary is pink.
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int, Num, UInt8
+from jaxtyping import Float, Int, UInt8
 
 
 Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
@@ -159,13 +159,6 @@ GROUP_CLASSES = _group_classes()
 """The classes in pictures of groups. Class 0 means squares that are not free. Each colour of
 [`RANKED`][] has two classes: a class of the cells that lead to a group, and a darker class of the
 cells of the group."""
-
-
-def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
-    """Return the rank of each size: 0 for the largest. Equal sizes are ranked in their order."""
-    rank = np.empty(sizes.size, np.int64)
-    rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
-    return rank
 
 
 def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
