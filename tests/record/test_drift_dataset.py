@@ -1,10 +1,10 @@
-import csv
 import dataclasses
 import itertools
 import json
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.sparse
 import xarray as xr
@@ -79,21 +79,18 @@ def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
 def test_deployment_files(gyres, dataset, tmp_path):
     record.save_deployment(gyres, tmp_path / "d.csv")
     record.save_deployment(gyres, tmp_path / "d.geojson")
-    with (tmp_path / "d.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = pd.read_csv(tmp_path / "d.csv")
     places = json.loads((tmp_path / "d.geojson").read_text())
     assert places["type"] == "FeatureCollection"
-    assert len(rows) == len(places["features"])
-    for row, feature in zip(rows, places["features"], strict=True):
-        lon, lat = feature["geometry"]["coordinates"]
-        assert (row["lon"], row["lat"]) == (str(lon), str(lat))
-        # The cell is the one whose centre is there.
-        assert gyres.waters[0].cell(lon, lat) == int(row["cell"]) == feature["properties"]["cell"]
-        assert (row["group"] == "") != (row["transient_group"] == "")
-    reach = [int(row["cell"]) for row in rows if row["purpose"] == "reach"]
-    assert reach == dataset.deployment_cell.values.tolist()
-    views = [int(row["cell"]) for row in rows if row["purpose"] == "view"]
-    assert views == gyres.views.cells.tolist()
+    points = [one["geometry"]["coordinates"] for one in places["features"]]
+    listed = pd.DataFrame([one["properties"] for one in places["features"]])
+    listed[["lon", "lat"]] = points
+    pd.testing.assert_frame_equal(listed[rows.columns], rows, check_dtype=False)
+    assert [gyres.waters[0].cell(lon, lat) for lon, lat in points] == rows.cell.tolist()
+    assert (rows.group.isna() != rows.transient_group.isna()).all()
+    reach = rows.cell[rows.purpose == "reach"]
+    assert reach.tolist() == dataset.deployment_cell.values.tolist()
+    assert rows.cell[rows.purpose == "view"].tolist() == gyres.views.cells.tolist()
     with pytest.raises(FileNotFoundError, match="no folder"):
         record.save_deployment(gyres, tmp_path / "none" / "d.csv")
     with pytest.raises(ValueError, match=r"d\.xls: expected a name that ends in \.csv or \.geo"):

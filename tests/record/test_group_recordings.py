@@ -124,18 +124,16 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall):
     labels = recorded.over("direction", "/bounce_90/legend/text", "Points2D:labels")
     rows = recorded.over("direction", "/bounce_90/legend/swatch", "LineStrips2D:strips")
     host = hall.host()
-    met = host.group.reshape(24, -1)
+    met, on = host.group.reshape(24, -1), host.step.reshape(24, -1) == 0
     for direction in range(24):
         # Rank by the cells that reach a group, which the family of four directions holds.
         family = met[direction % 6 :: 6]
         numbers, basin = np.unique(family, return_counts=True)
         ranked = numbers[np.argsort(-basin, kind="stable")]
-        rank = {group: place for place, group in enumerate(ranked)}
-        for position, group in enumerate(met[direction]):
-            place = rank[group] if rank[group] < 7 else 7 + rank[group] % 7
-            on = host.step[direction * hall.cells.positions + position] == 0
-            row, column = divmod(int(hall.cells.square[position]), hall.cells.free.shape[1])
-            assert pictures[direction][row, column] == 1 + 2 * place + on
+        place = (met[direction][:, None] == ranked).argmax(axis=1)
+        place = np.where(place < 7, place, 7 + place % 7)
+        shown = pictures[direction][hall.cells.free]
+        np.testing.assert_array_equal(shown, 1 + 2 * place + on[direction])
         legend = labels[direction]
         drawn = np.unique(np.array(rows[direction])[:, 0, 1].round())
         np.testing.assert_array_equal(drawn, np.arange(len(legend)))
