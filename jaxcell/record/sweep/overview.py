@@ -161,7 +161,7 @@ def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> 
     for axis, most in (across, _TICKS_ACROSS), (up, _TICKS_UP):
         stride = max(1, int(ticks(axis.steps, most)[1]))
         named.append({i + 0.5: axis.labels[i] for i in range(0, axis.steps, stride)})
-    plot.axes(*named, across.name, up.name)
+    plot.axes(named[0], named[1], across.name, up.name)
     x, y = np.arange(across.steps) + 0.5, np.arange(up.steps) + 0.5
     upright = np.stack([plot.at(x, 0.0), plot.at(x, plot.most_y)], axis=1)
     level = np.stack([plot.at(0.0, y), plot.at(plot.most_x, y)], axis=1)
