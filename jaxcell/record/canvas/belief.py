@@ -24,7 +24,7 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 def arrows(
     cells: CellSpace, where: Integer[np.ndarray, "arrows"]
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
-    """Return the origins and the vectors of arrows at cells, which point in their directions."""
+    """Return the origins and vectors of arrows that show the positions and directions of cells."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     return np.stack([x, y], axis=1), _length(cells) * heading

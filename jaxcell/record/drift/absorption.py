@@ -29,7 +29,7 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     drift = maps[0].drift
     until = drift.until if isinstance(drift, SeaDrift) else None
     scale = Scale.over(
-        np.minimum(shown if shown.size else size, until or np.inf) / size,
+        np.minimum(shown if shown.size else [size], until or np.inf) / size,
         f"{{}} {unit}".format,
         spaced=np.geomspace,
         special={_PERSISTENT: FREE, _LATE: mix(PLAIN, (0, 0, 0), 0.4)},

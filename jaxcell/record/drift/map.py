@@ -181,7 +181,7 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """The length, in cells, of the arrow of one cell per second; 0.9 at the mean speed."""
+        """The length of arrows per speed; an arrow of the mean speed has a length of 0.9 cells."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
