@@ -73,20 +73,18 @@ def test_statistics_are_those_of_numpy(seed, rows, columns, most):
     masked = np.where(known, values, np.nan)
     for place, axis in enumerate(found):
         steps, quantiles, alone = statistics(values, known, place, axis)
-        members = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
-        members = [one[~np.isnan(one)] for one in members]
-        assert steps.tolist() == [k for k, one in enumerate(members) if one.size]
-        assert alone == all(one.size < 2 for one in members)
-        for column, k in zip(quantiles.T, steps, strict=True):
-            np.testing.assert_allclose(column, np.quantile(members[k], [*QUANTILES.values()]))
+        every = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
+        members = {k: one[~np.isnan(one)] for k, one in enumerate(every) if not np.isnan(one).all()}
+        assert steps.tolist() == list(members)
+        assert alone == all(one.size < 2 for one in members.values())
+        for column, one in zip(quantiles.T, members.values(), strict=True):
+            np.testing.assert_allclose(column, np.quantile(one, [*QUANTILES.values()]))
     across, up = found
     heat = means(values, known, (0, 1), (across, up))
-    for i in range(up.steps):
-        for j in range(across.steps):
-            some = masked[np.ix_(across.step == j, up.step == i)]
-            some = some[~np.isnan(some)]
-            expected = some.mean() if some.size else np.nan
-            np.testing.assert_allclose(heat[i, j], expected, atol=1e-12)
+    for i, j in np.ndindex(heat.shape):
+        some = masked[np.ix_(across.step == j, up.step == i)]
+        expected = np.nan if np.isnan(some).all() else np.nanmean(some)
+        np.testing.assert_allclose(heat[i, j], expected, atol=1e-12)
 
 
 @pytest.fixture(scope="module")
