@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from changed_results import changed
 
 from jaxcell.bounce import TeamOutcome, TeamTrajectory, plan
 from jaxcell.record import dataset
@@ -13,16 +14,6 @@ from jaxcell.space import CellSpace
 
 def failing(checks):
     return {name for name, (value, limit) in checks.items() if not value <= limit}
-
-
-def changed(result, name, value):
-    """A copy of a result with another value of a field or of a derived quantity."""
-    if name in {field.name for field in dataclasses.fields(result)}:
-        return dataclasses.replace(result, **{name: value})
-    copy = dataclasses.replace(result)
-    # Derived quantities are kept by the result once they are computed.
-    copy.__dict__[name] = value
-    return copy
 
 
 def put(index, value):
@@ -35,11 +26,6 @@ def put(index, value):
         return array
 
     return change
-
-
-def in_run(name, change):
-    """A function that changes one field of a run."""
-    return lambda run: dataclasses.replace(run, **{name: change(getattr(run, name))})
 
 
 def even_shares(laws):
@@ -86,8 +72,8 @@ def turned():
         ("angles", "longest_period", put(0, 1), "numbers_not_those_of_cells"),
         ("localized", "uncertainty", put(0, 151), "uncertainty_minus_members"),
         ("localized", "transition", put((1, 0), 0), "states_that_gain_cells"),
-        ("localized", "run", in_run("states", put(1, 0)), "run_off_the_transitions"),
-        ("localized", "run", in_run("candidates", put(0, 0)), "candidates_not_of_the_last_state"),
+        ("localized", "run.states", put(1, 0), "run_off_the_transitions"),
+        ("localized", "run.candidates", put(0, 0), "candidates_not_of_the_last_state"),
         ("policy", "limiting", even_shares, "share_of_transient_cells"),
         ("policy", "alpha", lambda alpha: alpha / 2, "alpha_sums_to_1"),
         ("policy", "mixture", lambda mixture: mixture[::-1], "mixture_is_of_coverage"),
@@ -115,7 +101,7 @@ def test_a_result_that_contradicts_itself_is_refused(request, result, name, chan
     result = request.getfixturevalue(result)
     assert not failing(result.checks())
     dataset(result)
-    wrong = changed(result, name, change(getattr(result, name)))
+    wrong = changed(result, name, change)
     with pytest.raises(RuntimeError, match="the result contradicts itself") as refusal:
         dataset(wrong)
     # The refusal names the first of several checks that fail.
@@ -123,6 +109,6 @@ def test_a_result_that_contradicts_itself_is_refused(request, result, name, chan
 
 
 def test_a_robot_may_be_lost_if_the_filter_is_of_another_map(localized):
-    lost = changed(localized, "run", in_run("path", put(-1, 0))(localized.run))
+    lost = changed(localized, "run.path", put(-1, 0))
     assert not failing(lost.checks())
     assert lost.checks()["states_without_the_robot"][0] == 1

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import scipy.sparse
 import xarray as xr
+from changed_results import changed
 
 from jaxcell import record
 from jaxcell.mapping import Chain
@@ -118,9 +119,7 @@ def test_a_layer_that_contradicts_itself_is_refused(gyres):
     chain, group = behaviour.chain, behaviour.groups.group
     few = Chain(chain.image, 0.99 * chain.probability)
     moved = dataclasses.replace(behaviour.groups, group=jnp.roll(group, 1))
-    ends = dataclasses.replace(layer.ends, value=0.9 * layer.ends.value)
-    wrong = altered(layer)
-    wrong.__dict__["ends"] = ends
+    wrong = changed(altered(layer), "ends.value", lambda value: 0.9 * value)
     for one, name in (
         (altered(layer, chain=few), "steps_out_of_persistent_groups"),
         (altered(layer, groups=moved), "steps_out_of_persistent_groups"),
@@ -130,11 +129,10 @@ def test_a_layer_that_contradicts_itself_is_refused(gyres):
         assert value > limit
         with pytest.raises(RuntimeError, match=f"the result contradicts itself: {name} is"):
             record.dataset(dataclasses.replace(gyres, layers=(one, *gyres.layers[1:])))
-    chance = jnp.roll(layer.ends.value, 1, axis=0)
-    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    wrong = changed(wrong, "ends.value", lambda _: jnp.roll(layer.ends.value, 1, axis=0))
     assert wrong.checks()["ends_residual"][0] < 1e-8
     chance = layer.ends.value.at[0, 100].add(0.1).at[1, 100].add(-0.1)
-    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    wrong = changed(wrong, "ends.value", lambda _: chance)
     assert wrong.checks()["ends_residual"][0] > 1e-3
 
 

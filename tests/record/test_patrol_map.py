@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
+from changed_results import changed
 from recordings import packed, read_back
 
 from jaxcell.optimize import Graph
@@ -82,30 +83,18 @@ def test_the_dataset_holds_the_walks_and_a_map_of_capture(alone, tmp_path):
         assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
-def changed(patrol, **changes):
-    return dataclasses.replace(patrol, attack=dataclasses.replace(patrol.attack, **changes))
-
-
-def caught(patrol, probability):
-    capture = dataclasses.replace(patrol.captures, probability=probability)
-    return dataclasses.replace(patrol, captures=capture)
-
-
 @pytest.mark.parametrize(
-    ("wrong", "check"),
+    ("field", "wrong", "check"),
     [
-        (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
-        (
-            lambda p: caught(p, p.captures.probability + 0.9),
-            "captures_probability_out_of_0_to_1|mean_capture_out_of",
-        ),
-        (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
-        (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
+        ("captures.probability", lambda chance: chance[::-1], "captures_falls_with_time"),
+        ("captures.probability", lambda chance: chance + 0.9, "out_of_0_to_1|mean_capture_out_of"),
+        ("attack.exact", lambda chance: chance / 2, "attack_exact_is_of_law"),
+        ("attack.law", lambda law: law + 0.5, "attack_law_beyond_1|exact_is_of_law"),
     ],
 )
-def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
+def test_a_patrol_that_contradicts_itself_is_refused(alone, field, wrong, check):
     with pytest.raises(RuntimeError, match=check):
-        dataset(wrong(alone))
+        dataset(changed(alone, field, wrong))
 
 
 def test_attacks_keep_to_their_rules(alone):
