@@ -83,11 +83,3 @@ def getkey():
         return new
 
     return next_key
-
-
-@pytest.fixture(scope="session")
-def read():
-    """A function that reads a recording back from its file."""
-    from recordings import Recording
-
-    return Recording

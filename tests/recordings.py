@@ -15,18 +15,20 @@ class Recording:
 
     def __init__(self, path):
         reader = RrdReader(path)
+        self.size = Path(path).stat().st_size
         self.application = reader.recordings()[0].application_id
         self.chunks = reader.stream().to_chunks()
-        self.blueprints = [reader.stream(store=store).to_chunks() for store in reader.blueprints()]
+        # The last value of each column of an entity of the blueprint.
+        self.blueprint = {}
+        for store in reader.blueprints():
+            for chunk in reader.stream(store=store).to_chunks():
+                values = self.blueprint.setdefault(chunk.entity_path, {})
+                values |= {name: column[-1] for name, column in columns(chunk)}
         self.entities = {chunk.entity_path for chunk in self.chunks}
         self.timelines = {name for chunk in self.chunks for name in chunk.timeline_names}
 
     def static(self, entity, column):
-        """The one value of a column that has no time; a text is in parts under its entity."""
-        if column == "TextDocument:text":
-            parts = sorted(one for one in self.entities if re.fullmatch(rf"{entity}/\d+", one))
-            found = [next(self._columns(one, column, None))[0][0] for one in parts]
-            return ["\n\n".join(found)]
+        """The one value of a column that has no time."""
         ((value,),) = self._columns(entity, column, None)
         return value
 
@@ -54,14 +56,22 @@ class Recording:
         assert [one["class_id"] for one in context] == list(range(len(context)))
         return [one["class_description"]["info"]["label"] for one in context]
 
-    def text(self, entity="/text"):
-        """The whole text of a tab, with its sections."""
-        return self.static(entity, "TextDocument:text")[0]
+    def labels(self, entity, timeline=None):
+        """The label of each pixel of a picture, or of the pictures by time."""
+        labels = np.array(self.classes(entity))
+        if timeline is None:
+            return labels[self.picture(entity)]
+        return {time: labels[one] for time, one in self.pictures(timeline, entity).items()}
 
-    def poses(self, entity):
-        """The origins and the unit headings of arrows by step, side by side."""
-        origins = self.over("step", entity, "Arrows2D:origins")
-        vectors = self.over("step", entity, "Arrows2D:vectors")
+    def text(self, entity="/text"):
+        """The whole text of a tab; its sections are under its entity."""
+        parts = sorted(one for one in self.entities if re.fullmatch(rf"{entity}/\d+", one))
+        return "\n\n".join(self.static(one, "TextDocument:text")[0] for one in parts)
+
+    def poses(self, entity, timeline="step"):
+        """The origins and the unit headings of arrows by time, side by side."""
+        origins = self.over(timeline, entity, "Arrows2D:origins")
+        vectors = self.over(timeline, entity, "Arrows2D:vectors")
         poses = {}
         for time, origin in origins.items():
             vector = np.array(vectors[time]).reshape(-1, 2)
@@ -81,6 +91,12 @@ class Recording:
                     yield batch.column(timeline).cast("int64").to_pylist(), values
 
 
+def columns(chunk):
+    """The names and the values of the columns of a chunk, without times."""
+    batch = chunk.to_record_batch()
+    return [(one, batch.column(one).to_pylist()) for one in batch.schema.names if ":" in one]
+
+
 def _picture(buffer, layout):
     (layout,) = layout
     return np.array(buffer[0], np.uint8).reshape(layout["height"], layout["width"])
@@ -91,8 +107,19 @@ def packed(color):
     return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))
 
 
-def read_back(result, spec=None):
-    """Record a result in a file, and read that."""
+def poses_of(cells, where):
+    """The centres and the unit headings of cells, side by side."""
+    x, y, theta = cells.centre(np.array(where, int))
+    return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
+
+
+def written(write, *arguments, **options):
+    """The recording that a function writes to a file."""
     with tempfile.TemporaryDirectory() as folder:
-        save_recording(result, path := Path(folder, "result.rrd"), spec=spec)
+        write(path := Path(folder, "result.rrd"), *arguments, **options)
         return Recording(path)
+
+
+def read_back(result, spec=None):
+    """The recording of a result."""
+    return written(lambda path: save_recording(result, path, spec=spec))

@@ -1,4 +1,4 @@
-"""The coordinates of cells, and the attributes with the provenance, for all datasets."""
+"""Common parts of all datasets: coordinates of cells, and attributes with the provenance."""
 
 import datetime
 import json

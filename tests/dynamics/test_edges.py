@@ -128,5 +128,5 @@ def test_command_reports_and_draws_edge_states(tmp_path, capsys):
     assert recorded.static("/box/edges/states", "Points2D:labels") == ["0 | 1"]
     (place,) = recorded.static("/box/edges/states", "Points2D:positions")
     assert list(place) == pytest.approx([5, 5], abs=1e-5)
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     assert text.startswith("# Attractors and basins of the system wells")

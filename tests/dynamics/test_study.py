@@ -74,7 +74,7 @@ def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
     for third in range(3):
         named = [[int(labels[k].split()[-1]) for k in row] for row in pictures[third]]
         assert named == basin[:, :, third, 4].T.tolist()
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     cut = "maps go along a and b, and the timeline `slice` through the 3 cells of c, from -1.333"
     assert cut in text
     assert "to 1.333; they are cut at d = 0." in text
@@ -85,7 +85,7 @@ def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
     labels = recorded.classes("/box/basins")
     shown = [[labels[k].split()[-1] for k in row] for row in last]
     assert shown == [[str(k) for k in row] for row in basin[:, :, 1, 4].T]
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     assert "The maps go along a and b, at c = 0, d = 0." in text
 
 
@@ -101,7 +101,7 @@ def test_several_values_give_a_continuation(own, tmp_path, capsys):
     assert len(recorded.pictures("edge x 100", "/box/basins")) == 3
     labels = recorded.over("edge x 100", "/box/parameters", "Points2D:labels")
     assert labels == {50: ["edge=0.5"], 75: ["edge=0.75"], 100: ["edge=1"]}
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     assert "A time of the slider `edge x 100` is the value times 100." in text
 
 

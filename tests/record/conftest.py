@@ -7,6 +7,7 @@ from seas import drift_of
 
 from jaxcell import bundled, drift
 from jaxcell.bounce import BounceGroups, Localized, bounce_map, localization_filter, localize
+from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Workspace
 
 
@@ -48,6 +49,13 @@ def lab():
 def angles(lab):
     """The groups of three bouncing angles in the lab map."""
     return BounceGroups.of(lab.cells, np.deg2rad([45, 90, 135]), motion=lab.motion)
+
+
+@pytest.fixture(scope="session")
+def policy(lab):
+    """The mixture of three imprecise bouncing policies that covers the lab."""
+    bounces = np.radians([45, 90, 135])
+    return coverage_policy(lab.cells, bounces, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
 @pytest.fixture(scope="session")

@@ -1,25 +1,10 @@
 import math
 
 import numpy as np
-import pytest
 from recordings import read_back
 
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.record.bounce.coverage import heat_levels, heat_scale
-from jaxcell.space import ENDPOINT
-
-
-BOUNCES = np.radians([45, 90, 135])
-
-
-@pytest.fixture(scope="module")
-def cells(lab):
-    return lab.cells
-
-
-@pytest.fixture(scope="module")
-def policy(cells):
-    return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
 def test_heat_has_two_classes_to_a_doubling():
@@ -41,11 +26,8 @@ def test_heat_has_two_classes_to_a_doubling():
     assert len({one.color for one in classes[1:]}) == len(classes) - 1
 
 
-def test_the_recording_shows_the_policy(cells, policy):
-    found = read_back(policy, {"map": "a map"})
-    assert len(found.blueprints) == 1
-    assert "direction" in found.timelines
-
+def test_the_recording_shows_the_policy(policy):
+    cells, found = policy.cells, read_back(policy, {"map": "a map"})
     names = [*(f"coverage_{i}" for i in range(3)), "mixture", "target"]
     shares = [*np.asarray(policy.coverage), np.asarray(policy.mixture), np.asarray(policy.target)]
     scale = heat_scale(max(float(share.max()) for share in shares) * cells.positions)
@@ -57,18 +39,14 @@ def test_the_recording_shows_the_policy(cells, policy):
         assert (picture[~cells.free] == 0).all()
 
     for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-        pictures = found.pictures("direction", f"/map/grid/angle_{i}/groups")
-        labels = found.classes(f"/map/grid/angle_{i}/groups")
+        pictures = found.labels(f"/map/grid/angle_{i}/groups", "direction")
         assert sorted(pictures) == list(range(cells.directions))
         shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)]).ravel()
         group = np.asarray(groups.group)
-        np.testing.assert_array_equal(shown == 1, group < 0)
+        np.testing.assert_array_equal(shown == "transient", group < 0)
         likeliest = int(np.argmax(limiting.weights))
-        assert {labels[kind] for kind in shown[group == likeliest]} == {
-            "on the likeliest persistent group"
-        }
-        for number in range(groups.count):
-            assert len(set(shown[group == number].tolist())) == 1
+        assert set(shown[group == likeliest]) == {"on the likeliest persistent group"}
+        assert all(len(set(shown[group == number])) == 1 for number in range(groups.count))
         pictures = found.pictures("direction", f"/map/grid/angle_{i}/limiting")
         heat = (np.asarray(limiting.value) * cells.size).reshape(cells.directions, -1)
         scale = heat_scale(float(heat.max()))
@@ -85,9 +63,9 @@ def test_the_recording_shows_the_policy(cells, policy):
     assert "| map | a map |" in text
 
 
-def test_of_many_angles_those_with_the_largest_shares_have_maps(cells):
+def test_of_many_angles_those_with_the_largest_shares_have_maps(lab):
     bounces = np.radians(np.arange(0, 360, 45))
-    many = coverage_policy(cells, bounces, math.pi / 4, 0.6)
+    many = coverage_policy(lab.cells, bounces, math.pi / 4, 0.6)
     found = read_back(many)
     shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in found.entities}
     assert len(shown) == 6

@@ -9,6 +9,7 @@ import pytest
 from jaxcell.base.quantities import Result, derived, quantity
 from jaxcell.cli.terminal import show
 from jaxcell.record import dataset, summary
+from jaxcell.record.canvas.prose import described, numbers, table
 from jaxcell.space import CellSpace
 
 
@@ -103,6 +104,7 @@ class Floor(Result):
     height: Annotated[float, quantity("", "height of the floor", "m")]
     rooms_area: Annotated[np.ndarray, quantity("room", "area", "m2")]
     lit: Annotated[float, quantity("", "share that is lit", kind="share", padding="NaN: not known")]
+    cools: Annotated[float | None, quantity("", "time until it is cold", "s", kind="time")] = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -148,3 +150,27 @@ def test_the_terminal_has_a_column_for_each_part(capsys):
     assert "│ height of the floor │ 0 m │ 2.5 m │" in out
     assert "Floor 1: rooms" in out
     assert "and 10 more" in out
+
+
+def test_texts_have_meanings_and_units_of_single_numbers(watch):
+    assert numbers(watch).splitlines()[2:] == ["| gate | (2.5, 0.5) |"]
+    first, _ = HOUSE.floors
+    lines = numbers(dataclasses.replace(first, cools=np.inf)).splitlines()
+    assert lines[2:-1] == ["| height of the floor | 0 m |", "| share that is lit | 50 % |"]
+    assert lines[-1] == "| time until it is cold | never |"
+    assert "cold" not in numbers(first)
+
+
+def test_texts_have_a_row_for_each_place_along_a_dimension_or_for_each_result():
+    first, second = HOUSE.floors
+    rows = described(first, "rooms_area", first={"room": ["left", "right"]}).splitlines()
+    assert rows[0] == "| room | area |"
+    assert rows[2:] == ["| left | 9 m2 |", "| right | 4 m2 |"]
+    cold = dataclasses.replace(first, cools=3.0)
+    rows = described([cold, second], "height", "cools").splitlines()
+    assert rows[2:] == ["| 0 m | 3 s |", "| 2.5 m |  |"]
+
+
+def test_long_tables_say_how_many_rows_are_missing():
+    rows = table(("a", "b"), [(i, "x|y") for i in range(5)], most=2).splitlines()
+    assert rows[2:] == ["| 0 | x&#124;y |", "| 1 | x&#124;y |", "| 3 more |  |"]

@@ -1,5 +1,6 @@
 import itertools
 
+import networkx as nx
 import numpy as np
 from hypothesis import given, strategies as st
 
@@ -41,13 +42,8 @@ def test_a_small_filter_is_drawn_whole(lab):
 def test_states_stand_in_columns_by_distance(lab):
     drawing = draw_filter(lab.filter, np.array([0]))
     x = dict(zip(drawing.state.tolist(), drawing.position[:, 0].tolist(), strict=True))
-    distance, front = {0: 0}, [0]
-    while front:
-        state = front.pop(0)
-        for target in lab.filter.transition[state].tolist():
-            if target >= 0 and target not in distance:
-                distance[target] = distance[state] + 1
-                front.append(target)
+    edges = [(s, t) for s, row in enumerate(lab.filter.transition.tolist()) for t in row if t >= 0]
+    distance = nx.single_source_shortest_path_length(nx.DiGraph(edges), 0)
     outside = [s for s in x if lab.filter.color[s] == 1]
     column = {(distance[s], x[s]) for s in outside}
     assert len(column) == len({d for d, _ in column})

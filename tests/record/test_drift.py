@@ -5,7 +5,7 @@ import pytest
 from recordings import read_back
 from seas import drift_of, sea
 
-from jaxcell import bundled, drift, record
+from jaxcell import bundled, drift
 from jaxcell.record.canvas.stream import new_stream
 from jaxcell.record.drift.map import Clock, CurrentMap
 
@@ -30,28 +30,31 @@ def kinds(found, name, water):
     return found.picture(f"/map/grid/{name}")[water.row, water.column].astype(int)
 
 
+def labels(found, name, water):
+    """The label of each cell in a picture of a recording."""
+    return found.labels(f"/map/grid/{name}")[water.row, water.column]
+
+
 def map_of(sea, number):
     """The map of one layer."""
     return CurrentMap(new_stream("test"), sea, Clock(sea), number)
 
 
 @pytest.fixture(scope="module")
-def found(gyres, tmp_path_factory, read):
-    file = tmp_path_factory.mktemp("drift") / "drift.rrd"
-    record.save_recording(gyres, file, spec={"file": "a|b", "seed": 3})
-    assert file.stat().st_size < 6_000_000
-    return read(file)
+def found(gyres):
+    recording = read_back(gyres, {"file": "a|b", "seed": 3})
+    assert recording.size < 6_000_000
+    return recording
 
 
 def test_the_recording_shows_groups(gyres, found):
-    assert len(found.blueprints) == 1
     assert found.timelines == {"minute", "date"}
     for layer, water in enumerate(gyres.waters):
         behaviour = gyres.layers[layer].behaviour
-        labels, rank = found.classes(f"/map/grid/groups_{layer}"), gyres.group_ranks[layer]
+        rank = gyres.group_ranks[layer]
         group, part = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
-        assert labels[0] == "land"
-        for cell, kind in enumerate(kinds(found, f"groups_{layer}", water).tolist()):
+        assert found.classes(f"/map/grid/groups_{layer}")[0] == "land"
+        for cell, label in enumerate(labels(found, f"groups_{layer}", water)):
             homes = () if group[cell] >= 0 else behaviour.transient.domiciles[part[cell]]
             if group[cell] >= 0:
                 expected = f"persistent group {rank[group[cell]]}"
@@ -59,7 +62,7 @@ def test_the_recording_shows_groups(gyres, found):
                 expected = f"ends in group {rank[homes[0]]} for sure"
             else:
                 expected = f"may end in groups {', '.join(map(str, sorted(rank[list(homes)])))}"
-            assert labels[kind] == expected
+            assert label == expected
 
 
 def test_a_label_stands_deep_in_its_set_of_cells(gyres):
@@ -103,8 +106,8 @@ def asked(leaving):
 def test_the_recording_shows_regions_and_their_exchange(asked):
     found, shown = asked
     exchange = found.exchange
-    labels = shown.static("/exchange/matrix/labels", "Points2D:labels")
-    assert labels == ["west", "strait", "west", "strait", "elsewhere", "off the map"]
+    names = shown.static("/exchange/matrix/labels", "Points2D:labels")
+    assert names == ["west", "strait", "west", "strait", "elsewhere", "off the map"]
     numbers = shown.static("/exchange/matrix/numbers", "Points2D:labels")
     numbers = np.array(numbers, float).reshape(2, 4)
     np.testing.assert_allclose(numbers.sum(axis=1), 100, atol=0.2)
@@ -156,9 +159,7 @@ def test_the_recording_shows_times_deployment_and_reach(gyres, found):
     assert (np.diff(kind[order]) >= 0).all()
     marks = np.array(found.static("/map/deployment", "Points2D:positions"))
     np.testing.assert_allclose(marks, sea_map.xy(gyres.deployment.cells), rtol=1e-5)
-    labels = found.classes("/map/grid/reach_2")
-    kind = kinds(found, "reach_2", gyres.waters[2])
-    stays = np.array(["stays" in labels[number] for number in kind])
+    stays = np.array(["stays" in label for label in labels(found, "reach_2", gyres.waters[2])])
     np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reachable[0], 2))
     text = found.text("/reach/text")
     assert f"| 10 m | {stays.sum()} |" in text
@@ -251,21 +252,18 @@ def test_cells_that_take_almost_forever_are_shown():
     lone = drift_of(currents, drift.DriftStep(3600))
     np.testing.assert_array_equal(lone.layers[0].almost_forever, late)
     found = read_back(lone)
-    labels = found.classes("/map/grid/absorption_0")
-    kind = kinds(found, "absorption_0", water)
-    shown = np.array([labels[number].startswith("almost forever") for number in kind])
+    shown = np.char.startswith(labels(found, "absorption_0", water), "almost forever")
     np.testing.assert_array_equal(shown, late)
     text = found.text("/absorption/text")
     assert f"| {late.sum()} |" in text
     assert "take what holds" in text.replace("\n", " ")
 
 
-def test_a_large_sea_makes_a_small_file(tmp_path):
+def test_a_large_sea_makes_a_small_file():
     row, column = np.mgrid[:60, :90] / 15
     currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=5000.0)
     large = drift_of(currents, drift.DriftStep(2000, spread="all"), start=5, goal=np.arange(1500))
-    record.save_recording(large, tmp_path / "large.rrd")
-    assert (tmp_path / "large.rrd").stat().st_size < 3_000_000
+    assert read_back(large).size < 3_000_000
 
 
 def test_many_groups_have_few_colours():
@@ -274,9 +272,9 @@ def test_many_groups_have_few_colours():
     lone = drift_of(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
     assert lone.layers[0].persistent_groups > 200
     found = read_back(lone)
-    labels = found.classes("/map/grid/groups_0")
-    assert len(labels) <= 255
-    assert "a smaller persistent group" in labels
+    classes = found.classes("/map/grid/groups_0")
+    assert len(classes) <= 255
+    assert "a smaller persistent group" in classes
     assert lone.layers[0].warning in found.text("/groups/text")
 
 

@@ -1,13 +1,14 @@
-import csv
 import dataclasses
 import itertools
 import json
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.sparse
 import xarray as xr
+from changed_results import changed
 
 from jaxcell import record
 from jaxcell.mapping import Chain
@@ -79,21 +80,18 @@ def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
 def test_deployment_files(gyres, dataset, tmp_path):
     record.save_deployment(gyres, tmp_path / "d.csv")
     record.save_deployment(gyres, tmp_path / "d.geojson")
-    with (tmp_path / "d.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = pd.read_csv(tmp_path / "d.csv")
     places = json.loads((tmp_path / "d.geojson").read_text())
     assert places["type"] == "FeatureCollection"
-    assert len(rows) == len(places["features"])
-    for row, feature in zip(rows, places["features"], strict=True):
-        lon, lat = feature["geometry"]["coordinates"]
-        assert (row["lon"], row["lat"]) == (str(lon), str(lat))
-        # The cell is the one whose centre is there.
-        assert gyres.waters[0].cell(lon, lat) == int(row["cell"]) == feature["properties"]["cell"]
-        assert (row["group"] == "") != (row["transient_group"] == "")
-    reach = [int(row["cell"]) for row in rows if row["purpose"] == "reach"]
-    assert reach == dataset.deployment_cell.values.tolist()
-    views = [int(row["cell"]) for row in rows if row["purpose"] == "view"]
-    assert views == gyres.views.cells.tolist()
+    points = [one["geometry"]["coordinates"] for one in places["features"]]
+    listed = pd.DataFrame([one["properties"] for one in places["features"]])
+    listed[["lon", "lat"]] = points
+    pd.testing.assert_frame_equal(listed[rows.columns], rows, check_dtype=False)
+    assert [gyres.waters[0].cell(lon, lat) for lon, lat in points] == rows.cell.tolist()
+    assert (rows.group.isna() != rows.transient_group.isna()).all()
+    reach = rows.cell[rows.purpose == "reach"]
+    assert reach.tolist() == dataset.deployment_cell.values.tolist()
+    assert rows.cell[rows.purpose == "view"].tolist() == gyres.views.cells.tolist()
     with pytest.raises(FileNotFoundError, match="no folder"):
         record.save_deployment(gyres, tmp_path / "none" / "d.csv")
     with pytest.raises(ValueError, match=r"d\.xls: expected a name that ends in \.csv or \.geo"):
@@ -121,9 +119,7 @@ def test_a_layer_that_contradicts_itself_is_refused(gyres):
     chain, group = behaviour.chain, behaviour.groups.group
     few = Chain(chain.image, 0.99 * chain.probability)
     moved = dataclasses.replace(behaviour.groups, group=jnp.roll(group, 1))
-    ends = dataclasses.replace(layer.ends, value=0.9 * layer.ends.value)
-    wrong = altered(layer)
-    wrong.__dict__["ends"] = ends
+    wrong = changed(altered(layer), "ends.value", lambda value: 0.9 * value)
     for one, name in (
         (altered(layer, chain=few), "steps_out_of_persistent_groups"),
         (altered(layer, groups=moved), "steps_out_of_persistent_groups"),
@@ -133,11 +129,10 @@ def test_a_layer_that_contradicts_itself_is_refused(gyres):
         assert value > limit
         with pytest.raises(RuntimeError, match=f"the result contradicts itself: {name} is"):
             record.dataset(dataclasses.replace(gyres, layers=(one, *gyres.layers[1:])))
-    chance = jnp.roll(layer.ends.value, 1, axis=0)
-    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    wrong = changed(wrong, "ends.value", lambda _: jnp.roll(layer.ends.value, 1, axis=0))
     assert wrong.checks()["ends_residual"][0] < 1e-8
     chance = layer.ends.value.at[0, 100].add(0.1).at[1, 100].add(-0.1)
-    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    wrong = changed(wrong, "ends.value", lambda _: chance)
     assert wrong.checks()["ends_residual"][0] > 1e-3
 
 

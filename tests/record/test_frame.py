@@ -25,15 +25,19 @@ from jaxcell.record.drift.map import Clock
 DEGREE = np.radians(1) * EARTH_RADIUS
 
 
-def turned(angle=0.6, rows=20, columns=30, side=2000.0, lon=-119.7, lat=34.1):
+def degrees(column, row, angle=0.6, side=2000.0, lon=-119.7, lat=34.1):
+    """The longitude and latitude of places on a turned grid, relative to its middle, in squares."""
+    y = lat + side * (column * np.sin(angle) + row * np.cos(angle)) / DEGREE
+    east = side * (column * np.cos(angle) - row * np.sin(angle))
+    return lon + east / DEGREE / np.cos(np.radians(y)), y
+
+
+def turned(angle=0.6, rows=20, columns=30, side=2000.0, **middle):
     """A grid of squares that is turned by an angle in radians."""
     row, column = np.indices((rows, columns)) - np.array([rows, columns])[:, None, None] / 2
-    east = side * (column * np.cos(angle) - row * np.sin(angle))
-    north = side * (column * np.sin(angle) + row * np.cos(angle))
     whole = np.ones((rows, columns))
-    y = lat + north / DEGREE
-    x = lon + east / DEGREE / np.cos(np.radians(y))
     number = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    x, y = degrees(column, row, angle, side, **middle)
     return drift.Water(number, side * whole, side * whole, angle * whole, x, y, 0.0)
 
 
@@ -62,11 +66,8 @@ def test_coasts_on_the_map_are_those_of_the_land():
         assert -0.5 <= y <= rows - 0.5
         if min(x, y, columns - 1 - x, rows - 1 - y) < 0.5:
             continue  # cut at the edge
-        east = 2000 * ((x - columns / 2) * np.cos(0.6) - (y - rows / 2) * np.sin(0.6))
-        north = 2000 * ((x - columns / 2) * np.sin(0.6) + (y - rows / 2) * np.cos(0.6))
-        lat = 34.1 + north / DEGREE
-        lon = -119.7 + east / DEGREE / np.cos(np.radians(lat))
-        assert near.boundary.distance(shapely.Point(lon, lat)) < 0.003
+        place = shapely.Point(degrees(x - columns / 2, y - rows / 2))
+        assert near.boundary.distance(place) < 0.003
 
 
 def test_far_from_land_there_is_no_coast():
@@ -112,9 +113,7 @@ def test_the_recording_tells_land_from_sea_without_data(few_drifters):
     )
     shown = read_back(found, {})
     for name in ("water_0", "groups_0"):
-        kind, labels = shown.picture(f"/map/grid/{name}"), shown.classes(f"/map/grid/{name}")
-        assert labels[kind[1, 3]] == "land"
-        assert labels[kind[2, 3]] == "sea without data"
+        assert shown.labels(f"/map/grid/{name}")[1:3, 3].tolist() == ["land", "sea without data"]
     speeds = shown.static("/map/key/speed", "Points2D:labels")
     assert re.fullmatch(r"[\d.]+ m/s", speeds[0])
     length = np.array(shown.static("/map/key/arrow", "Arrows2D:vectors"))[0, 0]

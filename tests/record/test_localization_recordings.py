@@ -2,11 +2,23 @@ import math
 
 import numpy as np
 import pytest
-from recordings import packed, read_back
+import shapely
+from recordings import packed, poses_of, read_back
 
-from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
+from jaxcell import bundled
+from jaxcell.bounce import (
+    AdaptivelyLocalized,
+    Localized,
+    bounce_map,
+    localization_filter,
+    localization_policy,
+    localize,
+)
+from jaxcell.record.bounce.anywhere import stretches
+from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
 from jaxcell.space import CellSpace, Motion
+from jaxcell.study import Localize
 
 
 MOST_ARROWS = 400
@@ -30,11 +42,6 @@ def shown(request):
     return request.getfixturevalue(request.param), *request.getfixturevalue(f"{request.param}_run")
 
 
-def poses(cells, where):
-    x, y, theta = cells.centre(np.array(where, int))
-    return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
-
-
 def test_the_belief_is_the_state_of_the_filter(shown):
     case, run, recorded = shown
     shown = recorded.poses("/map/belief")
@@ -45,7 +52,7 @@ def test_the_belief_is_the_state_of_the_filter(shown):
         cells = case.filter.cells(state)
         assert size[time] == [len(cells)] == [case.filter.uncertainty[state]]
         assert bits[time] == [pytest.approx(math.log2(len(cells)))]
-        expected = poses(case.cells, cells if len(cells) <= MOST_ARROWS else [])
+        expected = poses_of(case.cells, cells if len(cells) <= MOST_ARROWS else [])
         np.testing.assert_allclose(shown[time], expected, atol=1e-5)
 
 
@@ -67,7 +74,7 @@ def test_the_robot_and_its_trail(shown):
     case, run, recorded = shown
     robot = recorded.poses("/map/robot")
     trails = recorded.over("step", "/map/trail", "LineStrips2D:strips")
-    path = poses(case.cells, run.path)
+    path = poses_of(case.cells, run.path)
     for time in range(len(run.path)):
         np.testing.assert_allclose(robot[time], path[time : time + 1], atol=1e-5)
         (trail,) = trails[time]
@@ -75,13 +82,8 @@ def test_the_robot_and_its_trail(shown):
         np.testing.assert_allclose(trail[-1], path[time, :2])
         assert len(trail) == 2 + np.sum(run.observations[:time])
         # Between corners the robot runs straight: all places lie on the segments of the trail.
-        place = path[: time + 1, :2]
-        start, end = np.array(trail[:-1]), np.array(trail[1:])
-        along = end - start
-        share = np.sum((place[:, None] - start) * along, axis=-1)
-        share = np.clip(share / np.maximum(np.sum(along**2, axis=-1), 1e-12), 0, 1)
-        gap = np.linalg.norm(place[:, None] - start - share[..., None] * along, axis=-1)
-        assert gap.min(axis=1).max() < 1e-5
+        places = shapely.points(path[: time + 1, :2])
+        assert shapely.distance(places, shapely.LineString(trail)).max() < 1e-5
 
 
 def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
@@ -89,13 +91,12 @@ def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
     end = len(run.observations)
     boxes = recorded.over("step", "/map/candidates", "Boxes2D:centers")
     assert list(boxes) == [end], "before the end nothing is known"
-    x, y, _ = lab.cells.centre(run.candidates)
-    np.testing.assert_allclose(boxes[end], np.stack([x, y], axis=1))
-    x, y, _ = lab.cells.centre(int(run.path[-1]))
+    np.testing.assert_allclose(boxes[end], poses_of(lab.cells, run.candidates)[:, :2])
+    ((x, y),) = poses_of(lab.cells, run.path[-1:])[:, :2].tolist()
     ((label_x, label_y),) = recorded.over("step", "/map/truth", "Points2D:positions")[end]
-    assert label_x == pytest.approx(float(x))
-    assert abs(label_y - float(y)) <= 0.5
-    assert [float(x), float(y)] in np.array(boxes[end]).round(6).tolist()
+    assert label_x == pytest.approx(x)
+    assert abs(label_y - y) <= 0.5
+    assert [x, y] in np.array(boxes[end]).round(6).tolist()
 
 
 def test_the_filter_is_a_graph_that_lights_up(shown):
@@ -171,3 +172,48 @@ def test_a_robot_that_cannot_move():
     recorded = read_back(Localized(filter, cells, Motion(), bounce, run))
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4
+
+
+@pytest.fixture(scope="module")
+def adaptive(lab):
+    policy = localization_policy(lab.cells, np.radians([45, 135]), motion=lab.motion)
+    found = AdaptivelyLocalized.of(policy, 151)
+    return found, read_back(found)
+
+
+def test_a_policy_shows_the_turn_at_each_bump_and_its_state(adaptive):
+    found, recorded = adaptive
+    labels = recorded.over("step", "/map/turn", "Points2D:labels")
+    said = [one for time in sorted(labels) for one in labels[time]]
+    turns = found.bounce_deg[found.turned_by[found.turned_by >= 0]]
+    assert said == [f"bump {i}: turn by {turn:g}°" for i, turn in enumerate(turns, 1)]
+    assert len(said) == found.run.bumps - 1
+    bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
+    assert bumps[max(bumps)] == [found.run.bumps]
+    for time, row in recorded.over("step", "/tree/graph", "GraphNodes:colors").items():
+        (state,) = (i for i, color in enumerate(row) if color == packed(CURRENT))
+        assert state == found.run.states[time]
+    labels = recorded.static("/tree/legend/text", "Points2D:labels")
+    assert {"its trail", "the start, until the first bump"} <= set(labels)
+
+
+def test_a_large_policy_is_a_tree_with_the_run(adaptive, monkeypatch):
+    policy, run = adaptive[0].policy, adaptive[0].run.states.tolist()
+    assert set(run) <= set(_tree(policy, run))
+    small, path = 12, list(dict.fromkeys(run))
+    monkeypatch.setattr("jaxcell.record.bounce.policy.MAX_DRAWN", small)
+    tree = _tree(policy, run)
+    assert set(path) <= set(tree)
+    assert len(tree) <= max(small, len(path))
+    assert tree[0] == -1
+    for state, above in tree.items():
+        assert above == -1 or state in policy.after(above).values()
+
+
+@pytest.mark.parametrize("heading", ["known", "unknown"])
+def test_a_robot_that_starts_anywhere_is_on_a_stretch_after_each_bump(heading):
+    small = {"heading": heading, "robots": 1, "bumps": 8, "slices": 72, "directions": 8}
+    found = Localize(map=bundled("lab_a"), bounce=135.0, anywhere=True, **small).run()
+    for bump, place in zip(found.bump.tolist(), found.trial.place[0], strict=True):
+        walls = shapely.linestrings(stretches(found, bump))
+        assert shapely.distance(walls, shapely.Point(place)).min() < 1e-4

@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 import pytest
-from recordings import packed, read_back
+from recordings import packed, poses_of, read_back
 
 from jaxcell.bounce import all_plans, plan
 from jaxcell.record import dataset
@@ -73,10 +73,9 @@ def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
 
 
 def test_bumps_are_marked_and_told(cells, found, recorded):
-    x, y, _ = cells.centre(found.visited)
     bumps = np.flatnonzero(found.actions != 0)
     places = np.array(recorded.static("/map/plan/bumps", "Points2D:positions"))
-    np.testing.assert_allclose(places, np.stack([x, y], axis=1)[bumps])
+    np.testing.assert_allclose(places, poses_of(cells, found.visited[bumps])[:, :2])
     colors = recorded.static("/map/plan/bumps", "Points2D:colors")
     pairs = set(zip(found.turns.tolist(), colors, strict=True))
     assert len(pairs) == found.angles_used == len({color for _, color in pairs})
@@ -106,17 +105,16 @@ def test_start_and_goal_are_marked(cells, found, recorded):
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
     reaches = found.reaching.reshape(cells.directions, -1)
-    heat, classes = recorded.picture("/map/grid/heat"), recorded.classes("/map/grid/heat")
+    heat = recorded.labels("/map/grid/heat")
     labels = [f"from {n} of 8 headings" if n else "from no heading" for n in reaches.sum(axis=0)]
-    assert [classes[kind] for kind in heat[cells.free].tolist()] == labels
-    assert not heat[~cells.free].any()
-    pictures = recorded.pictures("direction", "/map/grid/heading")
-    names = np.array(recorded.classes("/map/grid/heading"))
-    shown = np.stack([names[pictures[k][cells.free]] for k in range(cells.directions)])
+    assert heat[cells.free].tolist() == labels
+    assert (heat[~cells.free] == "not free").all()
+    pictures = recorded.labels("/map/grid/heading", "direction")
+    shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)])
     np.testing.assert_array_equal(shown, np.where(reaches, "from here", "not from here"))
     # On the way, the picture is that of the heading of the robot.
     headings = found.visited // cells.positions
-    on_the_way = recorded.pictures("step", "/map/grid/heading")
+    on_the_way = recorded.labels("/map/grid/heading", "step")
     assert list(on_the_way) == [0, *(1 + np.flatnonzero(np.diff(headings))).tolist()]
     for time, picture in on_the_way.items():
         np.testing.assert_array_equal(picture, pictures[headings[time]])

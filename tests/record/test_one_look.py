@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from recordings import Recording, packed
+from recordings import Recording, columns, packed
 from wheels import bounce_filter, map_cells
 
 from jaxcell.cli import main
@@ -78,11 +78,6 @@ class Look(Recording):
     def __init__(self, path):
         super().__init__(path)
         self.folder = path.parent
-        self.blueprint = {}
-        for chunk in self.blueprints[0]:
-            values = self.blueprint.setdefault(chunk.entity_path, {})
-            for name, column in columns(chunk):
-                values[name] = column[-1]
         self.fixed, self.times = {}, {}
         for chunk in self.chunks:
             for name, values in columns(chunk):
@@ -118,13 +113,6 @@ class Look(Recording):
             if queried and timeline in (None, self.timeline) and times:
                 shown.setdefault(entity, []).extend(times if timeline else [-math.inf])
         return shown
-
-
-def columns(chunk):
-    batch = chunk.to_record_batch()
-    for name in batch.schema.names:
-        if ":" in name:
-            yield name, batch.column(name).to_pylist()
 
 
 def matches(entity, line):

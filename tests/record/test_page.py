@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import rerun as rr
 from hypothesis import given, strategies as st
-from recordings import Recording
+from recordings import written
 
 from jaxcell.record.canvas.curves import curve_view
+from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.page import log_legend, log_tab, log_text
 from jaxcell.record.canvas.palette import FREE, Level
 from jaxcell.record.canvas.plot import ticks
@@ -14,20 +15,17 @@ from jaxcell.record.canvas.scale import Scale
 from jaxcell.record.canvas.stream import recording
 
 
-@pytest.fixture
-def logged(tmp_path):
-    """The recording of a function that logs, read back."""
+def logged(log):
+    """The recording of a function that logs."""
 
-    def read(log):
-        path = tmp_path / "page.rrd"
+    def write(path):
         with recording(path, "page") as stream:
             log(stream)
-        return Recording(path)
 
-    return read
+    return written(write)
 
 
-def test_a_label_stands_beside_its_color_however_long_it_is(logged):
+def test_a_label_stands_beside_its_color_however_long_it_is():
     names = "sea", "a vertex, larger with more time there"
     found = logged(lambda stream: log_legend(stream, "legend", [(one, FREE) for one in names]))
     at = np.array(found.static("/legend/text", "Points2D:positions"))[:, 0]
@@ -38,7 +36,7 @@ def test_a_label_stands_beside_its_color_however_long_it_is(logged):
     np.testing.assert_allclose(begins, lines[:, 1, 0] + 0.4, atol=1e-6)
 
 
-def test_levels_of_a_scale_make_one_bar_of_colors(logged):
+def test_levels_of_a_scale_make_one_bar_of_colors():
     scale = Scale.over(np.array([0.0, 8.0]), "{} h".format, special={"never": FREE})
     legend = scale.legend()
     assert [label for label, _ in legend] == ["8 h", "6 h", "4 h", "2 h", "0 h", "never"]
@@ -69,11 +67,11 @@ def test_levels_of_whole_numbers_are_named_by_those_that_they_hold(least, most, 
     assert {label for label, _ in scale.legend()} <= names
 
 
-def test_a_text_has_a_tab_for_each_section(logged):
+def test_a_text_has_a_tab_for_each_section():
     views = []
     text = "# A run\n\nIt moves.\n\n## How to look\n\n- **dots**\n\n## Made with\n\na map"
     found = logged(lambda stream: views.append(log_text(stream, "text", text)))
-    assert found.static("/text", "TextDocument:text") == [text]
+    assert found.text() == text
     (tabs,) = views
     assert [one.name for one in tabs.contents] == ["What you see", "How to look", "Made with"]
     assert isinstance(
@@ -81,11 +79,20 @@ def test_a_text_has_a_tab_for_each_section(logged):
     )
 
 
-def test_a_tab_needs_no_text(logged):
+def test_a_tab_needs_no_text():
     found = logged(lambda stream: log_tab(stream, "", "Tab", [], "", [("sea", FREE)]))
     assert not any(
         "text" in one.removeprefix("/legend") for one in found.entities - {"/legend/text"}
     )
+
+
+def test_a_matrix_of_one_number():
+    legends, values = [], np.array([[2.0, np.nan]])
+    matrix = "m", "times", values, ["a"], ["b", "c"], "steps"
+    found = logged(lambda stream: legends.append(log_matrix(stream, *matrix)[1]))
+    assert [label for label, _ in legends[0]] == ["2 steps"]
+    assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c"]
+    assert found.static("/m/numbers", "Points2D:labels") == ["2"]
 
 
 @pytest.mark.parametrize(("most", "end"), [(1, 10.5), (2.0, 2.1), (40, 42.0), (0.5, 1.05)])

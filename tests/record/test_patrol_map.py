@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
+from changed_results import changed
 from recordings import packed, read_back
 
 from jaxcell.optimize import Graph
@@ -49,12 +50,7 @@ def found(alone):
 def on_cells(patrol, picture):
     """The classes of the cells in a picture; other squares have class 0."""
     assert (picture[~patrol.cells.free] == 0).all()
-    return picture.ravel()[patrol.cells.square]
-
-
-def still(patrol, found, entity):
-    """The classes of the cells in a picture without time."""
-    return on_cells(patrol, found.picture(entity))
+    return picture[patrol.cells.free]
 
 
 def places(patrol, found, entity):
@@ -87,30 +83,18 @@ def test_the_dataset_holds_the_walks_and_a_map_of_capture(alone, tmp_path):
         assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
-def changed(patrol, **changes):
-    return dataclasses.replace(patrol, attack=dataclasses.replace(patrol.attack, **changes))
-
-
-def caught(patrol, probability):
-    capture = dataclasses.replace(patrol.captures, probability=probability)
-    return dataclasses.replace(patrol, captures=capture)
-
-
 @pytest.mark.parametrize(
-    ("wrong", "check"),
+    ("field", "wrong", "check"),
     [
-        (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
-        (
-            lambda p: caught(p, p.captures.probability + 0.9),
-            "captures_probability_out_of_0_to_1|mean_capture_out_of",
-        ),
-        (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
-        (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
+        ("captures.probability", lambda chance: chance[::-1], "captures_falls_with_time"),
+        ("captures.probability", lambda chance: chance + 0.9, "out_of_0_to_1|mean_capture_out_of"),
+        ("attack.exact", lambda chance: chance / 2, "attack_exact_is_of_law"),
+        ("attack.law", lambda law: law + 0.5, "attack_law_beyond_1|exact_is_of_law"),
     ],
 )
-def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
+def test_a_patrol_that_contradicts_itself_is_refused(alone, field, wrong, check):
     with pytest.raises(RuntimeError, match=check):
-        dataset(wrong(alone))
+        dataset(changed(alone, field, wrong))
 
 
 def test_attacks_keep_to_their_rules(alone):
@@ -120,29 +104,26 @@ def test_attacks_keep_to_their_rules(alone):
     for walk in attacks.place.T.tolist():
         assert all(frozenset(step) in edges for step in itertools.pairwise(walk))
     seen = alone.attack.view[attacks.place].any(axis=1)
-    caught = succeeded = 0
-    begun = None
-    for time, state in enumerate(attacks.state.tolist()):
-        before = attacks.state[time - 1] if time else AttackState.WAITING
-        if state == AttackState.ATTACKING:
-            if before != AttackState.ATTACKING:
-                begun = time
-                assert before == AttackState.WAITING
-            assert not seen[time]
-            assert attacks.since[time] == time - begun < TIMES[0]
-        elif (
-            state in (AttackState.CAUGHT, AttackState.SUCCEEDED) and before == AttackState.ATTACKING
-        ):
-            assert seen[time] == (state == AttackState.CAUGHT)
-            assert time - begun <= TIMES[0]
-            assert state == AttackState.CAUGHT or time - begun == TIMES[0]
-            caught += state == AttackState.CAUGHT
-            succeeded += state == AttackState.SUCCEEDED
-        else:
-            assert state in (AttackState.WAITING, before)
-        assert (attacks.caught[time], attacks.succeeded[time]) == (caught, succeeded)
-    assert caught > 3
-    assert succeeded > 3
+    state, since = attacks.state, attacks.since
+    before = np.append(AttackState.WAITING, state[:-1])
+    during, earlier = state == AttackState.ATTACKING, before == AttackState.ATTACKING
+    begun, ended = during & ~earlier, earlier & ~during
+    assert (before[begun] == AttackState.WAITING).all()
+    assert not seen[during].any()
+    assert not since[begun].any()
+    assert (np.diff(since)[during[:-1]] == 1).all()
+    assert (since[during] < TIMES[0]).all()
+    assert (since[ended & ~seen] == TIMES[0]).all()
+    assert (since[ended] <= TIMES[0]).all()
+    ends = np.where(seen, AttackState.CAUGHT, AttackState.SUCCEEDED)
+    np.testing.assert_array_equal(state[ended], ends[ended])
+    assert (state[(state != before) & ~begun & ~ended] == AttackState.WAITING).all()
+    for end, counts in (
+        (AttackState.CAUGHT, attacks.caught),
+        (AttackState.SUCCEEDED, attacks.succeeded),
+    ):
+        np.testing.assert_array_equal(counts, np.cumsum(ended & (state == end)))
+        assert counts[-1] > 3
     again = simulate_attacks(alone, 3)
     np.testing.assert_array_equal(again.place, attacks.place)
     assert not np.array_equal(simulate_attacks(alone, 5).place, attacks.place)
@@ -154,8 +135,6 @@ def test_many_robots_are_shown_for_less_long(alone):
 
 
 def test_the_recording_shows_the_patrol(alone, found):
-    assert len(found.blueprints) == 1
-    assert found.timelines == {"step", "cover"}
     attacks = simulate_attacks(alone, 4)
     for robot in range(2):
         here = places(alone, found, f"/map/robots/{robot}/here")
@@ -221,7 +200,7 @@ def test_the_recording_shows_the_policies(alone, found):
 
 def test_the_recording_shows_the_law(alone, found):
     attack = alone.attack
-    kind = still(alone, found, "/map/grid/target_view")
+    kind = on_cells(alone, found.picture("/map/grid/target_view"))
     np.testing.assert_array_equal(kind, np.select([attack.boundary, attack.view], [3, 2], 1))
 
     # The bars have the heights of the runs' shares, and the curves those of the laws.
@@ -255,7 +234,7 @@ def test_the_recording_shows_the_law(alone, found):
 
 def test_the_recording_shows_the_vulnerability(alone, found):
     caught = alone.captures.probability[0]
-    kind = still(alone, found, "/map/grid/capture").astype(int)
+    kind = on_cells(alone, found.picture("/map/grid/capture")).astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
     assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
@@ -300,8 +279,7 @@ def test_the_recording_shows_the_regions(based):
         ("regions", regions, [0, 1, 2], based.policies),
         ("regions_after", after.regions, [0, 2], after.policies),
     ):
-        kind = still(based, found, f"/map/grid/{name}")
-        labels = np.array(found.classes(f"/map/grid/{name}"))[kind]
+        labels = found.labels(f"/map/grid/{name}")[based.cells.free]
         for cell, label in enumerate(labels):
             region = one.region[cell]
             said = "reports" if one.view[cell] else "patrols"
@@ -312,7 +290,7 @@ def test_the_recording_shows_the_regions(based):
     np.testing.assert_allclose(
         found.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
     )
-    heat = np.array(found.classes("/map/grid/capture"))[still(based, found, "/map/grid/capture")]
+    heat = found.labels("/map/grid/capture")[based.cells.free]
     np.testing.assert_array_equal(heat == "always in view of the base station", regions.view)
     last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import rerun as rr
-from recordings import Recording
+from recordings import Recording, poses_of, written
 from waiting import wait_until
 from wheels import bounce_filter, map_cells
 
@@ -31,9 +31,20 @@ def strict():
     rr.set_strict_mode(False)
 
 
+def recorded(events, *robots, **options):
+    """The recording of a run with these events, by default of one robot."""
+
+    def write(path):
+        with RobotRecording(path, robots or [RecordedRobot()], **options) as recording:
+            for name, fields in events:
+                recording.event(name, fields)
+
+    return written(write)
+
+
 def observation(text, state, estimate=(0.0, 0.0, 0.0), **fields):
     refuted = state is None
-    return {
+    return "observation", {
         "observation": int(text),
         "estimate": list(estimate),
         "state": state,
@@ -43,88 +54,74 @@ def observation(text, state, estimate=(0.0, 0.0, 0.0), **fields):
     }
 
 
-def test_the_belief_and_the_numbers_are_those_of_the_filter(tmp_path):
-    path, observed = tmp_path / "run.rrd", "100110001"
+def test_the_belief_and_the_numbers_are_those_of_the_filter():
+    observed = "100110001"
     states = FILTER.run(observed).states.tolist()
-    with RobotRecording(path, [RecordedRobot(start=START)], cells=LAB, filter=FILTER) as recording:
-        for second, (text, state) in enumerate(zip(observed, states[1:], strict=True), 1):
-            recording.event("observation", observation(text, state, seconds=second))
-        recording.event("end", {"seconds": 10, "result": "localized", "reason": "it is known"})
-    recorded = Recording(path)
-    origins = recorded.over("observation", "/map/belief", "Arrows2D:origins")
-    vectors = recorded.over("observation", "/map/belief", "Arrows2D:vectors")
-    sizes = recorded.over("observation", "/filter/uncertainty", "Scalars:scalars")
-    colors = recorded.over("observation", "/filter/color", "Scalars:scalars")
-    bumps = recorded.over("observation", "/robot/robot/bumped", "Scalars:scalars")
+    steps = enumerate(zip(observed, states[1:], strict=True), 1)
+    events = [observation(text, state, seconds=second) for second, (text, state) in steps]
+    events.append(("end", {"seconds": 10, "result": "localized", "reason": "it is known"}))
+    found = recorded(events, RecordedRobot(start=START), cells=LAB, filter=FILTER)
+    belief = found.poses("/map/belief", "observation")
+    sizes = found.over("observation", "/filter/uncertainty", "Scalars:scalars")
+    colors = found.over("observation", "/filter/color", "Scalars:scalars")
+    bumps = found.over("observation", "/robot/robot/bumped", "Scalars:scalars")
     for time, state in enumerate(states):
-        x, y, theta = LAB.centre(FILTER.cells(state))
-        np.testing.assert_allclose(origins[time], np.stack([x, y], axis=1), atol=1e-6)
-        heading = np.array(vectors[time]) / np.hypot(*np.array(vectors[time]).T)[:, None]
-        expected = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-        np.testing.assert_allclose(heading, expected, atol=1e-6)
+        np.testing.assert_allclose(belief[time], poses_of(LAB, FILTER.cells(state)), atol=1e-6)
         assert sizes[time] == [FILTER.uncertainty[state]]
         assert colors[time] == [FILTER.color[state]]
         if time:
             assert bumps[time] == [int(observed[time - 1])]
     # By the clock too: the number after an observation begins with it.
-    seconds = recorded.over("seconds", "/filter/uncertainty", "Scalars:scalars")
+    seconds = found.over("seconds", "/filter/uncertainty", "Scalars:scalars")
     assert [time / 1e9 for time in sorted(seconds)] == list(range(11))
-    texts = recorded.over("seconds", "/log", "TextLog:text")
+    texts = found.over("seconds", "/log", "TextLog:text")
     assert texts[10 * 10**9] == ["end: localized: it is known"]
-    left = recorded.over("observation", "/map/candidates", "Boxes2D:centers")
-    x, y, _ = LAB.centre(FILTER.cells(states[-1]))
-    np.testing.assert_allclose(left[len(observed)], np.stack([x, y], axis=1), atol=1e-6)
+    left = found.over("observation", "/map/candidates", "Boxes2D:centers")
+    places = poses_of(LAB, FILTER.cells(states[-1]))[:, :2]
+    np.testing.assert_allclose(left[len(observed)], places, atol=1e-6)
 
 
-def test_a_refuted_robot_is_nowhere(tmp_path):
-    path = tmp_path / "run.rrd"
-    with RobotRecording(path, [RecordedRobot()], cells=LAB, filter=FILTER) as recording:
-        recording.event("observation", observation("1", None, seconds=1.0))
-        recording.event("end", {"seconds": 1.0, "result": "refuted", "reason": "it slipped"})
-    recorded = Recording(path)
-    assert recorded.over("observation", "/map/belief", "Arrows2D:origins")[1] == []
-    assert recorded.over("observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
-    assert recorded.over("observation", "/map/candidates", "Boxes2D:centers") == {}
-    assert recorded.over("observation", "/log", "TextLog:level")[1] == ["WARN"]
+def test_a_refuted_robot_is_nowhere():
+    end = {"seconds": 1.0, "result": "refuted", "reason": "it slipped"}
+    found = recorded([observation("1", None, seconds=1.0), ("end", end)], cells=LAB, filter=FILTER)
+    assert found.over("observation", "/map/belief", "Arrows2D:origins")[1] == []
+    assert found.over("observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
+    assert found.over("observation", "/map/candidates", "Boxes2D:centers") == {}
+    assert found.over("observation", "/log", "TextLog:level")[1] == ["WARN"]
 
 
-def test_many_cells_are_shaded(tmp_path):
-    path = tmp_path / "run.rrd"
+def test_many_cells_are_shaded():
     cells = CellSpace.of(LAB.workspace, 0.5, 16)
     filter = bounce_filter(cells, 45)
-    start = filter.cells(0)
-    assert start.size > 400
-    with RobotRecording(path, [RecordedRobot()], cells=cells, filter=filter):
-        pass
-    recorded = Recording(path)
-    assert recorded.over("observation", "/map/belief", "Arrows2D:origins")[0] == []
-    (buffer,) = recorded.over("observation", "/map/grid/belief", "SegmentationImage:buffer")[0]
+    assert filter.cells(0).size > 400
+    found = recorded([], cells=cells, filter=filter)
+    assert found.over("observation", "/map/belief", "Arrows2D:origins")[0] == []
     # Every direction is possible at every free square.
-    np.testing.assert_array_equal(
-        np.array(buffer).reshape(cells.free.shape), np.where(cells.free, 8, 0)
-    )
+    shades = found.pictures("observation", "/map/grid/belief")[0]
+    np.testing.assert_array_equal(shades, np.where(cells.free, 8, 0))
 
 
-def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
-    path, trace = tmp_path / "run.rrd", [(0.0, *START)]
-    with RobotRecording(path, [RecordedRobot(start=START, trace=trace)], cells=LAB) as recording:
-        # A step of 1 m to the north in 5 s, as every 15 ms tells; then a turn, and the next step.
-        trace += [(t, 1.0, 2.0 + t / 5, math.pi / 2) for t in np.arange(0.015, 5.0, 0.015)]
-        recording.event(
-            "observation", {"seconds": 0.7, "observation": 0, "estimate": [0.9, -0.1, 0.0]}
-        )
-        last = trace[-1]
-        trace += [(5 + t, 1.0, last[2], math.pi / 2 + t) for t in np.arange(0.1, 1.0, 0.1)]
-        trace += [(6 + t, 1.0 + t / 5, last[2], math.pi) for t in np.arange(0.0, 1.0, 0.1)]
-    recorded = Recording(path)
-    by_time = recorded.over("seconds", "/map/robots/robot", "Arrows2D:origins")
+def test_poses_belong_to_the_observation_that_they_lead_to():
+    trace = [(0.0, *START)]
+    # A step of 1 m to the north in 5 s, as every 15 ms tells; then a turn, and the next step.
+    step = [(t, 1.0, 2.0 + t / 5, math.pi / 2) for t in np.arange(0.015, 5.0, 0.015)]
+    last = step[-1]
+
+    def events():
+        trace.extend(step)
+        yield "observation", {"seconds": 0.7, "observation": 0, "estimate": [0.9, -0.1, 0.0]}
+        trace.extend((5 + t, 1.0, last[2], math.pi / 2 + t) for t in np.arange(0.1, 1.0, 0.1))
+        trace.extend((6 + t, 1.0 + t / 5, last[2], math.pi) for t in np.arange(0.0, 1.0, 0.1))
+
+    found = recorded(events(), RecordedRobot(start=START, trace=trace), cells=LAB)
+    by_time = found.over("seconds", "/map/robots/robot", "Arrows2D:origins")
     times = np.array(sorted(by_time)) / 1e9
     # Ten a second, and the last of each look, of which one may come at any time.
     assert np.diff(times).max() < 0.12
     assert len(times) < 80
     np.testing.assert_allclose(by_time[min(by_time)], [START[:2]], atol=1e-6)
-    by_observation = recorded.over("observation", "/map/robots/robot", "Arrows2D:origins")
-    headings = recorded.over("observation", "/map/robots/robot", "Arrows2D:vectors")
+    by_observation = found.over("observation", "/map/robots/robot", "Arrows2D:origins")
+    headings = found.over("observation", "/map/robots/robot", "Arrows2D:vectors")
     assert sorted(by_observation) == [0, 1, 2]
     # The turn is part of the observation that it follows, and nothing else after it is.
     np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=NEAR)
@@ -132,45 +129,41 @@ def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
     assert math.atan2(up, right) == pytest.approx(math.pi, abs=0.25)
     np.testing.assert_allclose(by_observation[2], [trace[-1][1:3]], atol=1e-6)
     # The trail has a corner where it turned: its ends are the start and the last pose.
-    (trail,) = recorded.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
+    (trail,) = found.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
     expected = [START[:2], last[1:3], trace[-1][1:3]]
     np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=NEAR)
     # 0.9 m ahead is north of the start, and 0.1 m to the right is east of it. The time is that of
     # the robot, not of the clock.
-    estimates = recorded.over("seconds", "/map/estimates/robot", "Points2D:positions")
+    estimates = found.over("seconds", "/map/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(estimates[round(last[0] * 1e9)], [[1.1, 2.9]], atol=1e-6)
 
 
-def test_several_robots_without_a_filter(tmp_path):
-    path = tmp_path / "run.rrd"
+def test_several_robots_without_a_filter():
     traces = [[(0.0, 0.5, 0.5, 0.0)], [(0.0, 7.5, 3.5, 0.0)]]
-    robots = [
-        RecordedRobot(name=f"robot {i}", trace=trace) for i, trace in enumerate(traces, start=1)
-    ]
-    with RobotRecording(path, robots, cells=LAB) as recording:
+    robots = [RecordedRobot(name=f"robot {i}", trace=trace) for i, trace in enumerate(traces, 1)]
+
+    def events():
         traces[1].append((1.0, 7.5, 2.5, 0.0))
-        recording.event("observation", {"seconds": 9.0, "observation": 1, "robot": 1})
-        recording.event("visit", {"seconds": 9.0, "robot": 0, "cell": 7})
-    recorded = Recording(path)
-    assert recorded.over("seconds", "/log", "TextLog:text") == {
+        yield "observation", {"seconds": 9.0, "observation": 1, "robot": 1}
+        yield "visit", {"seconds": 9.0, "robot": 0, "cell": 7}
+
+    found = recorded(events(), *robots, cells=LAB)
+    assert found.over("seconds", "/log", "TextLog:text") == {
         10**9: ["robot 2: observation 1: bump"],
         0: ["robot 1: visit: 7"],
     }
-    places = recorded.over("seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
+    places = found.over("seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
     np.testing.assert_allclose(places[10**9], [[7.5, 2.5]])
-    places = recorded.over("seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
+    places = found.over("seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
     assert list(places) == [0]
 
 
-def test_a_real_robot_without_a_map(tmp_path):
-    path = tmp_path / "run.rrd"
-    with RobotRecording(path, [RecordedRobot()]) as recording:
-        recording.event("observation", observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0))
-    recorded = Recording(path)
-    places = recorded.over("seconds", "/odometry/estimates/robot", "Points2D:positions")
+def test_a_real_robot_without_a_map():
+    found = recorded([observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0)])
+    places = found.over("seconds", "/odometry/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(places[3 * 10**9], [[1.0, 0.1]], atol=1e-6)
-    assert not any(entity.startswith("/map/grid") for entity in recorded.entities)
-    assert "/map/belief" not in recorded.entities
+    assert not any(entity.startswith("/map/grid") for entity in found.entities)
+    assert "/map/belief" not in found.entities
 
 
 def test_the_recording_of_a_killed_process_can_be_read(tmp_path):
@@ -230,15 +223,13 @@ def test_bad_input(tmp_path, monkeypatch, options, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_body_and_the_touches_of_walls_are_shown_while_they_last(tmp_path):
-    path = tmp_path / "run.rrd"
+def test_the_body_and_the_touches_of_walls_are_shown_while_they_last():
     trace = [(0.1 * tick, 1.0 + 0.01 * tick, 2.0, 0.0) for tick in range(10)]
     robot = RecordedRobot(start=START, trace=trace, radius=0.174, touches=[(0.42, 1.2, 2.0)])
-    with RobotRecording(path, [robot], cells=LAB) as recording:
-        recording.event("end", {"seconds": 1, "result": "arrived", "reason": "it is there"})
-    recorded = Recording(path)
-    bodies = recorded.over("seconds", "/map/robots/robot/body", "Points2D:positions")
+    end = {"seconds": 1, "result": "arrived", "reason": "it is there"}
+    found = recorded([("end", end)], robot, cells=LAB)
+    bodies = found.over("seconds", "/map/robots/robot/body", "Points2D:positions")
     np.testing.assert_allclose(list(bodies.values()), [[pose[1:3]] for pose in trace], atol=1e-6)
-    touches = recorded.over("seconds", "/map/robots/robot/touch", "Points2D:positions")
+    touches = found.over("seconds", "/map/robots/robot/touch", "Points2D:positions")
     shown = {round(time / 1e9, 1) for time, places in touches.items() if places}
     assert shown == {0.5}

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given
+from recordings import written
 
 from jaxcell.record import log_sweep
 from jaxcell.record.sweep.axes import QUANTILES, axes, means, pairs, statistics
@@ -24,26 +25,27 @@ def axis_of(values, most=1000):
 
 def test_times_follow_from_values():
     whole = axis_of([30, -10, 20])
-    assert (whole.timeline, whole.meaning) == ("x", "the value")
-    assert whole.times.tolist() == [-10, 20, 30]
+    assert (whole.timeline.name, whole.timeline.meaning) == ("x", "the value")
+    assert whole.timeline.times.tolist() == [-10, 20, 30]
     assert whole.step.tolist() == [2, 0, 1]
-    tenths = axis_of([0.1, 0.2, 1.5])
-    assert (tenths.timeline, tenths.times.tolist()) == ("x x 10", [1, 2, 15])
-    assert tenths.meaning == "the value times 10"
     texts = axis_of(["b", "a"])
-    assert (texts.timeline, texts.times.tolist()) == ("x number", [0, 1])
     assert (texts.labels, texts.step.tolist()) == (("b", "a"), [0, 1])
-    vast = axis_of([1e-30, 1e30])
-    assert (vast.timeline, vast.times.tolist()) == ("x number", [0, 1])
-    third = axis_of([1 / 3, 2 / 3])
-    assert (third.timeline, third.times.tolist()) == ("x x 100000", [33333, 66667])
+    for values, name, times in (
+        ([0.1, 0.2, 1.5], "x x 10", [1, 2, 15]),
+        (["b", "a"], "x number", [0, 1]),
+        ([1e-30, 1e30], "x number", [0, 1]),
+        ([1 / 3, 2 / 3], "x x 100000", [33333, 66667]),
+    ):
+        timeline = axis_of(values).timeline
+        assert (timeline.name, timeline.times.tolist()) == (name, times)
 
 
 def test_many_values_share_steps():
     axis = axis_of(np.arange(25)[::-1], most=10)
-    assert axis.times.tolist() == list(range(0, 25, 3))
+    assert axis.timeline.times.tolist() == list(range(0, 25, 3))
     assert axis.step.tolist() == [value // 3 for value in range(24, -1, -1)]
-    assert axis.meaning == "the value; 3 neighbouring values share a step, at the first of them"
+    shared = "the value; 3 neighbouring values share a step, at the first of them"
+    assert axis.timeline.meaning == shared
 
 
 def test_pairs_of_a_grid_with_samples():
@@ -71,20 +73,18 @@ def test_statistics_are_those_of_numpy(seed, rows, columns, most):
     masked = np.where(known, values, np.nan)
     for place, axis in enumerate(found):
         steps, quantiles, alone = statistics(values, known, place, axis)
-        members = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
-        members = [one[~np.isnan(one)] for one in members]
-        assert steps.tolist() == [k for k, one in enumerate(members) if one.size]
-        assert alone == all(one.size < 2 for one in members)
-        for column, k in zip(quantiles.T, steps, strict=True):
-            np.testing.assert_allclose(column, np.quantile(members[k], [*QUANTILES.values()]))
+        every = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
+        members = {k: one[~np.isnan(one)] for k, one in enumerate(every) if not np.isnan(one).all()}
+        assert steps.tolist() == list(members)
+        assert alone == all(one.size < 2 for one in members.values())
+        for column, one in zip(quantiles.T, members.values(), strict=True):
+            np.testing.assert_allclose(column, np.quantile(one, [*QUANTILES.values()]))
     across, up = found
     heat = means(values, known, (0, 1), (across, up))
-    for i in range(up.steps):
-        for j in range(across.steps):
-            some = masked[np.ix_(across.step == j, up.step == i)]
-            some = some[~np.isnan(some)]
-            expected = some.mean() if some.size else np.nan
-            np.testing.assert_allclose(heat[i, j], expected, atol=1e-12)
+    for i, j in np.ndindex(heat.shape):
+        some = masked[np.ix_(across.step == j, up.step == i)]
+        expected = np.nan if np.isnan(some).all() else np.nanmean(some)
+        np.testing.assert_allclose(heat[i, j], expected, atol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +101,8 @@ def sweep():
 
 
 @pytest.fixture(scope="module")
-def recorded(sweep, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("sweep") / "some.rrd"
-    log_sweep(path, sweep, failures=["chunk 7: no luck"])
-    return read(path)
+def recorded(sweep):
+    return written(log_sweep, sweep, failures=["chunk 7: no luck"])
 
 
 def test_series_run_along_each_parameter(sweep, recorded):
@@ -121,12 +119,11 @@ def test_series_run_along_each_parameter(sweep, recorded):
 
 
 def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
-    picture = recorded.picture("/heat/value/0/picture")
-    labels = recorded.classes("/heat/value/0/picture")
+    labels = recorded.labels("/heat/value/0/picture")
     for i in range(12):
         for j in range(3):
             # The greatest value of the parameter is on top.
-            label = labels[picture[2 - j, i]]
+            label = labels[2 - j, i]
             value = float(sweep["value"][i, j])
             if (i, j) in ((3, 1), (4, 1), (5, 1)):
                 assert label == "none is done"
@@ -154,7 +151,7 @@ def test_the_text_says_what_there_is(recorded):
         assert part in text
 
 
-def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
+def test_recordings_of_large_sweeps_stay_small(monkeypatch):
     """Pictures and series are bounded, however many members there are."""
     monkeypatch.setattr("jaxcell.record.sweep.overview.PICTURE_BYTES", 40_000)
     rng = np.random.default_rng(0)
@@ -162,8 +159,7 @@ def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     coords = {name: ("sample", rng.random(n)) for name in "abc"}
     names = [f"v{i}" for i in range(20)]
     dataset = result({"sample": n}, coords, **dict.fromkeys(names, rng.random(n)))
-    log_sweep(tmp_path / "large.rrd", dataset)
-    recorded = read(tmp_path / "large.rrd")
+    recorded = written(log_sweep, dataset)
     pictures = [one for one in recorded.entities if one.endswith("/picture")]
     # Three pairs of parameters, of the variables that are shown.
     assert len(pictures) == 3 * 16
@@ -185,12 +181,11 @@ def test_other_datasets_than_sweeps_are_refused(tmp_path, sweep):
     assert not path.exists()
 
 
-def test_nothing_done_and_one_value_alone(tmp_path, read):
+def test_nothing_done_and_one_value_alone():
     """A parameter of one value spans no picture; a variable without values has no series."""
     dataset = result({"x": 1, "y": 2}, {"x": [7], "y": ["a", "b"]}, value=[1.0, np.nan])
-    log_sweep(tmp_path / "one.rrd", dataset)
-    one = read(tmp_path / "one.rrd")
+    one = written(log_sweep, dataset)
     assert one.over("y number", "/series/value/value", "Scalars:scalars") == {0: [1.0]}
     assert not any(entity.startswith("/heat") for entity in one.entities)
     dataset["status"][:] = 0
-    log_sweep(tmp_path / "none.rrd", dataset)
+    assert written(log_sweep, dataset).entities

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from recordings import read_back
+from recordings import poses_of, read_back
 
 from jaxcell.bounce import TeamOutcome, team_trajectories, team_trajectory
 from jaxcell.record import dataset, summary
@@ -66,8 +66,8 @@ def test_collisions_and_curves(lab, team, recorded):
     assert list(marks) == list(range(len(team.cell)))
     assert not marks[0]
     for move, collided in enumerate(team.collided):
-        x, y, _ = lab.cells.centre(team.cell[move + 1][collided])
-        np.testing.assert_allclose(np.reshape(marks[move + 1], (-1, 2)), np.stack([x, y], axis=1))
+        places = poses_of(lab.cells, team.cell[move + 1][collided])[:, :2]
+        np.testing.assert_allclose(np.reshape(marks[move + 1], (-1, 2)), places)
     curves = {
         name: np.array(list(recorded.over("step", f"/team/{name}", "Scalars:scalars").values()))
         for name in ("covered", "collisions", "part")
@@ -76,8 +76,6 @@ def test_collisions_and_curves(lab, team, recorded):
     np.testing.assert_array_equal(np.diff(curves["collisions"][:, 0]), team.collisions)
     begins = 1 + np.flatnonzero(np.diff(curves["part"][:, 0]))
     np.testing.assert_array_equal(begins, team.part_begin[1:])
-    assert recorded.timelines >= {"step"}
-    assert recorded.blueprints
 
 
 def test_the_text_says_what_came_out(team, recorded):

@@ -65,7 +65,7 @@ def test_its_recording_shows_curves_and_numbers():
     curve = found.over("step", "/curves/height", "Scalars:scalars")
     assert curve[0] == [20.0]
     assert curve[4] == [0.0]
-    (text,) = found.static("/text", "TextDocument:text")
+    text = found.text()
     assert "| energy that is lost | 25 % |" in text
     assert "| height_m | 20 |" in text
 

@@ -68,7 +68,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space within the hull of the stretches, or all free space before a bump."""
+    """Log the free space in the hull of the stretches; before the first bump, all free space."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return
@@ -87,7 +87,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
-    """Log the first robot as an arrow with its tip at the wall, and a line of its last runs."""
+    """Log the first robot as an arrow with its tip at the wall, and its last runs as a line."""
     place = np.concatenate([result.trial.start[:1], result.trial.place[0, :last]])
     theta = np.append(result.theta[0, 0], result.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 import zarr
 from zarr.codecs import BloscCodec
 
@@ -21,7 +22,7 @@ _ABOUT = {
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
 CHUNK = 2**22
-"""The largest number of cells of a chunk, which is a file of a Zarr store."""
+"""Largest number of cells in a chunk. A Zarr store has a file per chunk."""
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
@@ -56,14 +57,15 @@ def save_cells(
     """
     cells = result.cells
     with replacing(path) as temporary:
-        store = zarr.create_group(temporary, attributes=provenance(result.title, cells, spec))
-        for name, (_, numbers) in values(result, lambda one: one.dims == ("bounce",)).items():
-            _quantity(store, name, numbers.shape, numbers.dtype)[:] = numbers
-        for name, (dim, numbers, attributes) in cell_coordinates(cells).items():
-            _array(store, name, (dim,), numbers.shape, numbers.dtype, attributes)[:] = numbers
-        checks = check_attributes(result.title, _write_cells(store, result))
-        # By this attribute xarray recognizes coordinates other than dimensions.
-        store.attrs.update(coordinates="bounce_deg theta theta_deg x y", **checks)
+        numbers = {
+            name: (about.dims, array, attributes_of(about))
+            for name, (about, array) in values(result, lambda one: one.dims == ("bounce",)).items()
+        }
+        title = provenance(result.title, cells, spec)
+        variables = xr.Dataset(numbers, cell_coordinates(cells), title).set_coords("bounce_deg")
+        variables.to_zarr(temporary, zarr_format=3, consolidated=False)
+        store = zarr.open_group(temporary)
+        store.attrs.update(check_attributes(result.title, _write_cells(store, result)))
         with warnings.catch_warnings():
             # xarray reads consolidated metadata, although the standard does not have them yet.
             warnings.filterwarnings("ignore", message="Consolidated metadata")
@@ -71,7 +73,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells, and return checks of their sums over each group."""
+    """Write the quantities of cells. Return the numbers of contradictions as checks."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {
@@ -111,19 +113,6 @@ def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int
 
 
 def _quantity(store: zarr.Group, name: str, shape: tuple[int, ...], dtype: Any) -> zarr.Array:
-    """Create the array of a quantity in a store."""
-    about = _ABOUT[name]
-    return _array(store, name, about.dims, shape, dtype, attributes_of(about))
-
-
-def _array(
-    store: zarr.Group,
-    name: str,
-    dims: tuple[str, ...],
-    shape: tuple[int, ...],
-    dtype: Any,
-    attributes: Mapping[str, Any],
-) -> zarr.Array:
     return store.create_array(
         name,
         shape=shape,
@@ -131,6 +120,6 @@ def _array(
         chunks=(1,) * (len(shape) - 1) + (max(1, min(shape[-1], CHUNK)),),
         dtype=dtype,
         compressors=_CODEC,
-        attributes=dict(attributes),
-        dimension_names=dims,
+        attributes=attributes_of(_ABOUT[name]),
+        dimension_names=_ABOUT[name].dims,
     )

@@ -94,7 +94,8 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log a tab with the persistent groups and the limiting distribution of one bouncing angle."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
-    color = palette.ranked(palette.ranks(np.asarray(policy.limiting[i].weights)))
+    order = np.argsort(-np.asarray(policy.limiting[i].weights), kind="stable")
+    color = palette.ranked(np.argsort(order))
     group = policy.group[i]
     kind = np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
     heat = policy.share[i] * policy.cells.size

@@ -40,12 +40,8 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 
     States outside the knowledge cycles are in columns, one column for each number of edges from the
     start. The cycles are loops beside the columns. If a filter has more than 300 states, only some
-    cycles and the states at the end of a run are drawn.
-
-    **Arguments:**
-
-    - `filter`: the filter.
-    - `visited`: the state of the run at each step.
+    cycles and the states at the end of a run are drawn. `visited` contains the state of the run at
+    each step.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)
@@ -80,7 +76,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in columns according to their distance from the start; edges are short."""
+    """Place states in columns by their distance from the start, ordered so that edges are short."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
@@ -115,7 +111,7 @@ def _rows(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle at the end of a run, and other cycles up to `_MAX_ON_CYCLES` states."""
+    """Choose the cycle in which a run ends, and others up to `_MAX_ON_CYCLES` states in all."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))
@@ -164,6 +160,6 @@ def _area(shapes: list[Float[np.ndarray, "_ 2"]]) -> float:
 
 
 def _size(shape: Float[np.ndarray, "_ 2"]) -> tuple[float, float]:
-    """Return the width and height of a shape, with a gap to the next shape."""
+    """Return the width and height of a shape, including a gap to the next shape."""
     width, height = shape.max(axis=0, initial=0) + _GAP
     return float(width), float(height)

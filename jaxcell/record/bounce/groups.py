@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
@@ -35,7 +36,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
-    """Log the pictures, the legend and the text of one bouncing angle, and lay them out."""
+    """Log a tab with the pictures, the legend and the text of one bouncing angle."""
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
@@ -61,8 +62,8 @@ class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
     Groups with the same directions form a family: with a bouncing angle of 90 degrees and 360
-    directions there are 90 families. A picture shows one direction, and thus one family, whose
-    groups have colours by their ranks.
+    directions there are 90 families. A picture shows one direction, and thus one family. The rank
+    of a group in its family determines its colour.
     """
 
     def __init__(
@@ -79,10 +80,8 @@ class _OfAngle:
             self._lowest[groups] = k
         self._family = self._lowest[group[:, 0]]
         # The rank of each group in its family by its basin, 0 for the largest.
-        order = np.lexsort((-self._basin, self._lowest))
-        lowest = self._lowest[order]
-        self._rank = np.empty(order.size, np.int64)
-        self._rank[order] = np.arange(order.size) - np.searchsorted(lowest, lowest)
+        sizes = pd.Series(-self._basin).groupby(self._lowest)
+        self._rank = sizes.rank("first").to_numpy(np.int64) - 1
         self._steps = Scale.counting(
             1,
             int(step.max()),

@@ -105,7 +105,7 @@ def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
 
 
 def _name(localized: AdaptivelyLocalized, state: int) -> str:
-    """Describe a state with its number, the number of its cells, and its turn."""
+    """Describe a state by its number, the number of its cells, and its turn."""
     turn = int(localized.policy.turn[state])
     cells = counted(int(localized.policy.uncertainty[state]), "cell").replace(",", "")
     does = f"turn by {degrees(localized.bounces[turn])}" if turn >= 0 else "run to the first bump"

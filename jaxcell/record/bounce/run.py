@@ -39,7 +39,7 @@ def run_legend(map: CellMap) -> list[tuple[str, Color]]:
 
 
 def observed(word: str) -> str:
-    """Return the first observations of a run, and dots if there are more."""
+    """Shorten the observations of a run for a text; "none" if there are no observations."""
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
@@ -66,11 +66,8 @@ def log_localized(
 ) -> rrb.Container:
     """Log a robot that is localized, the cells where it may be, and curves over its steps.
 
-    **Arguments:**
-
-    - `path`: the parent entity of the curves.
-    - `also`: more entities of the map.
-    - `curves`: views of more curves.
+    The curves are below the entity `path`. `also` lists further entities to show on the map, and
+    `curves` further views of curves.
     """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)

@@ -24,7 +24,7 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 def arrows(
     cells: CellSpace, where: Integer[np.ndarray, "arrows"]
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
-    """Return the origins and the vectors of arrows at cells, which show the directions of cells."""
+    """Return the origins and vectors of arrows that show the positions and directions of cells."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     return np.stack([x, y], axis=1), _length(cells) * heading
@@ -46,7 +46,7 @@ def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
 
 
 def log_shades(stream: rr.RecordingStream) -> None:
-    """Log the meanings and colours of the shades, at the entity `map/grid/belief`."""
+    """Log the meanings and colours of the shades of possible cells, at `map/grid/belief`."""
     shares = np.linspace(0.2, 1, _SHADES)
     classes = [PictureClass("the robot cannot be here", CLEAR)]
     classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]

@@ -19,7 +19,7 @@ MAX_CORNERS = 100
 """Largest number of corners of a trail. Without a limit, n steps would need n^2 corners in all."""
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of labels on a black background, whose points are too small to be seen."""
+"""The style of labels on a black background. Their points are too small to be seen."""
 
 
 def points(width: float) -> float:

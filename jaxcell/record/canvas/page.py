@@ -92,7 +92,7 @@ def log_legends(
     timeline: str | None = None,
     times: Int[np.ndarray, "legends"] | None = None,
 ) -> None:
-    """Log one legend per time, or one legend without a timeline: swatches and their meanings."""
+    """Log the swatches and the meanings of one legend per time, or of one legend for all times."""
     stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
     index = []
     if timeline is not None and times is not None:

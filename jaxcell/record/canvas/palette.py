@@ -8,7 +8,7 @@ from the blue start to the green goal, and the target of an adversary is pink.
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int, Num, UInt8
+from jaxtyping import Float, Int, UInt8
 
 
 Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
@@ -161,13 +161,6 @@ GROUP_CLASSES = _group_classes()
 cells of the group."""
 
 
-def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
-    """Return the rank of each size: 0 for the largest. Equal sizes are ranked in their order."""
-    rank = np.empty(sizes.size, np.int64)
-    rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
-    return rank
-
-
 def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
     """Return the index of the colour of each group in [`RANKED`][], from the rank of the group."""
     count = len(CATEGORIES)
@@ -177,6 +170,6 @@ def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     """Return the class of the cells that lead to each group, from the rank of the group.
 
-    The next class is that of the cells of the group.
+    The class after it is that of the cells on the group itself.
     """
     return (1 + 2 * ranked(rank)).astype(np.uint8)

@@ -73,15 +73,11 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """Format a table in Markdown with a column per quantity.
+    """Format a table in Markdown with a column for each quantity in `names`.
 
-    **Arguments:**
-
-    - `results`: one result, with a row per element along the dimension of the quantities; or
-        several results of one class, with a row per result.
-    - `names`: the quantities; a quantity that no result has is left out.
-    - `first`: the columns before the columns of the quantities, as a mapping from heads to values.
-    - `most`: the largest number of rows.
+    The table of one result has a row per element along the dimension of the quantities; the table
+    of several results of one class has a row per result. A quantity that no result has is left out.
+    `first` maps the heads of further columns, on the left, to their values.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
@@ -105,6 +101,6 @@ def times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
-def counted(count: int, one: str) -> str:
+def counted(count: int, noun: str) -> str:
     """Format a number with a noun in the singular or plural: `1 group`, `2,000 groups`."""
-    return f"{count:,} {one}{'s' * (count != 1)}"
+    return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -27,7 +27,7 @@ class Scale:
     bounds: Float[np.ndarray, "bounds"]
     "The ends of the levels, ascending; numbers outside belong to the first or the last level."
     label: Callable[[str], str] = "{}".format
-    'A function that adds the meaning to a number or range, such as `"{} h".format`.'
+    'A function that formats the label of a number or range, such as `"{} h".format`.'
     special: Mapping[str, Color] = dataclasses.field(default_factory=dict)
     "The meanings and colours of special classes, which are not levels."
     ground: str = "not free"
@@ -49,15 +49,10 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """Create a scale over the range of some numbers.
+        """Create a scale over the range of some numbers, except infinite numbers and NaN.
 
-        **Arguments:**
-
-        - `values`: the numbers; infinite numbers and NaN are ignored.
-        - `levels`: the number of levels.
-        - `least`, `most`: the ends of the range; by default the least and the largest number.
-        - `spaced`: the spacing of the bounds, `numpy.linspace` or `numpy.geomspace`.
-        - `label`, and further keywords: the other fields of the scale.
+        `least` and `most` replace the ends of the range. `spaced` is the spacing of the bounds of
+        the levels, `numpy.linspace` or `numpy.geomspace`; further keywords are fields of the scale.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least

@@ -87,15 +87,10 @@ def send_changing(
     style: Mapping[str, Any] | None = None,
     **columns: Any,
 ) -> None:
-    """Log marks that change over a timeline.
+    """Log marks of a kind, such as `rerun.Points2D`, that change at times of a timeline.
 
-    **Arguments:**
-
-    - `archetype`: the kind of the marks, such as `rerun.Points2D`.
-    - `times`: the times of changes.
-    - `lengths`: the number of marks from each time on; by default one mark.
-    - `style`: the components that do not change.
-    - `columns`: the components that change, concatenated over all times.
+    `lengths` is the number of marks from each time on, by default one mark. `style` contains the
+    components that do not change, and `columns` the other components, concatenated over all times.
     """
     index = time_columns(timeline, times)
     changing = archetype.columns(**columns)
@@ -131,14 +126,10 @@ def plane(
     contents: Sequence[str] | None = None,
     ground: Color = BLACK,
 ) -> rrb.Spatial2DView:
-    """Create a view of a box in a plane with y down.
+    """Create a view of a box in a plane with y down, in the coordinates of the entity `origin`.
 
-    **Arguments:**
-
-    - `origin`: the entity in whose coordinates the view is drawn.
-    - `box`: the left, top, right and bottom of the box.
-    - `contents`: the shown entities, by default all entities below `origin`.
-    - `ground`: the colour behind all entities.
+    `box` contains the left, top, right and bottom of the box. `contents` lists the shown entities,
+    by default all entities below `origin`; `ground` is the colour behind them.
     """
     left, top, right, bottom = box
     return rrb.Spatial2DView(

@@ -123,7 +123,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
 
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """Join the single numbers of several parts to arrays along the dimension `dim`."""
+    """Join the single numbers of several parts into arrays along the dimension `dim`."""
     rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (

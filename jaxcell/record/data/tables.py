@@ -27,11 +27,8 @@ def tables(
 ) -> Iterator[Table]:
     """Build the tables that a terminal shows: single numbers, arrays, and tables of the parts.
 
-    **Arguments:**
-
-    - `heading`: the title of the first table.
-    - `seconds`: the time of the computation, as the last row of the first table.
-    - `cells`: the cell space of the positions in the result; by default that of the result.
+    `heading` is the title of the first table; its last row has the time of the computation in
+    `seconds`. `cells` is the cell space of the positions, by default that of the result.
     """
     described, below = _brief(result), parts(result)
     for part in below.values():

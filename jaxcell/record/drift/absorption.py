@@ -26,16 +26,11 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     # The scale is logarithmic, because times span several powers of ten.
     days = shown.size > 0 and float(np.median(shown)) >= _DAYS
     unit, size = ("days", 24.0) if days else ("h", 1.0)
-    drift, bounds = maps[0].drift, (1.0, 1.0)
-    if shown.size:
-        bounds = float(shown.min()) / size, float(shown.max()) / size
-    if isinstance(drift, SeaDrift) and drift.until is not None:
-        bounds = min(bounds[0], drift.until / size), min(bounds[1], drift.until / size)
+    drift = maps[0].drift
+    until = drift.until if isinstance(drift, SeaDrift) else None
     scale = Scale.over(
-        shown / size,
+        np.minimum(shown if shown.size else [size], until or np.inf) / size,
         f"{{}} {unit}".format,
-        least=bounds[0],
-        most=bounds[1],
         spaced=np.geomspace,
         special={_PERSISTENT: FREE, _LATE: mix(PLAIN, (0, 0, 0), 0.4)},
         ground="land",

@@ -61,7 +61,7 @@ def levels(share: np.ndarray) -> np.ndarray:
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distribution every few steps, and return the classes of cells and the times."""
+    """Compute the distribution every few steps. Return the classes of cells, and the times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)

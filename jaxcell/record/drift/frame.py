@@ -59,9 +59,10 @@ def log_frame(
 def on_the_grid(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
-    """Convert positions in degrees to columns and rows of a grid, on and beyond the grid.
+    """Convert positions in degrees, on or off a grid, to columns and rows of the grid.
 
-    The offset from the nearest centre is divided by the sides of its square, along its axes.
+    The offset from the nearest centre of a square is measured along the axes of the grid, in sides
+    of this square.
 
     **Returns:** the columns and rows, and the index of the nearest square in the flattened grid.
     """

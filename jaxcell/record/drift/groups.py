@@ -48,14 +48,14 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
 
 
 def home_color(rank: int) -> Color:
-    """Return the colour of a persistent group."""
+    """Return the colour of a persistent group, by its rank."""
     return HOMES[rank] if rank < len(HOMES) else _OTHERS
 
 
 def group_classes(
     layer: LayerEnds, rank: Int[np.ndarray, "groups"]
 ) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
-    """Classify each cell for a picture of groups, and return the classes, of which 0 is land.
+    """Return the class of each cell in a picture of groups, and all classes; class 0 is land.
 
     A cell of a persistent group has the colour of the group; a cell that surely leads to the group
     has a paler shade.
@@ -93,7 +93,7 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
 
 
 def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Log the numbers of large groups that have a separate colour."""
+    """Log the ranks of groups as labels, for large groups with a colour of their own."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]

@@ -97,7 +97,7 @@ class SeaMap:
         "The radius of a mark: most of a cell, but enough to be visible on a large map."
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Choose the position of a label: amid the cells farthest from the edge of a set."""
+        """Choose the position of the label of a set of cells, far from the edge of the set."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
@@ -121,7 +121,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select roughly `most` cells or fewer, on a coarser grid."""
+        """Select every n-th cell of rows and columns, so that roughly `most` cells remain."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -177,12 +177,11 @@ class CurrentMap(SeaMap):
 
     @property
     def flow(self) -> Flow:
-        """The current."""
         return self.drift.layers[self.number].flow
 
     @functools.cached_property
     def arrow(self) -> float:
-        """The length of arrows in cells, at one cell per second; it is 0.9 at the mean speed."""
+        """The length of arrows per speed; an arrow of the mean speed has a length of 0.9 cells."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]

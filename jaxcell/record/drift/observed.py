@@ -29,9 +29,9 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log the recording of the ends of observed drifters.
+    """Log the recording of observed drifters and of the groups in which they end.
 
-    Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
+    Static tabs show the persistent groups, nearly closed sets, absorption times, sampling errors,
     and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
     drifters that were released uniformly in all cells.
     """
@@ -51,7 +51,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and at the time of interest."""
+    """Log the distribution of drifters after each step, and in the long run or at a chosen time."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
@@ -60,7 +60,7 @@ def _log_places(map: ObservedMap) -> rrb.Container:
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:
-    """Log the sampling errors of the answers."""
+    """Log the tab of sampling errors, from random samples of the drifters."""
     found = map.drift
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
@@ -86,7 +86,7 @@ with all of its moves. The *error* is the standard deviation of an answer over t
 
 
 def _most(values: Float[np.ndarray, "cells"]) -> float:
-    """Return the upper end of a scale, which a few large numbers may exceed."""
+    """Return the 95 % quantile of the finite values, as the upper end of a scale."""
     known = values[np.isfinite(values)]
     return float(np.quantile(known, 0.95)) if known.size else 1.0
 

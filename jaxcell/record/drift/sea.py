@@ -18,7 +18,7 @@ from .voyage import log_voyage
 
 
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
-    """Log the recording of drifters in a sea and of their ends.
+    """Log the recording of drifters in a sea, and of the groups in which they end.
 
     Over a timeline of dates from the first record, tabs show the current of each layer as arrows,
     drifters in the current, the distribution of drifters that the map of cells predicts, and

@@ -38,7 +38,7 @@ class _Space:
         "The distance between layers, in kilometres of the map."
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """Return the centres of cells; `cells` are numbers among the cells of all layers."""
+        """Return the centres of cells, which are numbered through all layers."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -156,7 +156,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
 
 
 def _log_policy(space: _Space, policy: Voyage) -> None:
-    """Log the policy in some of the cells as arrows, on squares of water."""
+    """Log the actions of the policy in some of the cells, as arrows."""
     drift, side = space.surface.drift, space.surface.side
     origins: list[np.ndarray] = []
     vectors: list[np.ndarray] = []

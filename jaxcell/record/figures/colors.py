@@ -29,7 +29,7 @@ class Drawn:
 
     @property
     def label(self) -> str:
-        """The label of an axis or a colour bar: the units; the title contains the meaning."""
+        """The units, as the label of an axis or a colour bar. The title contains the meaning."""
         kinds = {"share": "share", "distribution": "share", "count": "number"}
         return self.about.label or kinds.get(self.about.kind, "")
 
@@ -52,8 +52,7 @@ class Drawn:
         labels, inverse, count = np.unique(self.values, return_inverse=True, return_counts=True)
         own = labels >= 0
         order = np.argsort(np.where(own, -count, 1), kind="stable")
-        rank = np.empty_like(order)
-        rank[order] = np.arange(order.size)
+        rank = np.argsort(order)
         palette = [color_of(color) for color in CATEGORIES.values()]
         colors = [
             palette[k % len(palette)] if own[label] else color_of(PLAIN)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ground(NamedTuple):
-    """A background, on which each element along some dimensions of a quantity has a position."""
+    """A background of a plot, such as a room, on which elements of a quantity have positions."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."

@@ -74,7 +74,7 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
-    """Log the robots that see each square."""
+    """Log a picture at each step that shows which robots see each square."""
     colors = min(patrol.robots, len(palette.ROBOTS))
     classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
     for robot in range(colors):

@@ -188,7 +188,7 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
 
 
 def _log_waits(drawing: _Drawing) -> rrb.Container:
-    """Log the waiting times of vertices for visits, of news for reports, and between charges."""
+    """Log the tab of times between visits, ages of news at the base, and steps between charges."""
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"

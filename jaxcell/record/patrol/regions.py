@@ -19,7 +19,6 @@ _CONTACT = palette.CATEGORIES["yellow"]
 
 
 def log_base(map: CellMap, regions: Regions) -> None:
-    """Log the base station."""
     side, base = map.cells.cell, np.array([regions.base])
     map.frames("base/station", base, _BASE, half=0.4 * side, width=3.0, order=45.0)
     at, ground = map.below(map.xy(base)[0], 0.7 * side)

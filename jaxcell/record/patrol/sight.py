@@ -37,7 +37,7 @@ def log_sight(
     color: Color,
     *timelines: tuple[str, Int[np.ndarray, "times"]],
 ) -> None:
-    """Log the outline of the area seen from a cell at each time; static without timelines."""
+    """Log the outline of the area seen from a cell at each time; without timelines, log it once."""
     assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
@@ -56,13 +56,13 @@ def log_sight(
 
 
 def place(patrol: PatrolledMap, cell: int) -> str:
-    """Format the centre of a cell."""
+    """Format the centre of a cell, in metres."""
     x, y = patrol.xy[cell].tolist()
     return f"({x:g}, {y:g})"
 
 
 def robot_table(patrol: PatrolledMap, *names: str) -> str:
-    """Format quantities of the first robots as a table in Markdown, with their colours."""
+    """Format quantities of the first robots, and the colours of the robots, as a Markdown table."""
     robots = [f"{i} ({robot_color(i)[0]})" for i in range(patrol.robots)]
     return described(patrol, *names, first={"robot": robots}, most=_MAX_ROWS)
 

@@ -36,7 +36,6 @@ class BeliefHeat:
         self.log(stream)
 
     def log(self, stream: rr.RecordingStream) -> None:
-        """Log the current belief."""
         cells = self.cells
         share = self.belief.hidden.by_position(self.state.weight, cells.positions)
         picture = on_squares(cells, heat(share))

@@ -105,7 +105,7 @@ class Track:
         self.place = None if self.last is None else np.array(self.last[1:3])
 
     def seconds(self, fields: Mapping[str, Any]) -> float:
-        """Return the time of an event: the last time of the trace or, without one, of `fields`."""
+        """Return the time of an event, from the trace if there is one, otherwise from `fields`."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:

@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ..canvas.timeline import along_values
+from ..canvas.timeline import Timeline, along_values
 
 
 QUANTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three quarters": 0.75, "most": 1.0}
@@ -25,34 +25,29 @@ class Axis:
 
     name: str
     dimension: str
-    timeline: str
-    """The name of the timeline. It contains the factor that converts values to times, as in `angle
-    x 10`."""
-    times: Int[np.ndarray, "steps"]
+    timeline: Timeline
     labels: tuple[str, ...]
     "The value of each step; the first value if a step stands for several values."
     step: Int[np.ndarray, "places"]
     "The step of each index along the dimension."
-    meaning: str
-    "The meaning of a time, such as `the value times 10`."
 
     @property
     def steps(self) -> int:
-        return self.times.size
+        return len(self.labels)
 
     @property
     def number(self) -> bool:
-        """True if the values are only the numbers of list members or samples."""
+        """True if the values are only indices of members or samples, and no parameter."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-        """Return the step of each member of an array whose dimension `place` has this axis."""
+        """Return the step of each element of an array with this axis as dimension `place`."""
         step = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
         return np.broadcast_to(step, shape)
 
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """List the axes of a sweep: first its parameters, then the numbers of list members or samples.
+    """List the axes of a sweep: first its parameters, then the indices of members or samples.
 
     An axis has at most `most` steps. If there are more values, adjacent values share a step.
     """
@@ -68,8 +63,8 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
     """List at most `most` pairs of axes for pictures; the first axis of a pair has more steps.
 
-    Both axes have at least two steps. The numbers of samples are not paired with a parameter of the
-    samples, because they have the same dimension. Pairs with numbers of samples are last.
+    Both axes have at least two steps. Indices of samples are not paired with a parameter of the
+    samples, because both have the same dimension. Pairs with indices of samples are last.
     """
     spanned = [
         (a, b)
@@ -111,21 +106,17 @@ def means(
 
 def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
     numeric = values.dtype.kind in "iuf"
-    if numeric:
-        known, at = np.unique(values, return_inverse=True)
-        names = known
-    else:
-        # Texts keep the order of the specification.
-        at, names = pd.factorize(values.astype(str))
-        known = np.arange(len(names))
-    share = -(-known.size // most)
+    # Texts keep the order of the specification.
+    at, names = pd.factorize(values if numeric else values.astype(str), sort=numeric)
+    share = -(-names.size // most)
     first = names[::share]
     labels = [f"{value:.6g}" if numeric else value for value in first.tolist()]
-    timeline, times, meaning = along_values(name, first)
+    timeline = along_values(name, first)
     if share > 1:
-        meaning += f"; {share} neighbouring values share a step, at the first of them"
+        shared = f"; {share} neighbouring values share a step, at the first of them"
+        timeline = timeline._replace(meaning=timeline.meaning + shared)
     short = tuple(
         label if len(label) <= _MAX_LETTERS else "..." + label[3 - _MAX_LETTERS :]
         for label in labels
     )
-    return Axis(name, dimension, timeline, times, short, at.ravel() // share, meaning)
+    return Axis(name, dimension, timeline, short, at // share)

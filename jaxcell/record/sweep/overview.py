@@ -13,7 +13,7 @@ from ..canvas.curves import log_curve
 from ..canvas.marks import points
 from ..canvas.page import log_legend, log_tab
 from ..canvas.palette import BELIEF, PLAIN, TEXT, Color, mix
-from ..canvas.plot import Plot
+from ..canvas.plot import Plot, ticks
 from ..canvas.prose import made_with, table
 from ..canvas.scale import Scale
 from ..canvas.stream import recording, send_blueprint, send_changing
@@ -102,8 +102,8 @@ def log_sweep(
         text = _text(dataset, all_axes, shown, failures)
         variables = rrb.Tabs(*tabs, name="Variables")
         layout = log_tab(stream, "", "Sweep", variables, text, [])
-        speed = max(2.0, float(np.ptp(longest.times)) / _SECONDS)
-        send_blueprint(stream, [layout], longest.timeline, speed)
+        speed = max(2.0, float(np.ptp(longest.timeline.times)) / _SECONDS)
+        send_blueprint(stream, [layout], longest.timeline.name, speed)
 
 
 def _log_variable(
@@ -121,9 +121,9 @@ def _log_variable(
         labels = ["value"] if alone else QUANTILES
         for label, row in zip(labels, rows, strict=False):
             path = f"series/{name}/{label.replace(' ', '_')}"
-            at, width = axis.times[steps], 2.5 if label in ("median", "value") else 1.2
+            at, width = axis.timeline.times[steps], 2.5 if label in ("median", "value") else 1.2
             style = {"color": _COLORS[label], "name": label, "shape": "Linear", "width": width}
-            log_curve(stream, path, row, axis.timeline, at, **style)
+            log_curve(stream, path, row, axis.timeline.name, at, **style)
     legend = rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop)
     title = _meaning(variable) or name
     series = rrb.TimeSeriesView(origin=f"series/{name}", name=title, plot_legend=legend)
@@ -155,27 +155,21 @@ def _scale(means: np.ndarray, variable: xr.DataArray) -> Scale:
 
 
 def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> None:
-    """Log the ticks, names and sliders of two axes, for the heat maps of all variables."""
+    """Log the axes of the heat maps over two parameters, with lines at the current values."""
     plot = Plot(stream, path, float(across.steps), float(up.steps))
-    ticks = [
-        {i + 0.5: axis.labels[i] for i in _ticks(axis.steps, most)}
-        for axis, most in ((across, _TICKS_ACROSS), (up, _TICKS_UP))
-    ]
-    plot.axes(ticks[0], ticks[1], across.name, up.name)
+    named = []
+    for axis, most in (across, _TICKS_ACROSS), (up, _TICKS_UP):
+        stride = max(1, int(ticks(axis.steps, most)[1]))
+        named.append({i + 0.5: axis.labels[i] for i in range(0, axis.steps, stride)})
+    plot.axes(named[0], named[1], across.name, up.name)
     x, y = np.arange(across.steps) + 0.5, np.arange(up.steps) + 0.5
     upright = np.stack([plot.at(x, 0.0), plot.at(x, plot.most_y)], axis=1)
     level = np.stack([plot.at(0.0, y), plot.at(plot.most_x, y)], axis=1)
     style = {"colors": TEXT, "radii": points(0.8), "draw_order": 20}
     for axis, strips in (across, upright), (up, level):
         slider = f"{path}/slider_{axis.name}"
-        kind, at, line, columns = rr.LineStrips2D, axis.times, axis.timeline, list(strips)
+        kind, columns, (line, at, _) = rr.LineStrips2D, list(strips), axis.timeline
         send_changing(stream, slider, kind, at, None, line, style=style, strips=columns)
-
-
-def _ticks(steps: int, most: int) -> range:
-    """Return the indices of at most `most` ticks at regular distances."""
-    strides = (scale * digit for scale in (1, 10, 100, 1000) for digit in (1, 2, 5))
-    return range(0, steps, next(stride for stride in strides if stride * most >= steps))
 
 
 def _unit(variable: xr.DataArray) -> str:
@@ -197,7 +191,10 @@ def _text(
     states = [f"{done:,} are done"] if failed or undone else ["All are done"]
     states += [f"**{failed:,} failed**"] * (failed > 0)
     states += [f"**{undone:,} are not computed yet**"] * (undone > 0)
-    timelines = [(f"`{a.timeline}`", a.meaning, a.labels[0], a.labels[-1]) for a in all_axes]
+    timelines = [
+        (f"`{axis.timeline.name}`", axis.timeline.meaning, axis.labels[0], axis.labels[-1])
+        for axis in all_axes
+    ]
     parts = [
         f"# {dataset.attrs.get('title', 'Sweep')}",
         f"A task was run for **{status.size:,} members** ({sizes}). {', '.join(states)}.",
