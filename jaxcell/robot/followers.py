@@ -35,7 +35,7 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """True if no observation can follow."""
+        """True if the run cannot continue, not even until a knowledge cycle."""
         return self.result is not None
 
     @property
@@ -51,7 +51,7 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields that describe the state after the last observation in the log."""
+        """The fields that describe the state, which the log contains for each observation."""
 
     @property
     def localized(self) -> str:

@@ -26,5 +26,5 @@ class RunOutcome:
 
 
 def observed(reason: str, observations: str) -> str:
-    """Add the observations of the robot to a reason."""
+    """Append the observations of the robot to the sentence `reason`."""
     return f"{reason}; the robot observed {observations}"

@@ -16,7 +16,7 @@ from .packets import (
 
 
 STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The numbers of the streamed packets. `StreamParser` explains why the mode, 35, is the last."""
+"""The numbers of the streamed packets. `StreamParser` explains why 35, the mode, is last."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class _Wire:
         return len(data)
 
     def wait(self, seconds: float, data: bytes = b"") -> None:
-        """Advance the time of the robot."""
+        """Advance the time of the robot, and send it `data`."""
         self._sent += self._robot.exchange(seconds, data)
 
     def fileno(self) -> int:

@@ -56,8 +56,8 @@ def roll_on(
 ) -> float:
     """Advance a robot that rolls straight or turns on the spot, with no wall in its reach.
 
-    The lags of both wheels decay at one rate, which determines their turns. The velocity of the
-    body is the velocity of its wheels, plus a small slip that is proportional to their speed.
+    The lags of both wheels behind their motors decay at one common rate, which determines the turns
+    of the wheels. The body has the velocity of its wheels, plus a small slip proportional to it.
 
     **Arguments:**
 

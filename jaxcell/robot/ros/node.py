@@ -238,7 +238,7 @@ class RosRobot(abc.ABC):
                     self._stop("the watchdog is gone")
 
     def _begin(self) -> Odometry:
-        """Return the pose at the beginning of a motion. The bumper may be pressed already."""
+        """Check that the robot may drive, forget earlier bumps, and return the pose."""
         with self._news:
             self._check()
             self._bumped = self._pressed

@@ -99,7 +99,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Return the fields of a robot in the file of several robots."""
+    """Return the fields of the robot with the index `robot` in the file of several robots."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")
