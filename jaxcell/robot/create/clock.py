@@ -1,8 +1,8 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
 
+from .driver import Driver
 from .motion import Moved
 from .packets import WHEEL_BASE
 
@@ -11,17 +11,6 @@ from .packets import WHEEL_BASE
 # wheels has little effect, and the driver does not change them.
 _SPEED = 0.18
 _TURNING = 0.69
-
-
-@runtime_checkable
-class Wheeled(Protocol):
-    """The methods that [`ByClock`][] needs, such as those of a [`jaxcell.robot.Create`][]."""
-
-    def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels in m/s. Returns false if a bump has stopped the wheels."""
-
-    def stop(self) -> None:
-        """Stop the wheels."""
 
 
 class ByClock:
@@ -35,7 +24,7 @@ class ByClock:
 
     def __init__(
         self,
-        robot: Wheeled,
+        robot: Driver,
         *,
         speed: float = _SPEED,
         turning: float = _TURNING,

@@ -15,6 +15,7 @@ from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved
 from ..create.reading import LOW_BATTERY
 from ..create.watchdog import Watchdog
+from ..walker import Drivable
 from .halt import speed_type
 
 
@@ -37,7 +38,7 @@ class Odometry(NamedTuple):
     "The heading in radians, counter-clockwise, not wrapped."
 
 
-class RosRobot(abc.ABC):
+class RosRobot(Drivable, abc.ABC):
     """A robot on ROS 2 that a [`jaxcell.robot.Walker`][] drives by the odometry of the robot.
 
     A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
@@ -139,14 +140,6 @@ class RosRobot(abc.ABC):
     def _leave(self) -> None:
         """Stop the wheels at the end of the block."""
         self._halt()
-
-    @abc.abstractmethod
-    def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by a distance in metres, backward if negative. A bump ends the drive."""
-
-    @abc.abstractmethod
-    def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by an angle in radians, counter-clockwise. A bump does not end the turn."""
 
     def arm(self) -> None:
         """Allow the robot to drive.
