@@ -1,18 +1,18 @@
 """Robots that are localized by a belief, on the body of the emulator."""
 
 import numpy as np
-import pytest
+from wheels import place_of, walker_in
 
 from jaxcell.automata import Belief, HiddenMap
-from jaxcell.robot import RunLog, Walker, read_log
-from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot import RunLog, read_log
+from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.followers import BeliefFollower, replay_follower, run_follower
 from jaxcell.space import CellSpace, Workspace
 
 
-def corridor(length, height=1.0):
-    return Workspace([(0, 0), (length, 0), (length, height), (0, height)])
+def corridor(length):
+    return CellSpace.of(Workspace([(0, 0), (length, 0), (length, 1), (0, 1)]), 1.0, 2)
 
 
 def belief_of(cells, slack=0.05):
@@ -30,25 +30,16 @@ def belief_of(cells, slack=0.05):
     return Belief(HiddenMap.of(moves, bumps, np.arange(2 * n), np.full(2 * n, 1 / (2 * n))))
 
 
-def walker_in(room, start, noise=0.0):
-    body = Body(
-        room,
-        start,
-        noise=Noise(distance=noise, rotation=noise, veer=noise),
-        rng=np.random.default_rng(1),
-    )
-    return Walker(DirectBody(body), 1.0), body
-
-
 def test_a_robot_is_localized_and_a_replay_of_its_log_agrees(tmp_path):
-    room = corridor(7)
-    cells = CellSpace.of(room, 1.0, 2)
+    cells = corridor(7)
     belief = belief_of(cells)
-    walker, body = walker_in(room, (2.5, 0.5, 0.0), noise=0.01)
+    noise = Noise(distance=0.01, rotation=0.01, veer=0.01)
+    rng = np.random.default_rng(1)
+    walker, body = walker_in(cells, 2, robot=DirectBody, noise=noise, rng=rng)
     with RunLog(tmp_path / "run.jsonl", {"kind": "belief"}) as log:
         outcome = run_follower(walker, BeliefFollower(belief), [np.pi], log=log)
     assert outcome.result == "localized"
-    assert int(cells.index(*body.pose)) in outcome.cells
+    assert place_of(cells, body) in outcome.cells
     assert len(outcome.cells) <= 4
     run = read_log(tmp_path / "run.jsonl")
     assert replay_follower(run, BeliefFollower(belief)) == outcome
@@ -61,23 +52,9 @@ def test_a_robot_that_is_nowhere_on_the_map_stops():
     # The robot is in a corridor, but its map is a ring of twenty free cells.
     ring = np.roll(np.eye(20), 1, axis=1)
     hidden = HiddenMap.of(ring, np.zeros((20, 20)), np.arange(20), np.full(20, 0.05))
-    walker, _ = walker_in(corridor(10), (0.5, 0.5, 0.0))
+    walker, _ = walker_in(corridor(10), 0, robot=DirectBody)
     outcome = run_follower(walker, BeliefFollower(Belief(hidden)), [np.pi])
     assert outcome.result == "refuted"
     assert "nowhere on the map" in outcome.reason
     assert outcome.cells == ()
     assert outcome.observations == "0000000001"
-
-
-def test_the_direct_body_goes_and_turns_as_commanded():
-    body = Body(corridor(3), (0.5, 0.5, 0.0))
-    robot = DirectBody(body)
-    assert robot.forward(1.0, tolerance=0.01) == pytest.approx((1.0, 0.0, False, 0.0))
-    moved = robot.forward(5.0, tolerance=0.01)
-    assert moved.bumped
-    assert body.x == pytest.approx(3.02)
-    assert moved.distance == pytest.approx(1.52)
-    robot.turn(np.pi / 2, tolerance=0.01)
-    assert body.theta == pytest.approx(np.pi / 2)
-    assert not robot.forward(-0.1, tolerance=0.01).bumped
-    assert body.y == pytest.approx(0.4)
