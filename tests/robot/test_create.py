@@ -222,8 +222,6 @@ def test_a_watchdog_that_does_not_start_leaves_no_line_open():
 def test_wrong_speeds_and_distances_are_refused(robot):
     with armed(robot) as create:
         for call, named in [
-            (lambda: create.drive(right=0.6, left=0.0), "right = 0.6"),
-            (lambda: create.drive(right=0.0, left=math.nan), "left = nan"),
             (lambda: create.forward(math.inf), "finite"),
             (lambda: create.forward(0.1, speed=0.0), "speed = 0.0"),
             (lambda: create.turn(0.1, speed=5.0), "speed = 5.0"),

@@ -157,9 +157,7 @@ def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, message, reaso
 
     def hears(values):
         vars(world).update(values)
-        seen = robot._messages
-        with robot._news:
-            robot._news.wait_for(lambda: robot._messages > seen + 2, 60.0)
+        await_ticks(world)
 
     with KINDS[kind]() as robot:
         robot.arm()
