@@ -21,12 +21,20 @@ FINER = 2
 SUBPIXEL = 4
 
 Corners = np.ndarray
-CROSS = np.array(
-    [
-        *[(-1, -3), (1, -3), (1, -1), (3, -1), (3, 1), (1, 1)],
-        *[(1, 3), (-1, 3), (-1, 1), (-3, 1), (-3, -1), (-1, -1)],
-    ]
-)
+
+
+def plus(half: float, ends: tuple[float, float, float, float] = (3, 3, 3, 3)) -> Corners:
+    """A cross of arms `2 * half` wide, that end so far right, down, left and up of its middle."""
+    h, (right, down, left, up) = half, ends
+    return np.array(
+        [
+            *[(-h, -up), (h, -up), (h, -h), (right, -h), (right, h), (h, h)],
+            *[(h, down), (-h, down), (-h, h), (-left, h), (-left, -h), (-h, -h)],
+        ]
+    )
+
+
+CROSS = plus(1)
 """The marker, from -3 to 3, in a sheet from -5 to 5."""
 SHEET = np.array([(-5, -5), (5, -5), (5, 5), (-5, 5)])
 INK, PAPER = 0.1, 0.9
@@ -242,17 +250,6 @@ def clutter(rng: np.random.Generator, canvas: np.ndarray) -> None:
 # Signs that are not the marker, on a sheet as large. Each gives polygons and their shades.
 
 Sign = list[tuple[Corners, float]]
-
-
-def plus(half: float, ends: tuple[float, float, float, float] = (3, 3, 3, 3)) -> Corners:
-    """A cross of arms `2 * half` wide, that end so far right, down, left and up of its middle."""
-    h, (right, down, left, up) = half, ends
-    return np.array(
-        [
-            *[(-h, -up), (h, -up), (h, -h), (right, -h), (right, h), (h, h)],
-            *[(h, down), (-h, down), (-h, h), (-left, h), (-left, -h), (-h, -h)],
-        ]
-    )
 
 
 def star(points: int, inner: float) -> Corners:

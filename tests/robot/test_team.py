@@ -71,7 +71,6 @@ class Floor(Walker):
 
     def __init__(self, bumps):
         self.bumps, self.turned, self.observations = list(bumps), [], ""
-        self._at, self._facing = 0j, 0.0
 
     def step(self):
         bumped = bool(self.bumps.pop(0))
