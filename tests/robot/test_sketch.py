@@ -29,7 +29,7 @@ from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.emulator import Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.followers import FilterFollower, PolicyFollower, run_follower
+from jaxcell.robot.followers import run_follower
 from jaxcell.robot.sketch import filter_sketch, policy_sketch
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace
@@ -45,15 +45,15 @@ MAZE = map_cells("maze.txt", directions=8)
 ROOM_IMAGE, ROOM_BUMPED = bounce_tables(ROOM, 90)
 
 
-def expected(cells, cell, task, *, known: bool = True, **fields):
-    """Run the filter on a host from the same start."""
+def expected(cells, cell, task, follower, *, known: bool = True):
+    """Run a filter or a policy on a host from the same start."""
     walker = Walker(
-        SimulatedCreate(body_in(cells, cell, **fields)),
+        SimulatedCreate(body_in(cells, cell)),
         task.step,
         strides=task.strides if known else None,
         direction=cell // cells.positions if known else 0,
     )
-    return run_follower(walker, FilterFollower(task.filter, "cycle"), [task.bounce], limit=200)
+    return run_follower(walker, follower, task.bounces, limit=200)
 
 
 def smallest_machine(source):
@@ -77,7 +77,7 @@ def test_the_colours_are_those_of_the_host(cells, bounce_deg, cell, smallest):
     robot = Robot(body_in(cells, cell))
     program = compiled(filter_sketch(task, direction=cell // cells.positions, machine=machine))
     run = play(program, robot, seconds=600)
-    host = expected(cells, cell, task)
+    host = expected(cells, cell, task, task.follower("cycle"))
     assert host.result == "localized"
     assert run.observed == host.observations
     assert run.colors == host.colors
@@ -99,7 +99,7 @@ def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
     here = CellSpace.of(ROOM.workspace, ROOM.cell, 8)
     robot = Robot(body_in(here, cell))
     run = play(compiled(filter_sketch(task, direction=0)), robot, seconds=600)
-    host = expected(here, cell, task)
+    host = expected(here, cell, task, task.follower("cycle"))
     assert host.result == "refuted"
     assert run.observed == host.observations
     assert run.colors == host.colors
@@ -116,7 +116,7 @@ def test_a_heading_is_not_needed_where_all_steps_are_equal():
     # The robot faces North, but the sketch does not know this.
     cell = 25
     run = play(program, Robot(body_in(ROOM, cell)), seconds=600)
-    host = expected(ROOM, cell, ROOM_TASK, known=False)
+    host = expected(ROOM, cell, ROOM_TASK, ROOM_TASK.follower("cycle"), known=False)
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert run.end == host.result == "localized"
 
@@ -128,9 +128,7 @@ def test_a_policy_chooses_the_angles_that_the_host_does(smallest):
     robot = Robot(body_in(ROOM, cell))
     text = policy_sketch(task, direction=cell // ROOM.positions, machine=machine)
     run = play(compiled(text), robot, seconds=600)
-    body = SimulatedCreate(body_in(ROOM, cell))
-    walker = Walker(body, task.step, strides=task.strides, direction=cell // ROOM.positions)
-    host = run_follower(walker, PolicyFollower(task.policy), task.bounces)
+    host = expected(ROOM, cell, task, task.follower())
     assert (run.end, host.result) == ("localized", "localized")
     assert run.observed == host.observations
     # A smallest machine has other colours.
@@ -171,19 +169,6 @@ def test_a_robot_that_only_bounces_is_where_the_cells_say(byte, seconds):
     check_places(run, places, 5)
 
 
-def after(count: int, act):
-    """Call `act` from half a second after a number of observations."""
-    begun: list[float] = []
-
-    def at(run: Run, now: float) -> None:
-        if len(run.observed) >= count:
-            begun.append(now)
-        if begun and now - begun[0] > 0.5:
-            act()
-
-    return at
-
-
 @pytest.mark.parametrize(
     ("danger", "end"),
     [
@@ -197,8 +182,15 @@ def after(count: int, act):
     ],
 )
 def test_the_sketch_stops_the_robot_in_danger(danger, end):
-    robot = Robot(body_in(ROOM, 0))
-    run = play(compiled(BOUNCE), robot, seconds=40, at=after(1, lambda: danger(robot)))
+    robot, moving = Robot(body_in(ROOM, 0)), []
+
+    def at(run: Run, now: float) -> None:
+        if run.observed:
+            moving.append(now)
+            if now - moving[0] > 0.5:
+                danger(robot)
+
+    run = play(compiled(BOUNCE), robot, seconds=40, at=at)
     assert run.observed.startswith("0")
     assert run.end == f"stopped: {end}"
     assert stands_still(robot)
@@ -265,7 +257,7 @@ def test_bytes_that_get_lost_change_nothing():
     cell = 9
     robot = Robot(body_in(ROOM, cell), line=Line(dropped=0.002), seed=1)
     run = play(compiled(filter_sketch(ROOM_TASK, direction=0)), robot, seconds=600)
-    host = expected(ROOM, cell, ROOM_TASK)
+    host = expected(ROOM, cell, ROOM_TASK, ROOM_TASK.follower("cycle"))
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert run.end == "localized"
     assert stands_still(robot)
