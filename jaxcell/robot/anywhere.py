@@ -36,7 +36,7 @@ class AnywhereSettings:
     """The criterion for the choice of an angle: the smallest worst or the smallest mean size of the
     next set of possible places. It has no effect if there is a goal."""
     ahead: int = 1
-    "The number of bumps that the choice of an angle looks ahead."
+    "The number of future bumps that the choice of an angle considers."
     seed: int = 0
     "The seed of the sample of places that is used to compare the angles."
 
@@ -46,8 +46,8 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of its largest `displacement`, and
-    turns. It measures only the lengths of its straight runs.
+    The robot drives straight until it bumps, backs off by half of the `displacement` that the
+    errors of the filter allow, and turns. It measures only the lengths of its straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written at once; and the largest number of bumps.

@@ -4,7 +4,7 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of a run."""
+    """The outcome of a run, in which a robot does its task."""
 
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"

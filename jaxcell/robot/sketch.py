@@ -195,7 +195,7 @@ static inline uint8_t filter_turn(filter_state state) {
 
 
 def _machine_header(source: Filter | Policy, machine: MooreMachine) -> str:
-    """Write the header of a machine that replaces a filter or policy."""
+    """Write the C header of a machine that replaces a filter or policy."""
     whole = MooreMachine.of(source)
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))

@@ -32,7 +32,7 @@ class Reading:
     contact: Contact
     "The pressed bumpers, and the wheels that hang in the air."
     cliff: tuple[bool, bool, bool, bool]
-    "True if the floor is missing under the left, front left, front right and right sensor."
+    "True if no floor is under a sensor, for the left, front left, front right and right sensor."
     overcurrent: bool
     "True if the motor of a wheel draws more current than it should."
     mode: Mode

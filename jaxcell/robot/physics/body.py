@@ -157,7 +157,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The result of `lag_rate`; `None` soon after a change of the commanded speeds."""
+        """The result of `lag_rate`; `None` if the commanded speeds have changed recently."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 

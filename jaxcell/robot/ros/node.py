@@ -247,7 +247,7 @@ class RosRobot(Drivable, abc.ABC):
                 self._news.wait(TICK)
 
     def _in_time(self, end: float, what: str) -> None:
-        """Raise if a motion has taken too long."""
+        """Stop the wheels and raise if the time `end` of a motion has passed."""
         if time.monotonic() > end:
             with self._news:
                 self._stop(f"{what}: it takes too long")

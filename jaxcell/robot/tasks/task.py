@@ -87,7 +87,10 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
-    """Read at least `count` angles in degrees from a file, and return them in radians."""
+    """Read at least `count` angles in degrees from a file, and return them in radians.
+
+    `source` is the command that writes such files, for the error.
+    """
     values = fields.get(name)
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
