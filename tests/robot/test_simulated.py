@@ -1,4 +1,5 @@
 import functools
+import inspect
 import math
 import signal
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ import pytest
 from jaxcell.robot.create.clock import ByClock
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.create.speeds import wheel_speeds
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.emulator import Emulator, Line
@@ -66,6 +68,22 @@ def test_a_motion_that_takes_too_long_stops_the_robot():
     assert 3 < robot.robot.seconds - began < 4
 
 
+def test_the_driver_stops_a_robot_that_is_held():
+    # The bumper faces forward, so that the robot does not feel the wall behind it.
+    create = SimulatedCreate(Body(ROOM, (0.3, 1.5, 0.0)))
+    with pytest.raises(RobotStopped, match="wheel is blocked: it does not turn"):
+        create.forward(-1.0)
+    assert create.robot.wheels == (0, 0)
+    assert create.robot.seconds < 5
+    with pytest.raises(RobotStopped, match="blocked"):
+        create.forward(0.1)
+    create.arm()
+    assert create.forward(0.1).distance == pytest.approx(0.1, abs=0.01)
+    create.robot.overcurrent = 16
+    with pytest.raises(RobotStopped, match="a wheel is blocked: its motor"):
+        create.forward(0.5)
+
+
 def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
     clock = [5.0]
 
@@ -105,6 +123,17 @@ def test_a_walker_walks_by_the_clock():
             walker.rotate(math.pi / 2)
     assert walker.observations == "0001001"
     assert (body.x, body.y) == pytest.approx((3.5, 2.5), abs=0.05)
+
+
+def test_the_default_speeds_of_the_clock_are_sent_unchanged():
+    defaults = {
+        name: parameter.default
+        for name, parameter in inspect.signature(ByClock.__init__).parameters.items()
+    }
+    wheel = defaults["turning"] * WHEEL_BASE / 2
+    for right, left in [(defaults["speed"],) * 2, (wheel, -wheel), (-wheel, wheel)]:
+        pair = wheel_speeds(right=right, left=left)
+        assert [speed / 1000 for speed in pair] == pytest.approx([right, left], abs=1e-3)
 
 
 @pytest.mark.parametrize(
