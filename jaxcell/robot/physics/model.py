@@ -69,7 +69,6 @@ def robot_model(
     pose: Sequence[float],
     *,
     wheels: Sequence[float] = (WHEEL, WHEEL),
-    height: float = 0.0,
 ) -> str:
     """Write the model of a Create 2 in a map, in the XML of MuJoCo.
 
@@ -84,7 +83,6 @@ def robot_model(
     - `physics`: the assumed friction, stiffness and thresholds.
     - `pose`: x and y in metres, and the heading in radians.
     - `wheels`: the radii of the left and the right wheel, in metres.
-    - `height`: the initial height of the wheels above the floor, in metres.
     """
     x, y, heading = pose
     axle, axles = max(wheels), ("left", "right")
@@ -122,7 +120,7 @@ def robot_model(
 <default class="floor"><geom priority="1" solref="0.02 1" solimp="0.995 0.995 0.001"/></default>
 </default>
 <worldbody><geom type="plane" size="0 0 1"/>{walls}
-<body pos="{x} {y} {axle + height}" euler="0 0 {heading}"><freejoint/>
+<body pos="{x} {y} {axle}" euler="0 0 {heading}"><freejoint/>
 <inertial pos="0.02 0 0" mass="3" diaginertia="0.024 0.024 0.045"/>
 <geom class="shell" type="sphere" size="{RADIUS - _TRAVEL / 2}" pos="{-_TRAVEL / 2} 0 0.01"/>
 {casters}{rolling}
