@@ -30,7 +30,7 @@ class PhysicsBody:
     """A Create 2 that a physics engine moves among the walls of a map.
 
     Its motors bring each wheel to the commanded speed with a limited acceleration. The encoders
-    count the turns of the wheels, even if these slip. A bumper is pressed while its half of the
+    count the turns of the wheels, even if they slip. A bumper is pressed while its half of the
     shell is pushed in by the threshold.
 
     A robot in a room of 8 m:
