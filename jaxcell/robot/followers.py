@@ -234,6 +234,8 @@ def run_follower(
     - `log`: the log, to which each observation is written at once.
     - `limit`: the largest number of observations.
 
+    **Returns:** the outcome.
+
     A simulated robot in a corridor of three cells drives West, until the filter knows that it is at
     the western end:
 

@@ -171,6 +171,8 @@ def run_patrol(
         `None`, or a JSON value that is reported as an intruder and ends the patrol.
     - `log`: the log, to which each observation is written at once.
 
+    **Returns:** the outcome.
+
     A simulated robot that patrols between the ends of a corridor:
 
         >>> from jaxcell import examples, robot

@@ -44,7 +44,7 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcom
     """Compute the outcome of a plan so far from the observations of the robot.
 
     **Arguments:** the actions, and an observation for each executed action, 0 for a step and 1 for
-    a bump.
+    a bump. **Returns:** the outcome.
 
     The second step bumped in free space:
 

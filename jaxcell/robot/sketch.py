@@ -56,6 +56,8 @@ def filter_sketch(
     - `machine`: a smaller machine, found by [`jaxcell.automata.fewest_bytes`][] with its default
         output, that the program runs instead of the filter or policy.
 
+    **Returns:** the text of the program.
+
     **Raises:** `ValueError` if the tables are too large, if the direction does not exist, or if the
     direction is known and a bouncing angle leads between two directions.
 
@@ -88,6 +90,7 @@ def policy_sketch(
     [`jaxcell.robot.Walker`][].
 
     **Arguments:** the policy, and the options of [`filter_sketch`][], with the same errors.
+    **Returns:** the text of the program.
 
     The policy of a robot that bumps after two steps, and is localized there:
 
@@ -154,7 +157,8 @@ def bounce_sketch(bounce: float, step: float) -> str:
     other.
 
     **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
-    metres. After a bump the robot returns to the start of the step.
+    metres. After a bump the robot returns to the start of the step. **Returns:** the text of the
+    program.
 
     A robot that makes a quarter turn at each bump, and steps of half a metre:
 

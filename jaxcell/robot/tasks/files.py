@@ -109,6 +109,8 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: the number of the robot in a team or patrol, by default the first robot.
 
+    **Returns:** the task.
+
     **Raises:** `ValueError`, with the file and the field, if the file is not a task or has no such
     robot or no plan; `FileNotFoundError`.
 
