@@ -42,10 +42,9 @@ class Noise:
     [`jaxcell.space.Slip`][]."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
+        for name, value in vars(self).items():
             if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{field.name}: expected a finite number from 0, got {value!r}")
+                raise ValueError(f"{name}: expected a finite number from 0, got {value!r}")
 
 
 def bumper_give(cell: float) -> float:

@@ -50,14 +50,11 @@ class Physics:
     "The time step of the engine, in seconds."
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            zero = field.name in ("wall", "wheels")
+        for name, value in vars(self).items():
+            zero = name in ("wall", "wheels")
             if not (math.isfinite(value) and (value > 0 or (zero and value == 0))):
                 least = "0 or more" if zero else "more than 0"
-                raise ValueError(
-                    f"{field.name}: expected a finite number of {least}, got {value!r}"
-                )
+                raise ValueError(f"{name}: expected a finite number of {least}, got {value!r}")
         for name, most in (("time_step", 0.0025), ("threshold", _TRAVEL / 2), ("wheels", 0.2)):
             if (value := getattr(self, name)) > most:
                 raise ValueError(f"{name}: expected at most {most:g}, got {value!r}")
