@@ -29,11 +29,8 @@ def at_rest(place=(0.0, 0.0, 0.0), workspace=HALL, **fields) -> PhysicsBody:
 def toward_the_north_wall(incidence: float, distance: float) -> tuple[float, float, float]:
     """The pose from which the shell meets a wall after `distance` metres; angles in radians."""
     heading = math.pi / 2 - incidence
-    return (
-        -distance * math.cos(heading),
-        6 - RADIUS - distance * math.sin(heading),
-        heading,
-    )
+    x, y = -distance * math.cos(heading), 6 - RADIUS - distance * math.sin(heading)
+    return x, y, heading
 
 
 def bump(incidence: float, speed: float = 0.2, **fields) -> float:
