@@ -32,15 +32,9 @@ _FOLDER = tempfile.TemporaryDirectory()
 
 
 def task_of(cells: CellSpace, bounce_deg: float, filter: Filter | None = None) -> FilterTask:
-    return FilterTask(
-        path=Path("filter.jxf"),
-        cell=cells.cell,
-        directions=cells.directions,
-        step=cells.cell,
-        radius=cells.workspace.robot_radius,
-        filter=bounce_filter(cells, bounce_deg) if filter is None else filter,
-        bounce=math.radians(bounce_deg),
-    )
+    sizes = cells.cell, cells.directions, cells.cell, cells.workspace.robot_radius
+    filter = bounce_filter(cells, bounce_deg) if filter is None else filter
+    return FilterTask(Path("filter.jxf"), *sizes, filter, math.radians(bounce_deg))
 
 
 # An L-shaped room with cells of 25 cm, for short runs.
@@ -54,15 +48,8 @@ BOUNCE = bounce_sketch(math.radians(90), 0.25)
 @functools.cache
 def policy_task() -> PolicyTask:
     bounces = math.radians(90), math.radians(180)
-    return PolicyTask(
-        path=Path("policy.jxf"),
-        cell=ROOM.cell,
-        directions=ROOM.directions,
-        step=ROOM.cell,
-        radius=0.0,
-        policy=localization_policy(ROOM, bounces).policy,
-        bounces=bounces,
-    )
+    policy = localization_policy(ROOM, bounces).policy
+    return PolicyTask(Path("policy.jxf"), ROOM.cell, 4, ROOM.cell, 0.0, bounces, policy)
 
 
 @functools.cache

@@ -21,12 +21,20 @@ FINER = 2
 SUBPIXEL = 4
 
 Corners = np.ndarray
-CROSS = np.array(
-    [
-        *[(-1, -3), (1, -3), (1, -1), (3, -1), (3, 1), (1, 1)],
-        *[(1, 3), (-1, 3), (-1, 1), (-3, 1), (-3, -1), (-1, -1)],
-    ]
-)
+
+
+def plus(half: float, ends: tuple[float, float, float, float] = (3, 3, 3, 3)) -> Corners:
+    """A cross of arms `2 * half` wide, that end so far right, down, left and up of its middle."""
+    h, (right, down, left, up) = half, ends
+    return np.array(
+        [
+            *[(-h, -up), (h, -up), (h, -h), (right, -h), (right, h), (h, h)],
+            *[(h, down), (-h, down), (-h, h), (-left, h), (-left, -h), (-h, -h)],
+        ]
+    )
+
+
+CROSS = plus(1)
 """The marker, from -3 to 3, in a sheet from -5 to 5."""
 SHEET = np.array([(-5, -5), (5, -5), (5, 5), (-5, 5)])
 INK, PAPER = 0.1, 0.9
@@ -68,14 +76,12 @@ class Seen:
 
 def with_marker(rng: np.random.Generator, conditions: Conditions) -> Seen:
     """A cluttered frame with the marker, whole within it."""
-    draw = _drawer(rng)
-    canvas = background(rng)
-    for _ in range(conditions.things):
-        clutter(rng, canvas)
+    canvas = room(rng, conditions.things)
     low, high = conditions.span
     for _ in range(1000):
         span = low * (high / low) ** rng.random()
-        pose = plane(rng, span / 6, draw(conditions.rotation), draw(conditions.tilt))
+        turned, tilt = rng.uniform(*conditions.rotation), rng.uniform(*conditions.tilt)
+        pose = plane(rng, span / 6, turned, tilt)
         sheet = through(pose, SHEET)
         if (sheet > 2).all() and (sheet < (WIDTH - 2, HEIGHT - 2)).all():
             break
@@ -83,7 +89,7 @@ def with_marker(rng: np.random.Generator, conditions: Conditions) -> Seen:
         raise ValueError(f"span: {span:g} px does not fit the frame")
     fill(canvas, sheet, PAPER)
     fill(canvas, through(pose, CROSS), INK)
-    if hidden := draw(conditions.hidden):
+    if hidden := rng.uniform(*conditions.hidden):
         # It comes over one of the four ends, and hides what it hides of the sheet as well.
         edge = 3 - 6 * hidden
         cover = np.array([(edge, -6), (9, -6), (9, 6), (edge, 6)])
@@ -97,15 +103,13 @@ def without_marker(
     rng: np.random.Generator, conditions: Conditions, *, sign: str | None = None
 ) -> np.ndarray:
     """A cluttered frame; `sign` names another sign for up to six sheets."""
-    draw = _drawer(rng)
-    canvas = background(rng)
-    for _ in range(conditions.things):
-        clutter(rng, canvas)
+    canvas = room(rng, conditions.things)
     if sign is not None:
         low, high = conditions.span
         for _ in range(rng.integers(1, 7)):
             span = min(low * (high / low) ** rng.random(), 200.0)
-            pose = plane(rng, span / 6, draw(conditions.rotation), draw(conditions.tilt))
+            turned, tilt = rng.uniform(*conditions.rotation), rng.uniform(*conditions.tilt)
+            pose = plane(rng, span / 6, turned, tilt)
             fill(canvas, through(pose, SHEET), PAPER)
             for shape, shade in SIGNS[sign](rng):
                 fill(canvas, through(pose, shape), shade)
@@ -153,9 +157,8 @@ def fill(canvas: np.ndarray, corners: Corners, shade: float) -> None:
 
 
 def photograph(rng: np.random.Generator, canvas: np.ndarray, conditions: Conditions) -> np.ndarray:
-    draw = _drawer(rng)
     scene = cv2.resize(canvas, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA).astype(np.float32)
-    glare = draw(conditions.glare)
+    glare = rng.uniform(*conditions.glare)
     direction = rng.uniform(0, 2 * math.pi)
     x, y = np.meshgrid(
         np.linspace(-1, 1, WIDTH, dtype=np.float32), np.linspace(-1, 1, HEIGHT, dtype=np.float32)
@@ -163,23 +166,19 @@ def photograph(rng: np.random.Generator, canvas: np.ndarray, conditions: Conditi
     across = (x * math.cos(direction) + y * math.sin(direction)) / math.sqrt(2)
     spot = rng.uniform(-1, 1, 2).astype(np.float32)
     shine = np.exp(-((x - spot[0]) ** 2 + (y - spot[1]) ** 2) / 0.3)
-    level = draw(conditions.light)
+    level = rng.uniform(*conditions.light)
     seen = level * (scene * (1 - glare * (1 + across) / 2) + 255 * glare * shine / 2)
-    if (blur := draw(conditions.blur)) > 0.1:
+    if (blur := rng.uniform(*conditions.blur)) > 0.1:
         seen = cv2.GaussianBlur(seen, (0, 0), blur)
-    seen += np.float32(draw(conditions.noise)) * rng.standard_normal(seen.shape, np.float32)
+    seen += np.float32(rng.uniform(*conditions.noise)) * rng.standard_normal(seen.shape, np.float32)
     return np.clip(np.round(seen), 0, 255).astype(np.uint8)
-
-
-def _drawer(rng: np.random.Generator) -> Callable[[tuple[float, float]], float]:
-    return lambda bounds: float(rng.uniform(*bounds))
 
 
 # Objects of the room.
 
 
-def background(rng: np.random.Generator) -> np.ndarray:
-    """A wall with a coarse texture, or one of tiles."""
+def room(rng: np.random.Generator, things: int) -> np.ndarray:
+    """A wall with a coarse texture, or one of tiles, and pieces of clutter."""
     size = FINER * WIDTH, FINER * HEIGHT
     grain = int(2 ** rng.uniform(2, 7))
     coarse = rng.uniform(-1, 1, (grain * 3 // 4, grain)).astype(np.float32)
@@ -198,6 +197,8 @@ def background(rng: np.random.Generator) -> np.ndarray:
             for start, end in ends:
                 start, end = (tuple(int(v) for v in p) for p in (start, end))
                 cv2.line(canvas, start, end, shade, thick, cv2.LINE_AA)
+    for _ in range(things):
+        clutter(rng, canvas)
     return canvas
 
 
@@ -242,17 +243,6 @@ def clutter(rng: np.random.Generator, canvas: np.ndarray) -> None:
 # Signs that are not the marker, on a sheet as large. Each gives polygons and their shades.
 
 Sign = list[tuple[Corners, float]]
-
-
-def plus(half: float, ends: tuple[float, float, float, float] = (3, 3, 3, 3)) -> Corners:
-    """A cross of arms `2 * half` wide, that end so far right, down, left and up of its middle."""
-    h, (right, down, left, up) = half, ends
-    return np.array(
-        [
-            *[(-h, -up), (h, -up), (h, -h), (right, -h), (right, h), (h, h)],
-            *[(h, down), (-h, down), (-h, h), (-left, h), (-left, -h), (-h, -h)],
-        ]
-    )
 
 
 def star(points: int, inner: float) -> Corners:

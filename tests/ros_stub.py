@@ -48,9 +48,9 @@ TICK = 0.02
 
 
 class Message:
-    def __init__(self):
+    def __init__(self, **values):
         for name, kind in self.fields.items():
-            object.__setattr__(self, name, CLASSES[kind]())
+            setattr(self, name, values.get(name, CLASSES[kind]()))
 
     def __setattr__(self, name, value):
         kind = CLASSES[self.fields[name]]
@@ -137,23 +137,18 @@ class World:
         pose.orientation.z = math.sin(self.body.theta / 2)
         pose.orientation.w = math.cos(self.body.theta / 2)
         node.hear("odom", odometry)
-        battery = CLASSES["sensor_msgs.msg.BatteryState"]()
-        battery.percentage, battery.power_supply_status = self.battery, int(self.charging)
-        node.hear("battery_state", battery)
+        state = {"percentage": self.battery, "power_supply_status": int(self.charging)}
+        node.hear("battery_state", CLASSES["sensor_msgs.msg.BatteryState"](**state))
         bump = self.body.bump_left or self.body.bump_right
         if self.kind == "base":
-            pressed = CLASSES["std_msgs.msg.Bool"]()
-            pressed.data = bump
-            node.hear("bumper", pressed)
+            node.hear("bumper", CLASSES["std_msgs.msg.Bool"](data=bump))
             return
-        dock = CLASSES["irobot_create_msgs.msg.DockStatus"]()
-        dock.is_docked = self.docked
+        dock = CLASSES["irobot_create_msgs.msg.DockStatus"](is_docked=self.docked)
         node.hear("dock_status", dock)
-        vector = CLASSES["irobot_create_msgs.msg.HazardDetectionVector"]()
-        for kind in sorted(self.hazards | ({BUMP} if bump else set())):
-            hazard = CLASSES["irobot_create_msgs.msg.HazardDetection"]()
-            hazard.type = int(kind)
-            vector.detections.append(hazard)
+        hazard = CLASSES["irobot_create_msgs.msg.HazardDetection"]
+        kinds = sorted(self.hazards | ({BUMP} if bump else set()))
+        detections = [hazard(type=int(kind)) for kind in kinds]
+        vector = CLASSES["irobot_create_msgs.msg.HazardDetectionVector"](detections=detections)
         node.hear("hazard_detection", vector)
 
 

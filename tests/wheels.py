@@ -32,6 +32,15 @@ def bounce_tables(cells: CellSpace, bounce_deg: float) -> tuple[np.ndarray, np.n
     return image.ravel().astype(np.int32), bumped.ravel()
 
 
+def orbit(cells: CellSpace, bounce_deg: float, cell: int, steps: int) -> tuple[str, list[int]]:
+    """The observations of some steps from a cell, and the cells after them."""
+    image, bumped = bounce_tables(cells, bounce_deg)
+    visited = [cell]
+    for _ in range(steps):
+        visited.append(int(image[visited[-1]]))
+    return "".join(str(int(bumped[z])) for z in visited[:-1]), visited[1:]
+
+
 def bounce_filter(cells: CellSpace, bounce_deg: float, **fields) -> Filter:
     return Filter.of(subset_construction(*bounce_tables(cells, bounce_deg)), **fields)
 

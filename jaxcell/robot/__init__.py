@@ -42,8 +42,8 @@ proportional to the number of cells. A patrol may look for a dummy intruder, a d
 sheet: `draw_cross` draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures`
 are sources of frames for `CrossLook`. They need OpenCV (`pip install 'jaxcell[vision]'`).
 
-**Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, as an
-alternative to the belief and the sets of `jaxcell.automata`: each has `start`, `observe` and
+**Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, as the
+belief and the sets of `jaxcell.automata` do. All three have the methods `start`, `observe` and
 `estimate`.
 
 **On ROS 2**, `jaxcell.robot.ros` drives an iRobot Create 3 or TurtleBot 4, or any base with

@@ -29,14 +29,14 @@ class AnywhereSettings:
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "Half of the largest extent, in metres, of the possible places of a localized robot."
+    "The robot is localized if its possible places have an extent of at most `2 * radius` metres."
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    """The size that the choice of an angle minimizes: the worst or the mean size of the next sets
-    of places. It has no effect if there is a goal."""
+    """The criterion for the choice of an angle: the smallest worst or the smallest mean size of the
+    next set of possible places. It has no effect if there is a goal."""
     ahead: int = 1
-    "The number of bumps that the choice of an angle looks ahead."
+    "The number of future bumps that the choice of an angle considers."
     seed: int = 0
     "The seed of the sample of places that is used to compare the angles."
 
@@ -46,8 +46,8 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of its largest `displacement`, and
-    turns. It measures only the lengths of its straight runs.
+    The robot drives straight until it bumps, backs off by half of the `displacement` that the
+    errors of the filter allow, and turns. It measures only the lengths of its straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written at once; and the largest number of bumps.
@@ -128,8 +128,8 @@ class SetFollower:
     def observe(self, run: float | None) -> None:
         """Update the possible places after a straight run of `run` metres.
 
-        `None` is a run without a bump, which is longer than any run in the room. It refutes all
-        places.
+        `None` means that the robot drove farther than any two walls are apart without a bump, which
+        refutes the map.
         """
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
@@ -162,8 +162,8 @@ class SetFollower:
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
-        The turn is added to the possible places only after the yield. Raises `ValueError` if a
-        length or an angle is not a number.
+        The possible places are turned only when the caller asks for the next bump. Raises
+        `ValueError` if a length or an angle is not a number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):

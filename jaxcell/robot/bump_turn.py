@@ -24,10 +24,10 @@ _FAR = 0.5
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     """Estimate the angle by which a bump turns a robot, from a log of `run_anywhere`.
 
-    At each bump of the log where the possible places lie within 1.5 m, places and headings are
-    drawn from them. From each, a simulated robot drives to the next walls, once for each candidate
-    turn. Then more places are drawn ever closer to the places with the smallest squared error of
-    the lengths of the straight runs. The candidate with the smallest error is chosen.
+    At each bump of the log where the possible places lie within 1.5 m, starts (places and headings)
+    are drawn from them. From each start, a simulated robot drives the next straight runs, once for
+    each candidate turn. More starts are drawn near the starts whose run lengths have the smallest
+    squared errors, and the candidate with the smallest error is returned.
 
     **Returns:** the angle in radians by which a bump at 45 degrees turns the robot toward the wall;
     see [`jaxcell.space.Slip`][].
@@ -73,7 +73,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Find the least error, over all starts of the runs, for each turn, in square metres."""
+    """Search the starts with the least squared error for each turn; returns it in square metres."""
     error = _error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
@@ -94,7 +94,7 @@ def _error(
     lengths: list[float],
     back: float,
 ) -> Float[np.ndarray, "turns places"]:
-    """Sum the squared errors of the lengths of the runs from each place, in square metres."""
+    """Sum the squared errors of the run lengths for each turn and start, in square metres."""
     shape = heading.shape
     by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)

@@ -35,9 +35,8 @@ class Calibration:
 
     def __post_init__(self) -> None:
         expected = f"a number from {_LEAST} to {_MOST}"
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            checked_number(field.name, value, expected, least=_LEAST, most=_MOST)
+        for name, value in vars(self).items():
+            checked_number(name, value, expected, least=_LEAST, most=_MOST)
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":

@@ -29,13 +29,19 @@ class Follower(abc.ABC):
     def __init__(self) -> None:
         self.observations, self.colors, self.result = "", [], None
 
-    @abc.abstractmethod
     def observe(self, observation: int) -> None:
         """Update the cells with the next observation, 0 or 1."""
+        self.observations += str(observation)
+        self._state = self._state.observe(observation)
+        self.colors.append(self._state.color)
+        if self._state.refuted:
+            self.result = "refuted"
+        elif self._state.localized:
+            self.result = "localized"
 
     @property
     def over(self) -> bool:
-        """True if no observation can follow."""
+        """True if the run cannot continue, not even until a knowledge cycle."""
         return self.result is not None
 
     @property
@@ -51,7 +57,7 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields that describe the state after the last observation in the log."""
+        """The fields that describe the state, which the log contains for each observation."""
 
     @property
     def localized(self) -> str:
@@ -100,16 +106,13 @@ class FilterFollower(Follower):
         self._filter, self._state, self._until = filter, filter.start(), until
 
     def observe(self, observation: int) -> None:
-        self.observations += str(observation)
         if self._filter.transition[self._state.index, observation] < 0:
-            self.result = "refuted"
+            self.observations += str(observation)
             self.colors.append(0)
-            return
-        self._state = self._state.observe(observation)
-        self.colors.append(self._state.color)
-        if self._state.refuted:
             self.result = "refuted"
-        elif self._state.localized or (self._until == "known" and self._state.uncertainty == 1):
+            return
+        super().observe(observation)
+        if not self.result and self._until == "known" and self._state.uncertainty == 1:
             self.result = "localized"
 
     @property
@@ -139,15 +142,6 @@ class PolicyFollower(Follower):
     def __init__(self, policy: Policy) -> None:
         super().__init__()
         self._state = policy.start()
-
-    def observe(self, observation: int) -> None:
-        self.observations += str(observation)
-        self._state = self._state.observe(observation)
-        self.colors.append(self._state.color)
-        if self._state.refuted:
-            self.result = "refuted"
-        elif self._state.localized:
-            self.result = "localized"
 
     @property
     def turn(self) -> int | None:

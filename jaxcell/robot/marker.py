@@ -74,7 +74,7 @@ class Marker:
     centre: tuple[float, float]
     "The position of the centre in pixels, right and down from the middle of the top left pixel."
     arm: float
-    "The length of an arm from the centre in pixels, as the geometric mean over all directions."
+    "The length of an arm from the centre in pixels; if slanted, of a frontal view of equal area."
     rotation: float
     "The angle from the x axis to the next arm, clockwise in the frame, from 0 to pi / 2 radians."
     score: float
@@ -139,7 +139,7 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
 @dataclass(frozen=True)
 class CrossLook:
-    """The `look` of a [`jaxcell.robot.run_patrol`][] that searches frames for the marker."""
+    """A `look` for [`jaxcell.robot.run_patrol`][], which searches frames for the marker."""
 
     source: Callable[[], Frame]
     "A function that returns a frame of the view ahead, such as `camera()` or `pictures(folder)`."
@@ -156,7 +156,7 @@ class CrossLook:
 
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """Yield a homography from each shape that may be a marker to the cross."""
+    """Yield the homography to the cross for each shape that may be a marker."""
     cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996). The smoothing leaves
@@ -185,7 +185,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
 
 
 def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3 3"] | None:
-    """Compute the affine map from the moments of a shape to the moments of the cross.
+    """Compute the affine map that gives a shape the moments of the cross.
 
     Returns `None` if the affine invariants of the shape differ from those of a cross.
     """
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Return a perfect marker patch as a unit vector, and a basis of linear light gradients."""
+    """Return the patch of a perfect marker, and an orthonormal basis of linear light gradients."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

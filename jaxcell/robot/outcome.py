@@ -4,7 +4,7 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of a run."""
+    """The outcome of a run, in which a robot does its task."""
 
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
@@ -26,5 +26,5 @@ class RunOutcome:
 
 
 def observed(reason: str, observations: str) -> str:
-    """Add the observations of the robot to a reason."""
+    """Append the observations of the robot to the sentence `reason`."""
     return f"{reason}; the robot observed {observations}"

@@ -76,7 +76,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles by a step, and resample those that agree with the observation."""
+        """Move the particles by a step, and resample the particles that match the observation."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]

@@ -113,7 +113,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, and the next state of the memory, among the cells in reach."""
+        """Draw the next state of the walk, whose cell is the goal, among the reachable cells."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0

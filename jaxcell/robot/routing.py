@@ -11,7 +11,7 @@ def grid_steps(
 ) -> Int[np.ndarray, "4 positions"]:
     """Find the position after a step in each direction from each free square of a grid.
 
-    A step into a square that is not free stays at its position.
+    A step into a square that is not free ends where it began.
 
     **Arguments:** a mask of free squares, whose row 0 is the lowest, and the `closed` steps between
     free squares, as pairs of a position and a direction: 0 East, 1 North, 2 West or 3 South. A

@@ -53,8 +53,8 @@ def filter_sketch(
     - `direction`: the number of the direction of the robot at the start; `None` if it is unknown.
         See [`jaxcell.robot.Walker`][].
     - `flash`: the flash memory of the board, in bytes.
-    - `machine`: a smaller machine with the default output of the filter or policy, which runs in
-        its place; see [`jaxcell.automata.fewest_bytes`][].
+    - `machine`: a smaller machine, found by [`jaxcell.automata.fewest_bytes`][] with its default
+        output, that the program runs instead of the filter or policy.
 
     **Returns:** the text of the program.
 
@@ -199,7 +199,7 @@ static inline uint8_t filter_turn(filter_state state) {
 
 
 def _machine_header(source: Filter | Policy, machine: MooreMachine) -> str:
-    """Write the header of a machine that replaces a filter or policy."""
+    """Write the C header of a machine that replaces a filter or policy."""
     whole = MooreMachine.of(source)
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))

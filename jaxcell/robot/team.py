@@ -129,7 +129,7 @@ def save_team(
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """Read the task of a robot from the file of a team."""
+    """Read the task of a robot from the values of the file of a team."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     x, y, heading = own.numbers("start", (3,), whole=False).tolist()
@@ -254,7 +254,7 @@ def run_member(
 
 
 def replay_member(run: LoggedRun) -> RunOutcome:
-    """Compute the outcome of the logged run of a team robot so far."""
+    """Replay the log of [`run_member`][], and return the outcome of the run so far."""
     member = Member(run.header["actions"])
     member.replay(run.observations)
     return member.outcome()

@@ -17,7 +17,7 @@ class Drivable(Protocol):
         """Drive straight by a distance in metres, backward if negative. A bump ends the drive."""
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by an angle in radians, counter-clockwise."""
+        """Turn in place by an angle in radians, counter-clockwise. A bump does not end the turn."""
 
 
 class Walker:

@@ -83,7 +83,7 @@ class Comparison:
 
 
 def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
-    """Draw a fixed sample of at most `count` numbers from 0 to `size - 1`."""
+    """Draw at most `count` numbers from 0 to `size - 1`, sorted, and equal for equal arguments."""
     if size <= count:
         return np.arange(size)
     return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))

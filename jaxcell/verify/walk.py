@@ -21,7 +21,7 @@ _CLOSE = 1e-8
 
 
 def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
-    """Compare hitting times, shares of time and entropy of a walk with results of scipy."""
+    """Compare hitting times, stationary distribution and entropy rate of a walk with scipy."""
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
     visited, chain = np.flatnonzero(share > 0), scipy.sparse.csr_array(P)
     targets = visited[sample(visited.size, _TARGETS)]
@@ -46,7 +46,10 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
 def compare_commute(
     patrol: GraphPatrol, emphasis: Sequence[int], share: float, constraints: Sequence[Linear] = ()
 ) -> list[Comparison]:
-    """Compare the least commute time under constraints with a conic program in cvxpy."""
+    """Compare the least commute time under constraints with a conic program in cvxpy.
+
+    `share` is the least share of steps on the shortest closed tour through `emphasis`.
+    """
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
     if vertices * edges > _MAX_NUMBERS:

@@ -1,6 +1,8 @@
 import contextlib
+import errno
 import math
 import os
+import pty
 import select
 import signal
 import socket
@@ -11,11 +13,13 @@ import time
 from pathlib import Path
 
 import pytest
+import serial
 from recording_robot import RecordingRobot
 from waiting import wait_until as eventually
 
 import jaxcell
 from jaxcell.robot import Create, RobotStopped
+from jaxcell.robot.create.line import open_line
 from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.create.watchdog import Watchdog
 from jaxcell.robot.emulation.body import Body
@@ -222,8 +226,6 @@ def test_a_watchdog_that_does_not_start_leaves_no_line_open():
 def test_wrong_speeds_and_distances_are_refused(robot):
     with armed(robot) as create:
         for call, named in [
-            (lambda: create.drive(right=0.6, left=0.0), "right = 0.6"),
-            (lambda: create.drive(right=0.0, left=math.nan), "left = nan"),
             (lambda: create.forward(math.inf), "finite"),
             (lambda: create.forward(0.1, speed=0.0), "speed = 0.0"),
             (lambda: create.turn(0.1, speed=5.0), "speed = 5.0"),
@@ -232,6 +234,34 @@ def test_wrong_speeds_and_distances_are_refused(robot):
         ]:
             with pytest.raises(ValueError, match=named):
                 call()
+
+
+def test_a_line_without_permission_names_the_group(monkeypatch):
+    def refuse(url, **_):
+        # The error of pySerial.
+        raise serial.SerialException(errno.EACCES, f"could not open port {url}: [Errno 13] Denied")
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    with pytest.raises(OSError, match=r"^/dev/ttyUSB7: could not open .* in the group dialout: "):
+        open_line("/dev/ttyUSB7")
+
+
+def test_a_line_has_low_latency_where_it_can(monkeypatch):
+    modes = []
+    monkeypatch.setattr(
+        serial.Serial, "set_low_latency_mode", lambda _, on: modes.append(on), raising=False
+    )
+    master, slave = pty.openpty()
+    try:
+        open_line(os.ttyname(slave)).close()
+        assert modes == [True]
+        monkeypatch.undo()
+        # A pseudo-terminal refuses the mode.
+        open_line(os.ttyname(slave)).close()
+        open_line("loop://").close()
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 # A shell ignores signals in processes that it starts in the background, unlike a terminal.

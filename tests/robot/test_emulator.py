@@ -7,12 +7,14 @@ import time
 import tty
 
 import pytest
+import serial
 from waiting import wait_until as until
 
 from jaxcell.robot.create import open_interface as oi
-from jaxcell.robot.create.packets import METRES_PER_COUNT, Contact, Mode, layout, members
+from jaxcell.robot.create.firmware import firmware
+from jaxcell.robot.create.packets import Contact, Mode, layout, members
 from jaxcell.robot.emulation.body import Body
-from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.emulation.emulator import BANNER, Emulator, Line
 from jaxcell.space import Workspace
 
 
@@ -81,15 +83,6 @@ def test_drive_commands_set_the_wheels_in_mode_safe(command, wheels):
     assert robot.wheels == wheels
 
 
-def test_the_emulated_robot_drives_as_far_as_its_encoders_count():
-    robot = emulated()
-    send(robot, oi.START, oi.SAFE, rolling(200), seconds=4.5)
-    assert robot.pose[0] == pytest.approx(1.9)
-    values = ask(robot, 43, 44)
-    for name in ("left_encoder", "right_encoder"):
-        assert values[name] * METRES_PER_COUNT == pytest.approx(0.9, abs=METRES_PER_COUNT)
-
-
 def test_a_wall_presses_the_bumper():
     robot = emulated((3.0, 1.5, math.radians(-40)))
     sent = send(robot, oi.START, oi.stream(IDS), oi.SAFE, rolling(200), seconds=9.0)
@@ -107,17 +100,19 @@ def test_frames_come_every_15_ms_of_its_time_until_paused():
     assert len(parser.feed(send(robot, bytes([150, True]), seconds=0.15))) == 10
 
 
-@pytest.mark.parametrize("danger", ["contact", "cliff_right", "charger"])
-def test_danger_ends_mode_safe(danger):
+@pytest.mark.parametrize(
+    ("field", "danger", "packet"),
+    [
+        ("contact", Contact.WHEEL_DROP_LEFT, 7),
+        ("cliffs", {"cliff_right"}, 12),
+        ("charger", True, 34),
+    ],
+)
+def test_danger_ends_mode_safe(field, danger, packet):
     robot = emulated()
     send(robot, oi.START, oi.SAFE, rolling(50))
-    if danger == "contact":
-        robot.contact = Contact.WHEEL_DROP_LEFT
-    elif danger == "charger":
-        robot.charger = True
-    else:
-        robot.cliffs.add(danger)
-    assert ask(robot, 7, 12, 34)[danger]
+    setattr(robot, field, danger)
+    assert all(ask(robot, packet).values())
     assert (robot.mode, robot.wheels) == (Mode.PASSIVE, (0, 0))
 
 
@@ -186,6 +181,15 @@ def test_time_waits_for_a_host_that_does_not_read():
         while len(frames) < 200:
             frames += parser.feed(os.read(host, 4096))
         os.close(host)
+
+
+def test_a_reset_prints_the_firmware():
+    with (
+        emulated(line=Line(speedup=20.0)) as robot,
+        serial.serial_for_url(robot.port, 115200) as line,
+    ):
+        assert firmware(line).encode() == BANNER.replace(b"\r", b"").strip()
+        assert robot.mode is Mode.OFF
 
 
 def test_wrong_settings_of_an_emulator_are_refused():

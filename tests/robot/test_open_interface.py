@@ -26,6 +26,7 @@ from jaxcell.robot.create.packets import (
     members,
 )
 from jaxcell.robot.create.reading import STREAM
+from jaxcell.robot.create.speeds import wheel_speeds
 
 
 # The sizes of the packets 7 to 58, read again from the table of the specification.
@@ -73,23 +74,9 @@ def test_signed_and_unsigned_values_are_big_endian():
     assert encode([23, 24, 25], values) == struct.pack(">hbH", -300, -5, 65000)
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "counts"),
-    [(5, 65530, -11), (65530, 5, 11), (0, 0, 0), (32760, 32775, 15), (32775, 32760, -15)],
-)
-def test_encoders_wrap_both_ways(before, after, counts):
-    assert encoder_difference(before, after) == counts
-
-
 @given(st.integers(0, 65535), st.integers(-(2**15), 2**15 - 1))
 def test_encoder_difference_inverts_counting(before, counts):
     assert encoder_difference(before, (before + counts) % 65536) == counts
-
-
-@given(lists_of_ids.flatmap(lambda ids: st.tuples(st.just(ids), values_of(ids))))
-def test_a_parser_inverts_the_frames_of_the_stream(ids_and_values):
-    ids, values = ids_and_values
-    assert StreamParser(ids).feed(stream_frame(ids, values)) == [values]
 
 
 @pytest.mark.parametrize(
@@ -111,6 +98,10 @@ def test_values_that_the_interface_cannot_carry_are_refused(call, named):
         call()
 
 
+SPEEDS = st.integers(-500, 500)
+OPCODES = {7, *range(128, 174)}
+
+
 def right_left(right, left):
     return drive_direct(right=right, left=left)
 
@@ -119,9 +110,8 @@ def query(ids):
     return bytes([149, len(ids), *ids])
 
 
-speeds = st.integers(-500, 500)
 commands = st.one_of(
-    st.tuples(st.just(right_left), speeds, speeds),
+    st.tuples(st.just(right_left), SPEEDS, SPEEDS),
     st.tuples(st.just(stream), lists_of_ids),
     st.tuples(st.just(query), lists_of_ids),
     st.tuples(
@@ -166,10 +156,15 @@ def test_a_frame_with_values_out_of_range_is_skipped():
     assert StreamParser([7]).feed(frame + bytes([-sum(frame) % 256])) == []
 
 
-@given(st.lists(values_of(STREAM), max_size=4), st.integers(1, 40))
-def test_a_stream_is_parsed_in_pieces_of_any_size(values, piece):
-    data = b"".join(stream_frame(STREAM, v) for v in values)
-    parser = StreamParser(STREAM)
+def streams_of(ids):
+    return st.tuples(st.just(ids), st.lists(values_of(ids), max_size=4))
+
+
+@given(st.just(STREAM).flatmap(streams_of) | lists_of_ids.flatmap(streams_of), st.integers(1, 40))
+def test_a_stream_is_parsed_in_pieces_of_any_size(ids_and_values, piece):
+    ids, values = ids_and_values
+    data = b"".join(stream_frame(ids, v) for v in values)
+    parser = StreamParser(ids)
     heard = [f for i in range(0, len(data), piece) for f in parser.feed(data[i : i + piece])]
     assert heard == values
     assert parser.skipped == 0
@@ -208,3 +203,45 @@ def test_one_damaged_byte_in_three_frames_gives_no_wrong_values(rows):
 def test_damaged_bytes_raise_no_error(rows, noise):
     data = b"".join(damaged(stream_frame(STREAM, values), *damage) for damage, values in rows)
     StreamParser(STREAM).feed(noise + data + noise)
+
+
+def sent(right: int, left: int) -> tuple[int, int]:
+    return wheel_speeds(right=right / 1000, left=left / 1000)
+
+
+@given(right=SPEEDS, left=SPEEDS, lost=st.integers(0, 4))
+def test_a_pair_with_a_lost_byte_is_no_other_command(right, left, lost):
+    right, left = sent(right, left)
+    command = drive_direct(right=right, left=left)
+    damaged = CommandParser().feed(command[:lost] + command[lost + 1 :])
+    assert {parsed.opcode for parsed in damaged} <= {145}
+
+
+@pytest.mark.parametrize(("side", "lost"), [(1, 46), (-1, 92)], ids=["straight", "turn"])
+def test_a_motion_keeps_its_kind_at_every_speed(side, lost):
+    for speed in range(-500, 501):
+        right, left = sent(speed, side * speed)
+        assert right == side * left
+        assert right * speed >= 0
+        assert abs(right) <= abs(speed) <= abs(right) + lost
+        # A speed without an opcode is not changed.
+        if not OPCODES & set(drive_direct(right=speed, left=side * speed)[1:]):
+            assert right == speed
+
+
+@given(right=SPEEDS, left=SPEEDS)
+def test_a_pair_that_is_replaced_is_slower_on_the_same_arc(right, left):
+    pair, wanted = sent(right, left), (right, left)
+    assert not OPCODES & set(drive_direct(right=pair[0], left=pair[1])[1:])
+    fast = max((0, 1), key=lambda wheel: abs(wanted[wheel]))
+    slow = 1 - fast
+    assert abs(pair[fast]) <= abs(wanted[fast])
+    assert pair[fast] * wanted[fast] >= 0
+    # The error of the slower wheel is at most half a mm/s.
+    assert abs(pair[slow] * wanted[fast] - wanted[slow] * pair[fast]) <= abs(wanted[fast]) / 2
+
+
+@pytest.mark.parametrize(("right", "left"), [(0.501, 0.0), (0.0, float("nan"))])
+def test_a_speed_out_of_range_is_refused(right, left):
+    with pytest.raises(ValueError, match=r"= (0.501|nan): expected -0.5 to 0.5 m/s"):
+        wheel_speeds(right=right, left=left)

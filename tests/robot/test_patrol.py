@@ -54,24 +54,22 @@ def patrol_of(task, **fields) -> Patrol:
 
 
 @pytest.fixture
-def logged(tmp_path):
+def patrolled(tmp_path):
     """Run a patrol with a log, and check that a replay has the same outcome."""
 
-    def run(walker, patrol, task, look=None):
-        path = tmp_path / "run.jsonl"
+    def run(task, workspace, look=None, **fields):
+        x, y, _ = task.cells.centre(task.start)
+        body, path = Body(workspace, (float(x), float(y), 0.0)), tmp_path / "run.jsonl"
+        walker = Walker(SimulatedCreate(body), task.step, strides=task.strides)
+        patrol = patrol_of(task, **fields)
+        path.unlink(missing_ok=True)
         with RunLog(path, {"kind": "patrol", "patrol": patrol.settings}) as log:
             outcome = run_patrol(walker, patrol, look=look, log=log)
         kept = read_log(path)
         assert replay_patrol(kept, task) == outcome
-        return outcome, kept
+        return outcome, kept, body
 
     return run
-
-
-def walker_at(task, position, workspace) -> tuple[Walker, Body]:
-    x, y, _ = task.cells.centre(position)
-    body = Body(workspace, (float(x), float(y), 0.0))
-    return Walker(SimulatedCreate(body), task.step, strides=task.strides), body
 
 
 def place_of(cells, body) -> int:
@@ -92,12 +90,11 @@ def test_a_file_has_the_steps_of_the_map(task_of, cells):
     json.dumps(task.header)
 
 
-def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, logged):
+def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, patrolled):
     stops = np.array([0, 18, 7])
     task = task_of(LAB, round_tour(LAB, stops))
-    walker, body = walker_at(task, 0, LAB.workspace)
     seen = []
-    outcome, run = logged(walker, patrol_of(task, visits=7), task, seen.append)
+    outcome, run, body = patrolled(task, LAB.workspace, seen.append, visits=7)
     assert outcome.result == "patrolled"
     assert outcome.visited == (18, 7, 0, 18, 7, 0, 18)
     assert outcome.position == 18 == place_of(LAB, body)
@@ -114,40 +111,36 @@ def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, logged):
         replay_patrol(run, other)
 
 
-def test_a_robot_with_memory_goes_on_in_its_direction(task_of, logged):
+def test_a_robot_with_memory_goes_on_in_its_direction(task_of, patrolled):
     """From the middle of a corridor of three cells, it goes to the other end."""
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     walk = np.array([[1, 2, 4, 1, 3, 4]]), np.ones((1, 6))
     task = task_of(hall, walk)
-    walker, _ = walker_at(task, 0, hall.workspace)
-    outcome, _ = logged(walker, patrol_of(task, visits=9), task)
+    outcome, _, _ = patrolled(task, hall.workspace, visits=9)
     assert outcome.visited == (1, 2, 1, 0, 1, 2, 1, 0, 1)
 
 
-def test_an_intruder_ends_a_patrol(task_of, logged):
+def test_an_intruder_ends_a_patrol(task_of, patrolled):
     task = task_of(LAB, round_tour(LAB, np.array([0, 18])))
-    walker, _ = walker_at(task, 0, LAB.workspace)
     looked = []
 
     def look(position):
         looked.append(position)
         return "a cross" if len(looked) == 4 else None
 
-    outcome, run = logged(walker, patrol_of(task), task, look)
+    outcome, run, _ = patrolled(task, LAB.workspace, look)
     assert (outcome.result, outcome.intruder) == ("reported", "a cross")
     assert outcome.position == looked[-1]
     assert outcome.observations == "000"
     assert [e["intruder"] for e in run.events if e["event"] == "report"] == ["a cross"]
-    at_once = patrol_of(task)
-    assert run_patrol(walker, at_once, look=lambda _: 1).observations == ""
+    assert patrolled(task, LAB.workspace, lambda _: 1)[0].observations == ""
 
 
-def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, logged):
+def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, patrolled):
     hall = CellSpace.of(Workspace([(0, 0), (5, 0), (5, 3), (0, 3)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([5, 9])), start=5)
     box = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
-    walker, body = walker_at(task, 5, box)
-    outcome, _ = logged(walker, patrol_of(task, visits=5), task)
+    outcome, _, body = patrolled(task, box, visits=5)
     assert outcome.result == "patrolled"
     assert outcome.visited == (9, 5, 9, 5, 9)
     # The robot bumps once, from the West, and then avoids the obstacle.
@@ -157,17 +150,15 @@ def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, logged):
     assert place_of(hall, body) == 9
 
 
-def test_a_robot_that_cannot_leave_its_cell_is_refuted(task_of):
+def test_a_robot_that_cannot_leave_its_cell_is_refuted(task_of, patrolled):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([0, 2])))
     room = Workspace([(0, 0), (1, 0), (1, 1), (0, 1)])
-    walker, body = walker_at(task, 0, room)
-    outcome = run_patrol(walker, patrol_of(task, most_bumps=4))
+    outcome, _, body = patrolled(task, room, most_bumps=4)
     assert (outcome.result, outcome.observations) == ("refuted", "1111")
     assert outcome.reason.endswith("lost its place; the robot observed 1111")
     assert (body.x, body.y) == pytest.approx((0.5, 0.5), abs=0.02)
-    walker, _ = walker_at(task, 0, hall.workspace)
-    outcome = run_patrol(walker, patrol_of(task, limit=3))
+    outcome, _, _ = patrolled(task, hall.workspace, limit=3)
     assert outcome.result == "unfinished"
     assert len(outcome.observations) == 3
 
@@ -207,8 +198,9 @@ def test_robots_and_seeds_draw_differently(task_of):
     assert len({visits(0, 1), visits(1, 1), visits(0, 2), visits(1, 2)}) == 4
 
 
-def test_bad_settings_of_a_patrol_are_refused(task_of):
-    task = task_of(LAB, random_walk(LAB, 0))
-    for name, value in [("visits", 0), ("most_bumps", 0), ("limit", 0), ("start", 19)]:
-        with pytest.raises(ValueError, match=f"{name}: expected"):
-            patrol_of(task, **{name: value})
+@pytest.mark.parametrize(
+    ("field", "value"), [("visits", 0), ("most_bumps", 0), ("limit", 0), ("start", 19)]
+)
+def test_bad_settings_of_a_patrol_are_refused(task_of, field, value):
+    with pytest.raises(ValueError, match=f"{field}: expected"):
+        patrol_of(task_of(LAB, random_walk(LAB, 0)), **{field: value})

@@ -1,3 +1,5 @@
+"""Readings of the sensors, and blocked wheels that they reveal."""
+
 import dataclasses
 import math
 
@@ -5,6 +7,7 @@ import pytest
 
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, members
 from jaxcell.robot.create.reading import STREAM, Reading
+from jaxcell.robot.create.strain import Strain
 
 
 VALUES = {packet.name: 0 for packet in members(STREAM)} | {"capacity": 2696, "charge": 2000}
@@ -67,3 +70,39 @@ def test_a_reading_has_si_units():
     assert now.battery == pytest.approx(2000 / 2696)
     assert not now.bump
     assert dataclasses.replace(now, contact=Contact.BUMP_LEFT).bump
+
+
+def frames(strain, wheels, *, left=(), right=(), overcurrent=()):
+    """Find the first frame with a reason for a stop, and the reason."""
+    for i in range(max(map(len, (left, right, overcurrent)))):
+        frame = reading(
+            left_encoder=left[i] % 65536 if left else 20 * i,
+            right_encoder=right[i] % 65536 if right else 20 * i,
+            overcurrent=overcurrent[i] if overcurrent else 0,
+        )
+        reason = strain.observe(wheels, frame)
+        if reason:
+            return i, reason
+    return None
+
+
+def test_a_wheel_that_does_not_turn_as_commanded_is_blocked():
+    i, reason = frames(Strain(), (100, 100), left=[65535] * 100)
+    assert reason == "the left wheel is blocked: it does not turn"
+    assert 0.9 < i * 0.015 < 1.1
+    assert "right wheel" in frames(Strain(), (-100, 100), right=[7] * 100)[1]
+    # The least speed of a motor, 0.03 m/s, is one count per frame; here are half a count.
+    assert frames(Strain(), (30, 30), left=[65500 + i // 2 for i in range(200)]) is None
+    assert frames(Strain(), (-30, -30), right=[-(i // 2) for i in range(200)]) is None
+    assert frames(Strain(), (0, 0), left=[5] * 200, right=[5] * 200) is None
+    assert frames(Strain(), (100, 0), right=list(range(0, 2000, 10)), left=[5] * 200) is None
+
+
+def test_a_motor_that_strains_for_longer_than_a_bump_is_blocked():
+    for bits in (8, 16):
+        i, reason = frames(Strain(), (100, 100), overcurrent=[bits] * 40)
+        assert reason == "a wheel is blocked: its motor draws too much current"
+        assert 0.2 < i * 0.015 < 0.4
+    assert frames(Strain(), (100, 100), overcurrent=([8] * 15 + [0]) * 5) is None
+    assert frames(Strain(), (100, 100), overcurrent=[1 | 2 | 4] * 100) is None, "the brushes"
+    assert frames(Strain(), (0, 0), overcurrent=[8] * 100) is None

@@ -1,18 +1,18 @@
 """A run that is resumed from its log equals a run without a stop."""
 
-import json
 import math
 
 import numpy as np
 import pytest
-from wheels import body_in, bounce_filter, bounce_tables, map_cells
+from robot_files import SPEC
+from wheels import body_in, bounce_filter, map_cells, orbit
 
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.patrol import Patrol, run_patrol
 from jaxcell.robot.plan import run_plan
-from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.run_log import LoggedRun, RunLog, read_log
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import run_member, save_team
@@ -21,8 +21,8 @@ from jaxcell.robot.walker import Walker, cell_strides
 
 LAB = map_cells("lab_a.json")
 STRIDES = cell_strides(LAB.directions, 1.0, 1.0)
-IMAGE, BUMPED = bounce_tables(LAB, 135)
 START = 20
+WORD, _ = orbit(LAB, 135, START, 12)
 
 
 class Stopping(DirectBody):
@@ -47,15 +47,14 @@ def filter_run(folder):
 
 
 def plan_run(folder):
-    actions = [math.radians(135) * int(BUMPED[cell]) for cell in orbit(12)]
+    actions = [math.radians(135) * int(bumped) for bumped in WORD]
     return lambda walker, log: run_plan(walker, actions, log=log)
 
 
 def team_run(folder):
     """A robot that turns before its first step, and stays once because of another robot."""
-    common = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-    actions = "".join(["+-", *("1" if BUMPED[cell] else "0" for cell in orbit(12)), "2"])
-    save_team(folder / "team.json", common, [(0.5, 0.5, 0.0)], [math.radians(135)], [actions])
+    actions = f"+-{WORD}2"
+    save_team(folder / "team.json", SPEC, [(0.5, 0.5, 0.0)], [math.radians(135)], [actions])
     task = load_task(folder / "team.json")
     return lambda walker, log: run_member(walker, task, log=log, sleep=lambda _: None)
 
@@ -74,14 +73,6 @@ def patrol_run(folder):
 
     run.seen = seen
     return run
-
-
-def orbit(count):
-    cell, cells = START, []
-    for _ in range(count):
-        cells.append(cell)
-        cell = int(IMAGE[cell])
-    return cells
 
 
 @pytest.mark.parametrize("make", [filter_run, plan_run, team_run, patrol_run])
@@ -146,10 +137,7 @@ def test_a_robot_does_not_move_while_its_walker_counts_earlier_steps():
     assert walker.drives
 
 
-def test_a_header_with_a_bad_direction_is_refused(tmp_path):
-    for bad in (-1, 1.5, "2"):
-        path = tmp_path / "run.jsonl"
-        header = {"format": "jaxcell-robot-log", "version": 1, "direction": bad}
-        path.write_text(json.dumps(header) + "\n")
-        with pytest.raises(ValueError, match="direction: expected a whole number or null"):
-            read_log(path).direction  # noqa: B018
+@pytest.mark.parametrize("direction", [-1, 1.5, "2"])
+def test_a_header_with_a_bad_direction_is_refused(direction):
+    with pytest.raises(ValueError, match="direction: expected a whole number or null"):
+        LoggedRun({"direction": direction}, (), True).direction  # noqa: B018

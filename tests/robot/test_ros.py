@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ros_stub
+from robot_files import LAB, SPEC, save_filter
 from ros_stub import BACKUP_LIMIT, CLIFF, World
 from waiting import wait_until, when
-from wheels import MAPS, bounce_filter, map_cells, pose_of
+from wheels import MAPS, pose_of
 
 from jaxcell.cli import main
 from jaxcell.robot import RobotStopped
@@ -26,8 +27,6 @@ from jaxcell.space import Workspace
 
 
 HALL = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
-LAB = map_cells("lab_a.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
 KINDS = {"create3": Create3, "base": Base}
 
 
@@ -74,9 +73,17 @@ def world_of(monkeypatch):
     assert modules.keys() <= sys.modules.keys()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_robot_goes_as_far_as_commanded(world_of, kind):
-    world = world_of((1.0, 1.5, 0.0), kind)
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture
+def world(world_of, kind):
+    return world_of((1.0, 1.5, 0.0), kind)
+
+
+def test_a_robot_goes_as_far_as_commanded(world, kind):
     with KINDS[kind](remap=["__ns:=/one"]) as robot:
         with pytest.raises(RobotStopped, match="it is not armed"):
             robot.forward(0.5, tolerance=0.004)
@@ -103,10 +110,8 @@ def test_a_robot_goes_as_far_as_commanded(world_of, kind):
     assert world.goal is None
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("silent", ["odometry", "bumper"])
-def test_a_robot_that_falls_silent_is_stopped(world_of, kind, silent):
-    world = world_of((1.0, 1.5, 0.0), kind)
+def test_a_robot_that_falls_silent_is_stopped(world, kind, silent):
     with KINDS[kind](patience=1.0) as robot:
         robot.arm()
         topic = "odom" if silent == "odometry" else robot.contact
@@ -126,9 +131,7 @@ def test_a_robot_that_falls_silent_is_stopped(world_of, kind, silent):
         assert robot.forward(-0.1, tolerance=0.004).distance == pytest.approx(-0.1, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, kind):
-    world = world_of((1.0, 1.5, 0.0), kind)
+def test_a_robot_whose_bumper_does_not_report_is_not_armed(world, kind):
     world.silent = {KINDS[kind].contact}
     with KINDS[kind]() as robot:
         robot.answer = 0.1
@@ -142,7 +145,6 @@ def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, kind):
         assert robot.forward(9.0, tolerance=0.004).bumped
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
@@ -152,14 +154,10 @@ def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, kind):
     ],
     ids=["low", "charger", "dock"],
 )
-def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, message, reason):
-    world = world_of((1.0, 1.5, 0.0), kind)
-
+def test_a_low_battery_or_a_charger_stops_a_robot(world, kind, message, reason):
     def hears(values):
         vars(world).update(values)
-        seen = robot._messages
-        with robot._news:
-            robot._news.wait_for(lambda: robot._messages > seen + 2, 60.0)
+        await_ticks(world)
 
     with KINDS[kind]() as robot:
         robot.arm()
@@ -187,14 +185,6 @@ def test_speeds_have_the_type_to_which_the_base_subscribes(world_of):
         assert robot.forward(0.5, tolerance=0.004).distance == pytest.approx(0.5, abs=0.01)
         assert Beats.last.command[4:6] == ["2.0", "TwistStamped"]
     assert world.published["cmd_vel"][0].header.frame_id == "base_link"
-
-
-def test_a_base_without_a_topic_of_speeds_is_refused(world_of):
-    world_of((1.0, 1.5, 0.0), "base").speeds = []
-    base = Base()
-    base.answer = 0.1
-    with pytest.raises(ConnectionError, match="nothing subscribes to speeds on /cmd_vel"):
-        base.__enter__()
 
 
 def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
@@ -226,9 +216,7 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
             robot.turn(1.0, tolerance=0.01)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_signal_that_ends_the_block_stops_the_robot(world_of, kind):
-    world = world_of((1.0, 1.5, 0.0), kind)
+def test_a_signal_that_ends_the_block_stops_the_robot(world, kind):
 
     def interrupted():
         with KINDS[kind]() as robot:
@@ -255,11 +243,18 @@ def test_signal_handlers_are_restored_if_closing_fails(world_of, monkeypatch):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_robot_without_odometry_is_refused(world_of):
-    world_of((1.0, 1.5, 0.0), "create3").dead = True
-    robot = Create3()
-    robot.greeting = 0.1
-    with pytest.raises(ConnectionError, match=r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"):
+@pytest.mark.parametrize(
+    ("kind", "lack", "wait", "message"),
+    [
+        ("base", {"speeds": []}, "answer", "nothing subscribes to speeds on /cmd_vel"),
+        ("create3", {"dead": True}, "greeting", r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"),
+    ],
+)
+def test_a_robot_without_odometry_or_a_topic_of_speeds_is_refused(world, kind, lack, wait, message):
+    vars(world).update(lack)
+    robot = KINDS[kind]()
+    setattr(robot, wait, 0.1)
+    with pytest.raises(ConnectionError, match=message):
         robot.__enter__()
 
 
@@ -268,7 +263,6 @@ def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
         Create3().__enter__()
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
     log = tmp_path / "said"
@@ -294,12 +288,9 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     assert said.endswith("destroyed jaxcell_watchdog\nshutdown\n")
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_command_line_drives_a_robot_and_publishes_candidates(world_of, tmp_path, capsys, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
-    path = tmp_path / "filter.jxf"
-    about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
-    bounce_filter(LAB, 45, metadata=about).save(path)
+    path = save_filter(tmp_path, map=str(MAPS / "lab_a.json"), name=LAB.workspace.name)
     words = ["robot", "run", str(path), "--ros", kind, "--heading", "135", "--json"]
     assert main([*words, "--remap", "__ns:=/one"]) == 0
     result = json.loads(capsys.readouterr().out)

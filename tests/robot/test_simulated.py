@@ -1,3 +1,5 @@
+import functools
+import inspect
 import math
 import signal
 from types import SimpleNamespace
@@ -5,9 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jaxcell.robot.create.clock import ByClock
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.create.speeds import wheel_speeds
 from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker
@@ -18,27 +23,65 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
 
 
-def test_a_robot_goes_as_far_as_commanded():
-    body = Body(ROOM, (1.0, 1.5, 0.0))
+def by_clock(body: Body, **speeds: float) -> ByClock:
     robot = SimulatedCreate(body)
-    assert robot.forward(0.537, tolerance=1e-3) == pytest.approx((0.537, 0, False, 0), abs=1e-3)
-    assert robot.turn(-1.2, tolerance=5e-3) == pytest.approx((0, -1.2, False, 0), abs=5e-3)
-    assert robot.turn(1.2, tolerance=5e-3) == pytest.approx((0, 1.2, False, 0), abs=5e-3)
-    assert robot.forward(-0.3, tolerance=1e-3) == pytest.approx((-0.3, 0, False, 0), abs=1e-3)
-    assert body.pose == pytest.approx((1.237, 1.5, 0.0), abs=5e-3)
-    x = body.x
-    moved = robot.forward(5.0)
+    return ByClock(robot, clock=lambda: robot.robot.seconds, sleep=robot.sleep, **speeds)
+
+
+@pytest.mark.parametrize(
+    ("driver", "error"),
+    [
+        (DirectBody, 1e-6),
+        (SimulatedCreate, 1e-3),
+        (by_clock, 5e-3),
+        (functools.partial(by_clock, speed=0.3), 5e-3),
+    ],
+    ids=["direct", "encoders", "clock", "fast clock"],
+)
+def test_a_robot_goes_as_far_as_commanded(driver, error):
+    body = Body(ROOM, (1.0, 1.5, 0.0))
+    robot = driver(body)
+    for distance in (0.537, -0.3):
+        x = body.x
+        moved = robot.forward(distance, tolerance=1e-3)
+        assert moved == pytest.approx((distance, 0, False, 0), abs=error)
+        assert body.x - x == pytest.approx(moved.distance, abs=error)
+    for angle in (-1.2, 1.2):
+        heading = body.theta
+        moved = robot.turn(angle, tolerance=5e-3)
+        assert moved == pytest.approx((0, angle, False, 0), abs=5e-3)
+        assert body.theta - heading == pytest.approx(angle, abs=1e-2)
     # The bumper is pushed in by 2 cm.
-    assert moved.bumped
-    assert moved.distance == pytest.approx(4.02 - x, abs=1e-3)
+    ahead, moved = 4.02 - body.x, robot.forward(5.0, tolerance=1e-3)
+    assert (moved.distance, moved.bumped) == (pytest.approx(ahead, abs=error), True)
     # The bumper is still pressed.
-    assert robot.forward(0.1) == (0.0, 0.0, True, 0.0)
-    assert not robot.turn(0.1).bumped
-    robot.turn(-0.1)
+    assert robot.forward(0.1, tolerance=1e-3) == pytest.approx((0, 0, True, 0), abs=error)
+    assert not robot.turn(0.1, tolerance=5e-3).bumped
+    assert robot.forward(-0.3, tolerance=1e-3).bumped is False
+
+
+def test_a_motion_that_takes_too_long_stops_the_robot():
+    robot = SimulatedCreate(Body(ROOM, (3.5, 1.5, 0.0)))
     began = robot.robot.seconds
     with pytest.raises(RobotStopped, match=r"-1 are left|are left after"):
         robot.forward(-2.5, timeout=3.0)
     assert 3 < robot.robot.seconds - began < 4
+
+
+def test_the_driver_stops_a_robot_that_is_held():
+    # The bumper faces forward, so that the robot does not feel the wall behind it.
+    create = SimulatedCreate(Body(ROOM, (0.3, 1.5, 0.0)))
+    with pytest.raises(RobotStopped, match="wheel is blocked: it does not turn"):
+        create.forward(-1.0)
+    assert create.robot.wheels == (0, 0)
+    assert create.robot.seconds < 5
+    with pytest.raises(RobotStopped, match="blocked"):
+        create.forward(0.1)
+    create.arm()
+    assert create.forward(0.1).distance == pytest.approx(0.1, abs=0.01)
+    create.robot.overcurrent = 16
+    with pytest.raises(RobotStopped, match="a wheel is blocked: its motor"):
+        create.forward(0.5)
 
 
 def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
@@ -70,6 +113,35 @@ def test_a_signal_that_ends_the_block_stops_the_wheels():
         ended()
     assert robot.robot.wheels == (0, 0)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_walker_walks_by_the_clock():
+    body = Body(ROOM, (0.5, 0.5, 0.0))
+    walker = Walker(by_clock(body, speed=0.3, turning=2.0), 1.0)
+    for _ in range(7):
+        if walker.step():
+            walker.rotate(math.pi / 2)
+    assert walker.observations == "0001001"
+    assert (body.x, body.y) == pytest.approx((3.5, 2.5), abs=0.05)
+
+
+def test_the_default_speeds_of_the_clock_are_sent_unchanged():
+    defaults = {
+        name: parameter.default
+        for name, parameter in inspect.signature(ByClock.__init__).parameters.items()
+    }
+    wheel = defaults["turning"] * WHEEL_BASE / 2
+    for right, left in [(defaults["speed"],) * 2, (wheel, -wheel), (-wheel, wheel)]:
+        pair = wheel_speeds(right=right, left=left)
+        assert [speed / 1000 for speed in pair] == pytest.approx([right, left], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("speed", 0.0), ("speed", 0.6), ("turning", -1.0), ("turning", math.nan)]
+)
+def test_bad_speeds_of_a_clock_are_refused(field, value):
+    with pytest.raises(ValueError, match=f"{field}: expected more than 0 and at most"):
+        by_clock(Body(ROOM, (1.0, 1.0, 0.0)), **{field: value})
 
 
 @pytest.mark.parametrize("speed", [0.72, 1.0, 2.15, 4.0])

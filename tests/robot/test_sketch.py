@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import math
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -22,14 +21,14 @@ from arduino import (
     task_of,
 )
 from hypothesis import given, settings
-from wheels import body_in, bounce_filter, bounce_tables, map_cells
+from wheels import body_in, bounce_filter, map_cells, orbit
 
 from jaxcell.automata import fewest_bytes
 from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.emulator import Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.followers import FilterFollower, PolicyFollower, run_follower
+from jaxcell.robot.followers import run_follower
 from jaxcell.robot.sketch import filter_sketch, policy_sketch
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace
@@ -42,18 +41,33 @@ pytestmark = pytest.mark.skipif(
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 # The filter of this map has more than 255 states, which need wider tables.
 MAZE = map_cells("maze.txt", directions=8)
-ROOM_IMAGE, ROOM_BUMPED = bounce_tables(ROOM, 90)
 
 
-def expected(cells, cell, task, *, known: bool = True, **fields):
-    """Run the filter on a host from the same start."""
+def localize(cells, cell, task, *, known: bool = True, machine=None, **fields):
+    """Run a task by a sketch and on a host from the same start, and compare the runs."""
+    direction = cell // cells.positions if known else None
+    sketch = filter_sketch if task.kind == "filter" else policy_sketch
+    text = sketch(task, direction=direction, machine=machine)
+    robot = Robot(body_in(cells, cell), **fields)
+    run = play(compiled(text), robot, seconds=600)
     walker = Walker(
-        SimulatedCreate(body_in(cells, cell, **fields)),
+        SimulatedCreate(body_in(cells, cell)),
         task.step,
         strides=task.strides if known else None,
-        direction=cell // cells.positions if known else 0,
+        direction=direction or 0,
     )
-    return run_follower(walker, FilterFollower(task.filter, "cycle"), [task.bounce], limit=200)
+    follower = task.follower("cycle") if task.kind == "filter" else task.follower()
+    host = run_follower(walker, follower, task.bounces, limit=200)
+    assert run.observed == host.observations
+    # The smallest machine of a policy has other colours.
+    assert run.colors == host.colors or (machine is not None and task.kind == "policy")
+    assert stands_still(robot)
+    if host.result == "localized":
+        assert run.end == "localized"
+        assert f"configurations: {len(host.cells)}\n" in run.usb
+        # The robot has turned after its last bump too.
+        assert int(cells.index(*robot.pose)) in host.cells
+    return robot, run, host
 
 
 def smallest_machine(source):
@@ -74,77 +88,37 @@ def smallest_machine(source):
 def test_the_colours_are_those_of_the_host(cells, bounce_deg, cell, smallest):
     task = task_of(cells, bounce_deg)
     machine = smallest_machine(task.filter) if smallest else None
-    robot = Robot(body_in(cells, cell))
-    program = compiled(filter_sketch(task, direction=cell // cells.positions, machine=machine))
-    run = play(program, robot, seconds=600)
-    host = expected(cells, cell, task)
+    robot, run, host = localize(cells, cell, task, machine=machine)
     assert host.result == "localized"
-    assert run.observed == host.observations
-    assert run.colors == host.colors
-    assert run.end == "localized"
-    assert f"configurations: {len(host.cells)}\n" in run.usb
-    # The robot has turned after its last bump too.
-    assert int(cells.index(*robot.pose)) in host.cells
-    assert stands_still(robot)
     assert run.led[-1][1] == 1
     assert [command.opcode for _, command in robot.commands if command.opcode == 141] == [141]
 
 
 @pytest.mark.parametrize("open_world", [False, True])
 def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
-    cell = 9
     filter = bounce_filter(LAB_B, 45, open_world=open_world)
-    task = task_of(ROOM, 45, filter)
-    task = dataclasses.replace(task, directions=8)
     here = CellSpace.of(ROOM.workspace, ROOM.cell, 8)
-    robot = Robot(body_in(here, cell))
-    run = play(compiled(filter_sketch(task, direction=0)), robot, seconds=600)
-    host = expected(here, cell, task)
+    _, run, host = localize(here, 9, task_of(here, 45, filter))
     assert host.result == "refuted"
-    assert run.observed == host.observations
-    assert run.colors == host.colors
     assert run.colors[-1] == (filter.color[-1] if open_world else 0)
     assert run.end == "refuted: the robot is on another map, or it slipped"
-    assert stands_still(robot)
     # It blinks fast: 4 times a second.
     states = [on for _, on in run.led[-300:]]
     assert 6 <= sum(a < b for a, b in itertools.pairwise(states)) <= 10
 
 
 def test_a_heading_is_not_needed_where_all_steps_are_equal():
-    program = compiled(filter_sketch(ROOM_TASK))
     # The robot faces North, but the sketch does not know this.
-    cell = 25
-    run = play(program, Robot(body_in(ROOM, cell)), seconds=600)
-    host = expected(ROOM, cell, ROOM_TASK, known=False)
-    assert (run.observed, run.colors) == (host.observations, host.colors)
-    assert run.end == host.result == "localized"
+    _, _, host = localize(ROOM, 25, ROOM_TASK, known=False)
+    assert host.result == "localized"
 
 
 @pytest.mark.parametrize("smallest", [False, True])
 def test_a_policy_chooses_the_angles_that_the_host_does(smallest):
-    task, cell = policy_task(), 9
+    task = policy_task()
     machine = smallest_machine(task.policy) if smallest else None
-    robot = Robot(body_in(ROOM, cell))
-    text = policy_sketch(task, direction=cell // ROOM.positions, machine=machine)
-    run = play(compiled(text), robot, seconds=600)
-    body = SimulatedCreate(body_in(ROOM, cell))
-    walker = Walker(body, task.step, strides=task.strides, direction=cell // ROOM.positions)
-    host = run_follower(walker, PolicyFollower(task.policy), task.bounces)
-    assert (run.end, host.result) == ("localized", "localized")
-    assert run.observed == host.observations
-    # A smallest machine has other colours.
-    assert smallest or run.colors == host.colors
-    assert f"configurations: {len(host.cells)}\n" in run.usb
-    assert int(ROOM.index(*robot.pose)) in host.cells
-
-
-def check_places(run: Run, places: list[tuple[float, float, float]], cell: int) -> None:
-    """Check that a robot which only bounces went from cell to cell as the map says."""
-    for bumped, (x, y, _) in zip(run.observed, places, strict=True):
-        assert int(bumped) == ROOM_BUMPED[cell]
-        cell = int(ROOM_IMAGE[cell])
-        assert math.dist((x, y), [float(part) for part in ROOM.centre(cell)[:2]]) < 0.02
+    _, _, host = localize(ROOM, 9, task, machine=machine)
+    assert host.result == "localized"
 
 
 @pytest.mark.parametrize(("byte", "seconds"), [(None, 45), (0, 17), (10, 17), (14, 17)])
@@ -168,20 +142,9 @@ def test_a_robot_that_only_bounces_is_where_the_cells_say(byte, seconds):
     assert run.colors == ()
     assert len(places) >= seconds // 5
     assert seconds < 45 or run.observed.count("1") > 3
-    check_places(run, places, 5)
-
-
-def after(count: int, act):
-    """Call `act` from half a second after a number of observations."""
-    begun: list[float] = []
-
-    def at(run: Run, now: float) -> None:
-        if len(run.observed) >= count:
-            begun.append(now)
-        if begun and now - begun[0] > 0.5:
-            act()
-
-    return at
+    word, cells = orbit(ROOM, 90, 5, len(places))
+    assert run.observed == word
+    assert np.array(places)[:, :2] == pytest.approx(np.stack(ROOM.centre(cells)[:2], 1), abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -197,8 +160,15 @@ def after(count: int, act):
     ],
 )
 def test_the_sketch_stops_the_robot_in_danger(danger, end):
-    robot = Robot(body_in(ROOM, 0))
-    run = play(compiled(BOUNCE), robot, seconds=40, at=after(1, lambda: danger(robot)))
+    robot, moving = Robot(body_in(ROOM, 0)), []
+
+    def at(run: Run, now: float) -> None:
+        if run.observed:
+            moving.append(now)
+            if now - moving[0] > 0.5:
+                danger(robot)
+
+    run = play(compiled(BOUNCE), robot, seconds=40, at=at)
     assert run.observed.startswith("0")
     assert run.end == f"stopped: {end}"
     assert stands_still(robot)
@@ -262,13 +232,8 @@ def test_a_deaf_robot_ends_a_sketch_and_modes_from_1_do_not(change, end):
 
 
 def test_bytes_that_get_lost_change_nothing():
-    cell = 9
-    robot = Robot(body_in(ROOM, cell), line=Line(dropped=0.002), seed=1)
-    run = play(compiled(filter_sketch(ROOM_TASK, direction=0)), robot, seconds=600)
-    host = expected(ROOM, cell, ROOM_TASK)
-    assert (run.observed, run.colors) == (host.observations, host.colors)
-    assert run.end == "localized"
-    assert stands_still(robot)
+    _, _, host = localize(ROOM, 9, ROOM_TASK, line=Line(dropped=0.002), seed=1)
+    assert host.result == "localized"
 
 
 def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:

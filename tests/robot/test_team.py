@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from wheels import map_cells
+from wheels import map_cells, pose_of
 
 from jaxcell.bounce import team_trajectory
 from jaxcell.robot.emulation.body import Body
@@ -18,17 +18,15 @@ COMMON = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 LAB = map_cells("lab_b.json")
 
 
-def poses(cells, zs):
-    return [tuple(map(float, cells.centre(int(z)))) for z in zs]
-
-
 @pytest.fixture
 def team_file(tmp_path):
     team = team_trajectory(LAB, [0, 70, 141], math.radians(135), part_steps=6)
     path, bumped = team.cell, team.bumped
     actions = member_actions(path, bumped, free_steps(LAB))
     file = tmp_path / "team.json"
-    save_team(file, COMMON, poses(LAB, path[0]), [math.radians(135)] * 3, actions)
+    save_team(
+        file, COMMON, [pose_of(LAB, int(z)) for z in path[0]], [math.radians(135)] * 3, actions
+    )
     return file, path, bumped
 
 
@@ -39,7 +37,7 @@ def test_each_robot_follows_its_part_of_the_trajectory_alone(team_file, tmp_path
     for robot in range(3):
         task = load_task(file, robot)
         assert (task.robot, task.robots) == (robot, 3)
-        assert task.start == pytest.approx(poses(LAB, path[0])[robot])
+        assert task.start == pytest.approx(pose_of(LAB, int(path[0, robot])))
         done += task.actions
         body = Body(LAB.workspace, task.start)
         walker = Walker(
@@ -73,7 +71,6 @@ class Floor(Walker):
 
     def __init__(self, bumps):
         self.bumps, self.turned, self.observations = list(bumps), [], ""
-        self._at, self._facing = 0j, 0.0
 
     def step(self):
         bumped = bool(self.bumps.pop(0))

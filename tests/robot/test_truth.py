@@ -13,11 +13,13 @@ from wheels import (
     bounce_filter,
     bounce_tables,
     map_cells,
+    orbit,
     place_of,
     pose_of,
     walker_in,
 )
 
+from jaxcell import examples
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
@@ -88,20 +90,16 @@ def test_a_robot_bounces_as_in_the_model(name):
 def test_a_filter_localizes_to_the_true_cell(name):
     cells, bounce = cells_of(name), CASES[name][0]
     filter = bounce_filter(cells, bounce)
-    image, bumped = bounce_tables(cells, bounce)
     (cell,) = starts_in(cells, 1)
     walker, body = walker_in(cells, cell, robot=robot_for(name))
     outcome = run_follower(
         walker, FilterFollower(filter, "cycle"), [math.radians(bounce)], limit=300
     )
-    observed = ""
-    for _ in outcome.observations:
-        observed += str(int(bumped[cell]))
-        cell = int(image[cell])
+    observed, visited = orbit(cells, bounce, cell, len(outcome.observations))
     assert outcome.observations == observed
     assert outcome.result == "localized"
-    assert place_of(cells, body) == cell
-    assert cell in outcome.cells
+    assert place_of(cells, body) == visited[-1]
+    assert visited[-1] in outcome.cells
 
 
 def plan_from(cells: CellSpace, cell: int, count: int) -> tuple[list[float], int]:
@@ -126,3 +124,15 @@ def test_a_plan_arrives(name):
     assert outcome == plan_outcome(actions, outcome.observations)
     assert outcome.result == "arrived"
     assert place_of(cells, body) == goal
+
+
+def test_a_plan_that_meets_another_map_is_refuted():
+    """In a corridor of three cells, the third step bumps."""
+    for actions, observations, text in [
+        ([0.0, 0.0, 0.0], "001", "action 2 of 3: the robot bumped where the plan has free space"),
+        ([1.0, 0.0, 0.0], "0", "action 0 of 3: the robot met no wall where the plan has one"),
+    ]:
+        outcome = run_plan(examples.walker(), actions)
+        assert outcome.result == "refuted"
+        assert outcome.reason == f"{text}; the robot observed {observations}"
+        assert plan_outcome(actions, "").result == "unfinished"

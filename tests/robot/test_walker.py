@@ -3,10 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
-from jaxcell.robot.emulation.body import Body, Noise
-from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace
@@ -47,18 +45,6 @@ def test_the_next_step_corrects_the_error_of_a_step():
     # Forty errors of up to 5 cm in one direction would add up to two metres.
     assert math.hypot(body.x - 4, body.y - 4) < 0.3
     assert walker.error < 0.2
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_the_estimate_does_not_see_slip(seed):
-    hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
-    noise = Noise(distance=0.1, rotation=0.05)
-    body = Body(hall, (0.0, 0.0, 0.0), noise=noise, rng=np.random.default_rng(seed))
-    walker = Walker(DirectBody(body), 1.0)
-    for _ in range(2):
-        walker.step()
-    assert walker.estimate == pytest.approx((2, 0, 0), abs=0.01)
-    assert math.hypot(body.x - 2, body.y) > 1e-6
 
 
 def test_wrong_settings_of_a_walker_are_refused():

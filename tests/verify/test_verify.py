@@ -45,6 +45,15 @@ def disagreeing(result):
     return [one.what.split(",")[0] for one in wrong]
 
 
+def check(compare, right, *alterations):
+    """Check that a result agrees, and where it disagrees with altered fields or cached values."""
+    assert not disagreeing(compare(right))
+    for fields, *what in alterations:
+        other = dataclasses.replace(right)
+        other.__dict__.update(fields)
+        assert disagreeing(compare(other)) == what
+
+
 @pytest.fixture(scope="module")
 def lab():
     workspace = Workspace.load(DATA / "maps" / "lab_a.json")
@@ -87,14 +96,13 @@ def test_a_wrong_image_is_found(lab):
 
 def test_altered_groups_do_not_agree(lab):
     result = BounceGroups.of(lab.cells, BOUNCE)
-    right = verify.compare_groups(result)
-    assert [one.agrees for one in right] == [True, True, True]
-    assert [one.count for one in right] == [152, 456, 6]
-    other = dataclasses.replace(result)
-    other.__dict__["step"] = changed(result.step, (0, 0, 3), 99)
-    assert disagreeing(verify.compare_groups(other)) == ["groups of cells"]
-    other = dataclasses.replace(result, largest_basin=np.array([151]))
-    assert disagreeing(verify.compare_groups(other)) == ["numbers of the groups"]
+    assert [one.count for one in verify.compare_groups(result)] == [152, 456, 6]
+    check(
+        verify.compare_groups,
+        result,
+        ({"step": changed(result.step, (0, 0, 3), 99)}, "groups of cells"),
+        ({"largest_basin": np.array([151])}, "numbers of the groups"),
+    )
 
 
 def test_altered_filters_do_not_agree(lab):
@@ -117,14 +125,11 @@ def test_altered_plans_do_not_agree(lab):
     costs = (1, 100)
     plans = (plan(lab.cells, bounces, 0, goal, *costs) for goal in range(lab.cells.size))
     result = next(one for one in plans if one.changes)
-    right = verify.compare_plan(result)
-    assert not disagreeing(right)
-    dear = dataclasses.replace(result, cost=result.cost + 1)
-    assert disagreeing(verify.compare_plan(dear)) == ["cost of the plan"]
-    assert dear.checks()["cost_minus_that_of_actions"][0] == 1
-    lost = dataclasses.replace(result, reaching=changed(result.reaching, 5, not result.reaching[5]))
-    what = ["cells that reach the goal"]
-    assert disagreeing(verify.compare_plan(lost)) == what
+    dear = {"cost": result.cost + 1}
+    lost = {"reaching": changed(result.reaching, 5, not result.reaching[5])}
+    altered = (dear, "cost of the plan"), (lost, "cells that reach the goal")
+    check(verify.compare_plan, result, *altered)
+    assert dataclasses.replace(result, **dear).checks()["cost_minus_that_of_actions"][0] == 1
     other = dataclasses.replace(result, actions=changed(result.actions, 0, 1 - result.actions[0]))
     assert other.checks()["actions_that_lead_elsewhere"][0] > 0
 
@@ -132,11 +137,8 @@ def test_altered_plans_do_not_agree(lab):
 def test_altered_coverage_does_not_agree(lab):
     bounces, noise = np.radians([45.0, 90.0]), (BOUNCE, 0.7)
     policy = coverage_policy(lab.cells, bounces, *noise)
-    right = verify.compare_coverage(policy, *noise)
-    assert not disagreeing(right)
-    far = dataclasses.replace(policy, distance=policy.distance * 1.001)
-    what = ["distance of the mixture from the target"]
-    assert disagreeing(verify.compare_coverage(far, *noise)) == what
+    far = {"distance": policy.distance * 1.001}, "distance of the mixture from the target"
+    check(lambda policy: verify.compare_coverage(policy, *noise), policy, far)
     # The limiting distributions of another reliability.
     assert disagreeing(verify.compare_coverage(policy, BOUNCE, 0.6)) == [
         "change of limiting distributions by a step"
@@ -148,28 +150,27 @@ def test_altered_teams_do_not_agree(lab):
     team = team_trajectory(lab.cells, [0, 7, 18], bounce)
     assert team.parts > 1
     assert team.collisions.any()
-    assert not disagreeing(verify.compare_team(team, bounce))
     meeting = int(np.flatnonzero(team.collisions)[0])
-    for wrong, what in (
+    check(
+        lambda team: verify.compare_team(team, bounce),
+        team,
         ({"collisions": changed(team.collisions, meeting, 0)}, "steps of the robots"),
         ({"bumped": changed(team.bumped, (0, 0), not team.bumped[0, 0])}, "steps of the robots"),
-    ):
-        altered = dataclasses.replace(team, **wrong)
-        assert disagreeing(verify.compare_team(altered, bounce)) == [what]
+    )
 
 
 def test_altered_walks_on_a_graph_do_not_agree():
     graph, _ = load_graph(DATA / "graphs" / "eight.json")
     walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, np.ones(len(graph.edges))))
-    assert not disagreeing(verify.compare_walk(walk))
-    for wrong, what in (
-        ({"hitting_time": 1.001 * walk.hitting_time}, "hitting times of some vertices"),
-        ({"stationary": walk.stationary[::-1].copy()}, "shares of time after a step"),
+    hitting, shares = "hitting times of some vertices", "shares of time after a step"
+    check(
+        verify.compare_walk,
+        walk,
+        ({"hitting_time": 1.001 * walk.hitting_time}, hitting, "Kemeny constant"),
+        ({"stationary": walk.stationary[::-1].copy()}, shares, "entropy rate", "Kemeny constant"),
         ({"kemeny_constant": walk.kemeny_constant + 1}, "Kemeny constant"),
         ({"entropy_rate_nats": 0.0}, "entropy rate"),
-    ):
-        result = disagreeing(verify.compare_walk(dataclasses.replace(walk, **wrong)))
-        assert any(one.startswith(what) for one in result), result
+    )
 
 
 @pytest.mark.parametrize(
@@ -197,10 +198,8 @@ def test_the_least_commute_time_of_a_long_line_agrees():
 def test_altered_games_do_not_agree():
     graph, _ = load_graph(DATA / "graphs" / "line.json")
     game = strategy_game(graph)
-    assert not disagreeing(verify.compare_game(game))
     other = dataclasses.replace(game.commitment, value=game.commitment.value - 0.01)
-    wrong = dataclasses.replace(game, commitment=other)
-    assert disagreeing(verify.compare_game(wrong)) == ["value of the game"]
+    check(verify.compare_game, game, ({"commitment": other}, "value of the game"))
 
 
 def test_altered_patrols_of_a_map_do_not_agree():
@@ -229,18 +228,18 @@ def test_altered_patrols_of_a_map_do_not_agree():
 
     right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, caught)
 
-    def compare(**other):
-        return disagreeing(verify.compare_patrolled_map(dataclasses.replace(right, **other)))
-
-    assert compare() == []
     fewer = dataclasses.replace(caught, probability=0.999 * capture)
-    assert compare(captures=fewer) == ["capture of some cells"]
-    hidden = np.argwhere(~visible)[0]
-    assert "cells that are seen" in compare(visible=changed(visible, tuple(hidden), True))
+    seen = changed(visible, tuple(np.argwhere(~visible)[0]), True)
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
-    assert compare(policies=slow) == ["commute times of the robots"]
     other = dataclasses.replace(attack, simulated=attack.simulated - 0.5)
-    assert compare(attack=other) == ["capture of the target"]
+    check(
+        verify.compare_patrolled_map,
+        right,
+        ({"captures": fewer}, "capture of some cells"),
+        ({"visible": seen}, "cells that are seen", "capture of some cells"),
+        ({"policies": slow}, "commute times of the robots"),
+        ({"attack": other}, "capture of the target"),
+    )
 
 
 @pytest.mark.parametrize("edge", ["uniform", "exit"])
@@ -256,22 +255,21 @@ def test_altered_drifters_do_not_agree(edge):
         other = dataclasses.replace(layer, behaviour=changed)
         return disagreeing(verify.compare_drift(dataclasses.replace(result, layers=(other,))))
 
-    assert compare() == []
     slow = dataclasses.replace(behaviour.absorption, value=1.01 * behaviour.absorption.value)
     (what,) = compare(absorption=slow)
     assert what.startswith("times until")
     groups = dataclasses.replace(behaviour.groups, group=jnp.roll(behaviour.groups.group, 1))
     assert any(one.startswith("persistent groups") for one in compare(groups=groups))
-    few = dataclasses.replace(result)
-    few.__dict__["deployment"] = drift.Deployment(
-        *(part[:1] for part in vars(result.deployment).values())
-    )
-    assert disagreeing(verify.compare_drift(few)) == ["cells visited from the deployment"]
+    few = drift.Deployment(*(part[:1] for part in vars(result.deployment).values()))
     policy = result.surest.policy
     worse = dataclasses.replace(policy, probability=0.99 * policy.probability)
     surest = dataclasses.replace(result.surest, policy=worse)
-    (what,) = disagreeing(verify.compare_drift(dataclasses.replace(result, surest=surest)))
-    assert what.startswith("probability of arriving")
+    check(
+        verify.compare_drift,
+        result,
+        ({"deployment": few}, "cells visited from the deployment"),
+        ({"surest": surest}, "probability of arriving by the surest policy"),
+    )
 
 
 def test_a_difference_that_is_no_number_does_not_agree():

@@ -1,8 +1,8 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
 
+from .driver import Driver
 from .motion import Moved
 from .packets import WHEEL_BASE
 
@@ -13,29 +13,18 @@ _SPEED = 0.18
 _TURNING = 0.69
 
 
-@runtime_checkable
-class Wheeled(Protocol):
-    """A robot that [`ByClock`][] can drive, such as a [`jaxcell.robot.Create`][]."""
-
-    def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels in m/s. Returns false if a bump has stopped the wheels."""
-
-    def stop(self) -> None:
-        """Stop the wheels."""
-
-
 class ByClock:
     """A robot that measures distances and angles with a clock, at known speeds.
 
     The robots of Alam 2018 use only a bump sensor and a clock (sections 2.5 and 4.5.7). A clock is
-    less accurate than encoders, because it does not measure the delays of commands and bumps on the
-    line and the acceleration of the wheels. The errors add up to a few centimetres over ten bumps
+    less accurate than encoders, because it measures neither the delays of commands and bumps on the
+    line nor the acceleration of the wheels. The errors add up to a few centimetres over ten bumps
     in a map of a few metres.
     """
 
     def __init__(
         self,
-        robot: Wheeled,
+        robot: Driver,
         *,
         speed: float = _SPEED,
         turning: float = _TURNING,

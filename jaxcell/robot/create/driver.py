@@ -33,7 +33,7 @@ TICK = 0.1
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
-    """Raised because the driver has stopped the wheels; the message has the reason."""
+    """Raised when the driver has stopped the wheels; the message contains the reason."""
 
 
 class Driver:
@@ -181,7 +181,7 @@ class Driver:
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
         """Wait for a reading newer than `reading`.
 
-        The speeds will not change for the next `steady` seconds.
+        A simulation may skip readings for `steady` seconds, in which the speeds need no change.
         """
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
@@ -287,7 +287,7 @@ class Driver:
                 self._repeat()
 
     def _repeat(self) -> None:
-        """Send the speeds again, unless the reading or the speeds are too old."""
+        """Send the speeds again, or stop the wheels if the reading or the speeds are too old."""
         now = self._now()
         if self._reason is None:
             if self._reading is None or now - self._reading.time > self._patience:

@@ -166,5 +166,5 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """Compute the velocity of a motion that slows down from `speed` to `slowest` near its end."""
+    """Compute the velocity at the distance `rest` from the end, from `slowest` to `speed`."""
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

@@ -17,7 +17,7 @@ BAUD = 115200
 """The baud rate of a Create 2 or Roomba 600, with 8N1 and without flow control."""
 
 STREAM_PERIOD = 0.015
-"""The period of the stream, and of the readings of the sensors by the robot, in seconds."""
+"""The seconds between two frames; the robot reads its sensors once in this time."""
 
 MAX_SPEED = 500
 """The largest speed of a wheel, in mm/s."""
@@ -159,8 +159,8 @@ class Command:
 class CommandParser:
     """A parser of the commands that a robot receives.
 
-    Like the robot, it waits for missing bytes of data, so that a truncated command takes the bytes
-    of the next command. A byte that is not an opcode is skipped.
+    Like the robot, it waits for missing bytes of data, so a truncated command consumes the first
+    bytes of the next command. A byte that is not an opcode is skipped.
     """
 
     def __init__(self) -> None:
@@ -234,5 +234,5 @@ class _FrameLayout:
         return len(self.empty)
 
     def fits(self, frame: bytearray) -> bool:
-        """Check whether bytes may be the beginning of a frame."""
+        """Check whether bytes, perhaps fewer than a frame has, begin like a frame."""
         return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]

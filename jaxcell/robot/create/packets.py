@@ -19,7 +19,7 @@ WHEEL_OVERCURRENT = 0b11000
 
 
 class Mode(enum.IntEnum):
-    """The modes of the Open Interface, in packet 35."""
+    """The modes of the Open Interface, as packet 35 numbers them."""
 
     OFF = 0
     PASSIVE = 1
@@ -140,12 +140,12 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The numbers of the packets in each group, by the number that requests the group."""
+"""The packets of each group, by the number of the group."""
 
 
 @functools.lru_cache
 def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
-    """List the packets in the answer to a request for packets and groups, in order."""
+    """List the packets that the robot sends, in order, if packets and groups are requested."""
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -157,12 +157,12 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def layout(ids: Iterable[int]) -> struct.Struct:
-    """Return the format of the data in the answer to a request for packets and groups."""
+    """Return the binary format of the values that the robot sends for packets and groups."""
     return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
-    """Encode the answer of the robot to a request for the packets and groups `ids`.
+    """Encode the values that the robot sends for the packets and groups `ids`.
 
     `values` maps the names of packets to their values; values of other packets are ignored.
 
@@ -173,7 +173,7 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 
 
 def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
-    """List the values in the answer to a request for `ids`, in order; see `encode`."""
+    """List the values that `encode` encodes, in order."""
     numbers = []
     for packet in members(tuple(ids)):
         if packet.name not in values:

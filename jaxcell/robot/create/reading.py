@@ -16,7 +16,7 @@ from .packets import (
 
 
 STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The numbers of the streamed packets. `StreamParser` explains why the mode, 35, is the last."""
+"""The numbers of the streamed packets. `StreamParser` explains why 35, the mode, is last."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Reading:
     contact: Contact
     "The pressed bumpers, and the wheels that hang in the air."
     cliff: tuple[bool, bool, bool, bool]
-    "True if the floor is missing under the left, front left, front right and right sensor."
+    "True if no floor is under a sensor, for the left, front left, front right and right sensor."
     overcurrent: bool
     "True if the motor of a wheel draws more current than it should."
     mode: Mode

@@ -11,7 +11,7 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
     If the line loses the opcode of a drive command, the robot reads its data as commands, and might
     clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode is
     replaced by the next slower pair on the same arc. A straight drive remains straight, and a turn
-    on the spot stays on the spot. On another arc, speeds are rounded by at most half a mm/s.
+    on the spot stays on the spot. On other arcs, rounding to mm/s slightly changes the radius.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

@@ -23,7 +23,7 @@ _MIDDLE = math.radians(20.0)
 class Noise:
     """The errors of the motion of an emulated robot; all zero by default.
 
-    The encoders do not measure the errors of the body, as on a real robot.
+    As on a real robot, the encoders do not measure the errors of the body.
     """
 
     distance: float = 0.0
@@ -31,7 +31,7 @@ class Noise:
     rotation: float = 0.0
     "The standard deviation of the relative error of a turn in place, drawn once per turn."
     veer: float = 0.0
-    "The standard deviation of the random change of heading along a straight metre, in radians."
+    "The standard deviation of the random change of heading over a straight metre, in radians."
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
@@ -42,10 +42,9 @@ class Noise:
     [`jaxcell.space.Slip`][]."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
+        for name, value in vars(self).items():
             if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{field.name}: expected a finite number from 0, got {value!r}")
+                raise ValueError(f"{name}: expected a finite number from 0, got {value!r}")
 
 
 def bumper_give(cell: float) -> float:

@@ -46,7 +46,7 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """The seconds during which the body rolls freely if its speeds stay; 0 if unknown."""
+        """The seconds during which the body rolls freely at its current speeds; 0 if unknown."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Turn the left and the right wheel for some seconds, each at its speed in m/s."""
@@ -167,7 +167,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Advance the time by at most one period of the stream, and receive the bytes of a host.
+        """Advance the time by at most one period of the stream, then receive bytes from a host.
 
         Returns the bytes that the robot has sent.
         """
@@ -260,10 +260,7 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _known(self, ids: tuple[int, ...]) -> bool:
-        """Check that the requested packets fit into a frame.
-
-        A lost byte may have changed the request.
-        """
+        """Check that a request, which a lost byte may have changed, has a valid frame."""
         try:
             stream_frame(ids, self._values())
         except ValueError:

@@ -30,7 +30,7 @@ class PhysicsBody:
     """A Create 2 that a physics engine moves among the walls of a map.
 
     Its motors bring each wheel to the commanded speed with a limited acceleration. The encoders
-    count the turns of the wheels, even if these slip. A bumper is pressed while its half of the
+    count the turns of the wheels, even if they slip. A bumper is pressed while its half of the
     shell is pushed in by the threshold.
 
     A robot in a room of 8 m:
@@ -157,7 +157,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The result of `lag_rate`; `None` soon after a change of the commanded speeds."""
+        """The result of `lag_rate`; `None` if the commanded speeds have changed recently."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 

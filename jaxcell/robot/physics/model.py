@@ -50,14 +50,11 @@ class Physics:
     "The time step of the engine, in seconds."
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            zero = field.name in ("wall", "wheels")
+        for name, value in vars(self).items():
+            zero = name in ("wall", "wheels")
             if not (math.isfinite(value) and (value > 0 or (zero and value == 0))):
                 least = "0 or more" if zero else "more than 0"
-                raise ValueError(
-                    f"{field.name}: expected a finite number of {least}, got {value!r}"
-                )
+                raise ValueError(f"{name}: expected a finite number of {least}, got {value!r}")
         for name, most in (("time_step", 0.0025), ("threshold", _TRAVEL / 2), ("wheels", 0.2)):
             if (value := getattr(self, name)) > most:
                 raise ValueError(f"{name}: expected at most {most:g}, got {value!r}")
@@ -69,7 +66,6 @@ def robot_model(
     pose: Sequence[float],
     *,
     wheels: Sequence[float] = (WHEEL, WHEEL),
-    height: float = 0.0,
 ) -> str:
     """Write the model of a Create 2 in a map, in the XML of MuJoCo.
 
@@ -84,7 +80,6 @@ def robot_model(
     - `physics`: the assumed friction, stiffness and thresholds.
     - `pose`: x and y in metres, and the heading in radians.
     - `wheels`: the radii of the left and the right wheel, in metres.
-    - `height`: the initial height of the wheels above the floor, in metres.
     """
     x, y, heading = pose
     axle, axles = max(wheels), ("left", "right")
@@ -122,7 +117,7 @@ def robot_model(
 <default class="floor"><geom priority="1" solref="0.02 1" solimp="0.995 0.995 0.001"/></default>
 </default>
 <worldbody><geom type="plane" size="0 0 1"/>{walls}
-<body pos="{x} {y} {axle + height}" euler="0 0 {heading}"><freejoint/>
+<body pos="{x} {y} {axle}" euler="0 0 {heading}"><freejoint/>
 <inertial pos="0.02 0 0" mass="3" diaginertia="0.024 0.024 0.045"/>
 <geom class="shell" type="sphere" size="{RADIUS - _TRAVEL / 2}" pos="{-_TRAVEL / 2} 0 0.01"/>
 {casters}{rolling}

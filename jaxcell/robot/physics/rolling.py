@@ -11,9 +11,9 @@ from .model import DAMPING, WHEEL
 
 
 BODY, ROLL, SHELL = slice(3), slice(7, 9), slice(9, 11)
-"""The slices of the positions of the model, `qpos`, for the body, the wheels, and the bumper."""
+"""The slices of the positions `qpos` of the engine for the body, the wheels, and the bumper."""
 SPIN, SLIDE = slice(6, 8), slice(8, 10)
-"""The slices of the velocities of the model, `qvel`, for the wheels and the bumper."""
+"""The slices of the velocities `qvel` of the engine for the wheels and the bumper."""
 
 # The range of the slow rate per second at which the lag of the motors decays.
 _RATES = 3.0, 6.0
@@ -56,8 +56,8 @@ def roll_on(
 ) -> float:
     """Advance a robot that rolls straight or turns on the spot, with no wall in its reach.
 
-    The lags of both wheels decay at one rate, which determines their turns. The velocity of the
-    body is the velocity of its wheels, plus a small slip that is proportional to their speed.
+    The lags of both wheels behind their motors decay at one common rate, which determines the turns
+    of the wheels. The body has the velocity of its wheels, plus a small slip proportional to it.
 
     **Arguments:**
 

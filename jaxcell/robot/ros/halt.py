@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """Return a function that cancels all goals of a Create 3, and returns the futures."""
+    """Return a function that cancels all goals of a Create 3, and returns the future answers."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 

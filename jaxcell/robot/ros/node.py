@@ -15,6 +15,7 @@ from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved
 from ..create.reading import LOW_BATTERY
 from ..create.watchdog import Watchdog
+from ..walker import Drivable
 from .halt import speed_type
 
 
@@ -37,7 +38,7 @@ class Odometry(NamedTuple):
     "The heading in radians, counter-clockwise, not wrapped."
 
 
-class RosRobot(abc.ABC):
+class RosRobot(Drivable, abc.ABC):
     """A robot on ROS 2 that a [`jaxcell.robot.Walker`][] drives by the odometry of the robot.
 
     A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
@@ -140,14 +141,6 @@ class RosRobot(abc.ABC):
         """Stop the wheels at the end of the block."""
         self._halt()
 
-    @abc.abstractmethod
-    def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Drive straight by a distance in metres, backward if negative. A bump ends the drive."""
-
-    @abc.abstractmethod
-    def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place by an angle in radians, counter-clockwise. A bump does not end the turn."""
-
     def arm(self) -> None:
         """Allow the robot to drive.
 
@@ -238,7 +231,7 @@ class RosRobot(abc.ABC):
                     self._stop("the watchdog is gone")
 
     def _begin(self) -> Odometry:
-        """Return the pose at the beginning of a motion. The bumper may be pressed already."""
+        """Check that the robot may drive, forget earlier bumps, and return the pose."""
         with self._news:
             self._check()
             self._bumped = self._pressed
@@ -254,7 +247,7 @@ class RosRobot(abc.ABC):
                 self._news.wait(TICK)
 
     def _in_time(self, end: float, what: str) -> None:
-        """Raise if a motion has taken too long."""
+        """Stop the wheels and raise if the time `end` of a motion has passed."""
         if time.monotonic() > end:
             with self._news:
                 self._stop(f"{what}: it takes too long")

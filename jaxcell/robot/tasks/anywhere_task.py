@@ -50,7 +50,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts at an unknown pose."""
+    """Read the task of a robot that starts at an unknown pose from the values of its file."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")

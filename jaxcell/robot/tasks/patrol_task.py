@@ -40,7 +40,7 @@ class PatrolTask(Task):
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
-        """The position after a step in each direction; see [`jaxcell.robot.grid_steps`][]."""
+        """The result of [`jaxcell.robot.grid_steps`][] for the squares and walls of the map."""
         return grid_steps(self.cells.free, self.closed)
 
     @property
@@ -107,7 +107,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read the task of a robot from the file of a patrol."""
+    """Read the task of a robot from the values of the file of a patrol."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     common = common_fields(path, fields)

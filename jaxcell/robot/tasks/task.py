@@ -87,7 +87,10 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
-    """Read at least `count` angles in degrees from a file, and return them in radians."""
+    """Read at least `count` angles in degrees from a file, and return them in radians.
+
+    `source` is the command that writes such files, for the error.
+    """
     values = fields.get(name)
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
@@ -99,7 +102,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Return the fields of a robot in the file of several robots."""
+    """Return the fields of the robot with the index `robot` in the file of several robots."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")
