@@ -155,7 +155,7 @@ class _Jobs:
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Return a result, or a failure if its variables differ from the first result."""
+    """Return the outcome of a job, or a failure if its variables differ from the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)

@@ -36,7 +36,7 @@ class SobolIndex:
     first_order_interval: tuple[float, float]
     "Confidence interval of 95 % of `first_order`, from a bootstrap over the samples."
     total: float
-    "The share of the variance that the parameter causes alone and through its interactions."
+    "The share of the variance that the parameter causes alone, or together with other parameters."
     total_interval: tuple[float, float]
     "Confidence interval of 95 % of `total`."
 
@@ -108,8 +108,9 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate first-order and total indices, and the ends of their confidence intervals.
 
-    In Saltelli's design, a row has the values at a point of A, at a point of B, and at the points
-    of A with one parameter from B. The three arrays have the shape `(2, parameters)`.
+    In Saltelli's design, A and B are independent samples. A row has the values at a point of A, at
+    a point of B, and at the points of A with one parameter from B. Each of the returned arrays has
+    the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -176,7 +176,7 @@ class Spec:
         return math.prod(self.chunk_grid)
 
     def chunk(self, number: int) -> Chunk:
-        """Return the chunk with a number."""
+        """Return a chunk by its number."""
         index = map(int, np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
@@ -261,20 +261,20 @@ class Spec:
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document, with a list of the values of each parameter."""
+        """Return the document, in which each parameter has a list of all its values."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
         return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the values of all parameters of a dimension, sorted by name, at each index."""
+        """Yield, at each index of a dimension, the values of its parameters, sorted by name."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the fields of nested tables, with values as texts, so that 1 and 1.0 differ."""
+    """Yield the names and values of nested fields. Values are texts, so that 1 and 1.0 differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -301,7 +301,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """Choose the lengths of a box of at most `most` members, whose copies tile `sizes`."""
+    """Choose the lengths of boxes of at most `most` members that divide an array of `sizes`."""
     lengths = {}
     # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):

@@ -54,7 +54,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
 
 
 def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
-    """Compute the outcome of a logged run so far. `file`, if any, replaces the file in the log."""
+    """Compute the outcome of a logged run. `file`, if any, replaces the task file in the log."""
     return stopped(_replayed(run, file), run)
 
 

@@ -233,7 +233,8 @@ def _direction(
 ) -> int | None:
     """Return the start direction that the robot knows, or `None`.
 
-    An emulated robot does not know more than a real robot.
+    Except on a patrol, the direction of an emulated robot is not used, because a real robot would
+    not know its direction either.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

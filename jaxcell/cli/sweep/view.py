@@ -157,7 +157,7 @@ def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]
 
 
 def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
-    """Return the values that identify members along each dimension."""
+    """Return the labels along each dimension: values of a grid parameter, or numbers from 0."""
     own = {
         each.name: each.values.tolist() for each in spec.parameters if each.name == each.dimension
     }

@@ -90,7 +90,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """Choose the number of members in a file along each dimension: a multiple of a chunk."""
+    """Choose the number of members in a file along each dimension: a multiple of the chunks'."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
