@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import python
 
 from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
@@ -177,9 +178,7 @@ for line in {MISSING!r}:
         status = main(shlex.split(line))
     print(json.dumps([line, status, printed.getvalue(), "jax" in sys.modules]))
 """
-    printed = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, check=True, stdout=subprocess.PIPE
-    ).stdout.splitlines()
+    printed = python("-c", program, cwd=tmp_path)[0].splitlines()
     assert len(printed) == len(MISSING)
     for line, status, said, loaded in map(json.loads, printed):
         assert status == 2, line
@@ -197,9 +196,8 @@ for i in range(3):
     note(f"noted {i} :x: [b]")
     table(f"shown {i}", ("a column",), [(1,)])
 """
-    together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    ended = subprocess.run([sys.executable, "-c", code], check=True, **together)
-    lines = ended.stdout.splitlines()
+    together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "capture_output": False}
+    lines = python("-c", code, **together)[0].splitlines()
     printed = [line for line in lines if line.startswith(("said", "noted", "shown"))]
     expected = [(f"said {i}", f"noted {i} :x: [b]", f"shown {i}") for i in range(3)]
     assert [line.strip() for line in printed] == [line for lines in expected for line in lines]
@@ -238,11 +236,10 @@ def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
     """All of it, and the files are those of an output in UTF-8."""
     printed = {}
     for one in ("utf-8", encoding):
-        command = f"{sys.executable} -m jaxcell groups @lab_a --bounce 45 --out {one}".split()
+        words = f"-m jaxcell groups @lab_a --bounce 45 --out {one}".split()
         environment = {**os.environ, "PYTHONIOENCODING": one, "COLUMNS": "120"}
-        ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True)
-        assert ended.returncode == 0, ended.stderr
-        printed[one] = ended.stdout.decode(one.partition(":")[0])
+        output, _ = python(*words, cwd=tmp_path, env=environment, text=False)
+        printed[one] = output.decode(one.partition(":")[0])
         assert (tmp_path / one / "groups.nc").exists()
     assert "45° " in printed["utf-8"]
     plain = printed[encoding]
@@ -253,12 +250,11 @@ def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
         assert len({len(line) for line in table}) == 1, plain
 
 
-def test_a_map_is_drawn_in_ascii(tmp_path):
-    command = [sys.executable, "-m", "jaxcell", "maps"]
+def test_a_map_is_drawn_in_ascii():
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout.isascii()
+    printed, errors = python("-m", "jaxcell", "maps", env=environment)
+    assert errors == ""
+    assert printed.isascii()
 
 
 def test_localize_compiles_nothing_and_imports_little():
@@ -275,5 +271,4 @@ def test_localize_compiles_nothing_and_imports_little():
         "assert not compiled, compiled\n"
         "assert not {'scipy', 'xarray', 'pandas'} & sys.modules.keys()\n"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
+    python("-c", code)
