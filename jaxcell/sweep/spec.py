@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
+from ..base.documents import check_file
 from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
@@ -84,10 +85,7 @@ class Spec:
     def load(cls, path: str | os.PathLike[str]) -> "Spec":
         """Read a specification from a file."""
         path = Path(path)
-        if not path.exists():
-            raise FileNotFoundError(f"{path}: there is no such file")
-        if path.is_dir():
-            raise ValueError(f"{path}: expected a specification in TOML, got a directory")
+        check_file(path, "a TOML")
         return cls.parse(path.read_bytes(), path, path.parent)
 
     @classmethod

@@ -128,7 +128,7 @@ patrol map @lab_a --range 3 --robots 1 --base auto --lost 0
 patrol map @lab_a --attack-times
     --attack-times: expected at least one
 patrol map apart.txt
-    apart.txt: its cells are in 2 separate pieces; no way leads from (0.5, 0.5) to (4.5, 0.5)
+    apart.txt: its cells are in separate pieces; no way leads from (0.5, 0.5) to (4.5, 0.5)
 run json:dumps
     json:dumps: expected a class that derives from jaxcell.study.Study, ...
 run stones

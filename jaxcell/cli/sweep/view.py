@@ -148,8 +148,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
     """Return all parameters of a member, including the parameters that all members share."""
-    own = {each.name: each.values[places[each.dimension]].item() for each in spec.parameters}
-    return {**spec.fixed, **own}
+    return {**spec.fixed, **spec.member(places)}
 
 
 def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
