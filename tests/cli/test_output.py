@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -33,7 +35,6 @@ WRITING = {
     "sweep": ["{spec}"],
     "sweep view": ["{folder}"],
 }
-ON_A_LINE = ("robot calibrate", "robot check")
 FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
 
 
@@ -87,37 +88,6 @@ def _computed(*_):
     raise AssertionError("it went on")
 
 
-@pytest.mark.parametrize("command", [*COMMANDS])
-@pytest.mark.parametrize("read", ["nothing", "folder", "empty"])
-def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, read):
-    (tmp_path / "folder.json").mkdir()
-    (tmp_path / "empty.json").touch()
-    path = str(tmp_path / f"{read}.json")
-    arguments = {
-        **{name: [path, *words[1:]] for name, words in WRITING.items()},
-        "export": [path, str(tmp_path / "a.dot")],
-        "info": [path],
-        "robot calibrate": ["--port", path],
-        "robot check": ["--port", path],
-        "run": [path],
-        "robot run": [path, "--simulate", LAB],
-        "sweep indices": [path],
-        "sweep merge": [path],
-        "sweep status": [path],
-        "sweep verify": [path],
-        "sweep view": [path],
-        "view": [path],
-    }
-    if command in ("demo", "docs", "maps"):
-        pytest.skip("it reads nothing")
-    assert main([*command.split(), *arguments[command]]) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith(f"jaxcell {command}: ")
-    assert f"{read}.json" in printed or command in ON_A_LINE
-    assert "Errno" not in printed
-    assert printed.count("\n") == 1
-
-
 COVER = "--bounces 45 --error 45 --reliability 0.8"
 # A line for each file that a command reads, which is not there.
 MISSING = [
@@ -142,6 +112,8 @@ MISSING = [
     "patrol graph @random --strategy mixing --visits none.json",
     "patrol graph @random --game --values none.json",
     "patrol map none.json",
+    "robot calibrate --port none",
+    "robot check --port none",
     "robot replay none.jsonl",
     "robot run none.jxf --simulate @lab_a",
     "robot sketch none.jxf",
@@ -166,7 +138,7 @@ def test_every_file_of_a_command_is_among_the_missing():
                 said = option(kind, parameter)
                 said = said if said.startswith("--") else name
                 assert any(f"{said} none" in line or f"{said} @" in line for line in lines), said
-        assert lines or hasattr(kind, "study") or name in ("demo", "docs", "maps", *ON_A_LINE)
+        assert lines or hasattr(kind, "study") or name in ("demo", "docs", "maps")
 
 
 def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
@@ -186,6 +158,20 @@ for line in {MISSING!r}:
         last = said.splitlines()[-1]
         assert last.startswith("jaxcell "), said
         assert "none" in last, said
+
+
+@pytest.mark.parametrize("kind", ["a_folder", "empty"])
+@pytest.mark.parametrize("line", MISSING)
+def test_folders_and_empty_files_are_refused_in_one_line(tmp_path, monkeypatch, capsys, line, kind):
+    monkeypatch.chdir(tmp_path)
+    line = re.sub(r"\bnone\b", kind, line)
+    name = re.search(rf"{kind}(\.\w+)?", line)[0]
+    Path(name).touch() if kind == "empty" else Path(name).mkdir()
+    assert main(shlex.split(line)) == 2
+    printed = capsys.readouterr().err
+    assert re.match(rf"jaxcell [^:]*(:\w+)?: .*{kind}", printed)
+    assert "Errno" not in printed
+    assert printed.count("\n") == 1
 
 
 def test_output_keeps_its_order_in_one_file():
