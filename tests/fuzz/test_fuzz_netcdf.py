@@ -226,6 +226,13 @@ def test_damaged_files_are_read_or_refused(tmp_path, worker, reader, form, corpu
     assert outcome in ("read", "refused") or (form == "NETCDF4" and "with status -" in outcome)
 
 
+def test_a_mask_of_characters_is_refused(tmp_path, worker):
+    described = copy.deepcopy(FILES["currents"][2])
+    described["variables"]["hFacC"]["dtype"] = "S1"
+    write(tmp_path / "f.nc", described)
+    assert worker("currents", tmp_path / "f.nc") == "refused"
+
+
 @readers
 def test_undamaged_files_are_read(tmp_path, worker, reader, corpus):
     for content in corpus(reader, "NETCDF4").values():
