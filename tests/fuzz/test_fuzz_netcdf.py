@@ -226,9 +226,15 @@ def test_damaged_files_are_read_or_refused(tmp_path, worker, reader, form, corpu
     assert outcome in ("read", "refused") or (form == "NETCDF4" and "with status -" in outcome)
 
 
-def test_a_mask_of_characters_is_refused(tmp_path, worker):
-    described = copy.deepcopy(FILES["currents"][2])
-    described["variables"]["hFacC"]["dtype"] = "S1"
+@pytest.mark.parametrize(
+    ("number", "name", "change"),
+    [(1, "pm", {"values": np.full((7, 9), 5e-324)}), (2, "hFacC", {"dtype": "S1"})],
+)
+def test_cells_without_a_side_and_a_mask_of_letters_are_refused(
+    tmp_path, worker, number, name, change
+):
+    described = copy.deepcopy(FILES["currents"][number])
+    described["variables"][name] |= change
     write(tmp_path / "f.nc", described)
     assert worker("currents", tmp_path / "f.nc") == "refused"
 
