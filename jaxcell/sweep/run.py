@@ -68,11 +68,8 @@ def run_sweep(
 
     The periodic groups of two angles on one map:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     status = sweep.run_sweep(examples.angles(), out)
+        >>> status = sweep.run_sweep(examples.angles(), examples.folder())
         >>> status.complete, status.members, status.done
         (True, 2, 1)
     """

@@ -53,18 +53,15 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
 
     The periodic groups of one map at three angles:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
+        >>> from jaxcell import examples, sweep
         >>> lines = (
-        ...     'task = "groups"', "[fixed]", f'map = "{lab}"', "[random]", "samples = 2",
+        ...     'task = "groups"', "[fixed]", 'map = "@lab_a"', "[random]", "samples = 2",
         ...     'design = "saltelli"', "bounce = {choice = [45, 90, 135]}",
         ... )
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
-        ...     indices = sweep.sobol_indices(out)
+        >>> out = examples.folder()
+        >>> _ = (out / "angles.toml").write_text("\\n".join(lines))
+        >>> _ = sweep.run_sweep(sweep.Spec.load(out / "angles.toml"), out)
+        >>> indices = sweep.sobol_indices(out)
         >>> indices[0].variable, indices[0].parameter
         ('count', 'bounce')
     """

@@ -50,18 +50,12 @@ class Spec:
     *dimension*. A list is one dimension, `member`; random samples are one dimension, `sample`. A
     *chunk* is a box of members that one call of the task computes.
 
-    Two angles on one map:
+    A bundled specification, with 72 angles on each of two maps:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     spec = sweep.Spec.load(path)
+        >>> spec = sweep.Spec.load(bundled("lab_groups"))
         >>> spec.dimensions, spec.members, spec.chunk_count, list(spec.fixed)
-        ({'bounce': 2}, 2, 1, ['map'])
+        ({'map': 2, 'bounce': 72}, 144, 6, ['cell', 'directions', 'collision'])
     """
 
     path: Path
