@@ -40,20 +40,6 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
     found = described(capsys)
     assert found.pop("seconds") >= 0
-    assert found == {
-        "out": "runs/some",
-        "task": "sweep_stub:stub",
-        "dimensions": {"x": 10},
-        "members": 10,
-        "chunks": 3,
-        "done": 3,
-        "failed": 0,
-        "failures": [],
-        "damaged": 0,
-        "running": None,
-        "members_per_second": None,
-        "seconds_left": None,
-    }
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
         xr.testing.assert_identical(one.load(), other.load())
     assert main(["sweep", "status", "runs/some", "--json"]) == 0
