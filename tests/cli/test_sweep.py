@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import sweep_stub
 import xarray as xr
-from helpers import python
+from helpers import python, run
 from waiting import wait_until
 
 from jaxcell.cli import main
@@ -31,19 +31,14 @@ def spec(tmp_path):
     return written
 
 
-def described(capsys):
-    return json.loads(capsys.readouterr().out)
-
-
 def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
-    found = described(capsys)
+    status, found, _ = run(capsys, "sweep", spec(), "--netcdf")
+    assert status == 0
     assert found.pop("seconds") >= 0
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
         xr.testing.assert_identical(one.load(), other.load())
-    assert main(["sweep", "status", "runs/some", "--json"]) == 0
-    assert described(capsys) == found
+    assert run(capsys, "sweep status runs/some") == (0, found, "")
     assert main(["sweep", "status", "runs/some"]) == 0
     printed = capsys.readouterr()
     assert "3 of 3" in printed.out
@@ -58,9 +53,8 @@ def test_failures_are_reported(spec, tmp_path, capsys):
     assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in printed.err
     assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in printed.err
     assert "To compute the rest: the same command with --resume" in printed.err
-    assert main(["sweep", "status", out, "--json"]) == 1
-    found = described(capsys)
-    assert (found["done"], found["failed"]) == (2, 1)
+    status, found, _ = run(capsys, "sweep status", out)
+    assert (status, found["done"], found["failed"]) == (1, 2, 1)
     assert found["failures"] == [
         {"chunk": 1, "parameters": {"x": 5}, "message": "RuntimeError: x is 5"}
     ]
@@ -89,14 +83,13 @@ def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, engi
 
 
 def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys):
-    options = ["sweep", spec("fail = 1", chunk=1), "--out", str(tmp_path / "out"), "--json"]
-    assert main([*options, "--max-failures", "0"]) == 1
-    printed = capsys.readouterr()
-    found = json.loads(printed.out)
-    assert (found["done"], found["failed"]) == (1, 1)
-    assert "Stopped: more than 0 members failed" in printed.err
-    assert main([*options, "--max-failures", "-1"]) == 2
-    assert "--max-failures: expected 0 or more, got -1" in capsys.readouterr().err
+    words = "sweep", spec("fail = 1", chunk=1), "--out", tmp_path / "out", "--max-failures"
+    status, found, note = run(capsys, *words, 0)
+    assert (status, found["done"], found["failed"]) == (1, 1, 1)
+    assert "Stopped: more than 0 members failed" in note
+    status, _, error = run(capsys, *words, -1)
+    assert status == 2
+    assert "--max-failures: expected 0 or more, got -1" in error
 
 
 def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
@@ -135,8 +128,8 @@ def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, 
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in printed
-    assert main(["sweep", "status", str(out), "--json"]) == 1
-    found = described(capsys)
+    status, found, _ = run(capsys, "sweep status", out)
+    assert status == 1
     assert 0 < found["done"] < found["chunks"]
     assert found["running"] is None
 

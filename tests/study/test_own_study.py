@@ -6,6 +6,7 @@ from pathlib import Path
 import falling_stone
 import pytest
 from falling_stone import Drop
+from helpers import run
 from recordings import read_back
 
 from jaxcell import bundled
@@ -38,9 +39,8 @@ def test_quantities_are_described_and_checked_by_their_kind():
 
 
 def test_its_command_runs_it_from_its_file(capsys):
-    assert main(["run", f"{FILE}:Drop", "--height", "20", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed["command"] == f"jaxcell run {FILE}:Drop"
+    status, printed, _ = run(capsys, "run", f"{FILE}:Drop", "--height 20")
+    assert (status, printed["command"]) == (0, f"jaxcell run {FILE}:Drop")
     assert (printed["height_m"], printed["kinds"]) == (20, ["stone"])
 
 

@@ -1,4 +1,3 @@
-import json
 import os
 import re
 import subprocess
@@ -11,10 +10,10 @@ import pytest
 import sweep_kills
 import sweep_workers
 from distributed import LocalCluster
+from helpers import run
 from sweep_kills import kill_apart, tree
 from waiting import is_running, wait_until
 
-from jaxcell.cli import main
 from jaxcell.sweep import engine_named, open_sweep, run_sweep, scheduler_address, sweep_status
 from jaxcell.sweep.workers.engines import worker_environment
 from jaxcell.sweep.workers.work import Computed, Failed, Job
@@ -141,14 +140,11 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
     file, spec = tmp_path / "scheduler.json", str(spec_file(text="[grid]\nx = {count = 4}"))
     with LocalCluster(**ONE_WORKER, scheduler_kwargs={"scheduler_file": str(file)}) as cluster:
         assert scheduler_address(file) == cluster.scheduler_address
-        out = str(tmp_path / "out")
-        options = ["--scheduler-file", str(file), "--json"]
-        assert main(["sweep", spec, "--out", out, *options]) == 0
-        assert json.loads(capsys.readouterr().out)["done"] == 1
-        assert main(["sweep", spec, "--out", out, *options, "--engine", "dask"]) == 2
-        assert (
-            "--scheduler-file: it has an effect only with --engine local" in capsys.readouterr().err
-        )
+        words = "sweep", spec, "--out", tmp_path / "out", "--scheduler-file", file
+        assert run(capsys, *words)[1]["done"] == 1
+        status, _, error = run(capsys, *words, "--engine dask")
+        assert status == 2
+        assert "--scheduler-file: it has an effect only with --engine local" in error
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '"tcp://a:1"', "[" * 100_000])
