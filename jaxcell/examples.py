@@ -5,6 +5,8 @@
 (6, 152)
 """
 
+import atexit
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,13 @@ from jaxtyping import Bool
 
 from . import automata, drift, dynamics, mapping, markov, optimize, robot, space, sweep
 from .base.bundled import bundled
+
+
+def folder() -> Path:
+    """Create an empty folder, which is removed when Python ends."""
+    path = tempfile.mkdtemp(prefix="jaxcell-")
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return Path(path)
 
 
 def corridor(directions: int = 2) -> "space.CellSpace":
@@ -46,10 +55,9 @@ def walker(x: float = 0.5, direction: int = 0) -> "robot.Walker":
 def patrol_task() -> "robot.PatrolTask":
     """Build the task of a robot that patrols between the ends of the corridor."""
     walk = np.array([[2, 1, 0]]), np.ones((1, 3))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "patrol.json")
-        robot.save_patrols(path, corridor(directions=4), [walk], [0], 1.5)
-        task = robot.load_task(path)
+    path = folder() / "patrol.json"
+    robot.save_patrols(path, corridor(directions=4), [walk], [0], 1.5)
+    task = robot.load_task(path)
     assert isinstance(task, robot.PatrolTask)
     return task
 
@@ -132,7 +140,6 @@ def angles(chunk: int = 64) -> "sweep.Spec":
         "[fixed]",
         'map = "@lab_a"',
     )
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "angles.toml")
-        path.write_text("\n".join(lines))
-        return sweep.Spec.load(path)
+    path = folder() / "angles.toml"
+    path.write_text("\n".join(lines))
+    return sweep.Spec.load(path)

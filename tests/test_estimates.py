@@ -1,10 +1,10 @@
 import math
 import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from helpers import python
 
 from jaxcell import bundled, study
 from jaxcell.automata import subset_construction
@@ -114,14 +114,7 @@ def test_estimates_of_studies_agree_with_the_peak_of_a_process(row):
         "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
     )
     nothing_compiled = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=nothing_compiled,
-    )
-    peak = int(run.stdout) * 1024
+    peak = int(python("-c", code, env=nothing_compiled)[0]) * 1024
     assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
 
 

@@ -1,9 +1,9 @@
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from helpers import python
 
 from jaxcell.base import memory
 
@@ -132,9 +132,6 @@ def test_the_limit_of_addresses_limits_the_free_memory():
         "from jaxcell.base.memory import free, shortage; print(free(), shortage(free()))"
     )
     root = Path(memory.__file__).parents[1]
-    told = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=root, check=True
-    )
-    left, _, said = told.stdout.partition(" ")
+    left, _, said = python("-c", code, cwd=root)[0].partition(" ")
     assert 10**8 < int(left) < 10**9
     assert said.endswith(" GB are free: ulimit -v allows 1.0 GB of addresses\n")

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from pathlib import Path
 
 
 def wait_until(condition, limit=120.0):
@@ -15,6 +16,14 @@ def wait_until(condition, limit=120.0):
             raise AssertionError(f"the condition did not hold within {limit:g} s")
         time.sleep(0.001)
     return found
+
+
+def is_running(process):
+    """Check that a process runs; a process whose parent has not waited for it only exists."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def when(condition, act):

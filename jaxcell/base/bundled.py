@@ -19,14 +19,9 @@ _KINDS = {
 def bundled(name: str) -> Path:
     """Find a file of the bundled data by its name, or by its path in the folder of the data.
 
-    The folder is `data` in a checkout, or inside an installed package. On the command line and in
-    specifications of sweeps, names begin with `@`.
-
-    **Arguments:**
-
-    - `name`: a name such as `lab_a`, `@lab_a` or `maps/lab_a.json`; `jaxcell maps` lists the names.
-
-    **Raises:** `FileNotFoundError` if there is no such file.
+    Examples are `lab_a`, `@lab_a` and `maps/lab_a.json`; `jaxcell maps` lists the names. On the
+    command line and in specifications of sweeps, names begin with `@`. The folder is `data` in a
+    checkout, or inside an installed package. **Raises:** `FileNotFoundError` for another name.
 
         >>> from jaxcell import bundled
         >>> bundled("lab_a") == bundled("maps/lab_a.json")

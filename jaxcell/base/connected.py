@@ -30,13 +30,7 @@ def check_connected(
     edges: Int[np.ndarray, "edges 2"],
     expected: str = "graph: expected all vertices connected, but",
 ) -> None:
-    """Raise `ValueError` if a graph is not connected.
-
-    **Arguments:**
-
-    - `vertices`, `edges`: the number of vertices, and the pairs of vertices with an edge.
-    - `expected`: the beginning of the error message.
-    """
+    """Raise `ValueError` with a message that begins with `expected` if a graph is not connected."""
     parts = vertices_apart(vertices, edges)
     if parts is None:
         return

@@ -85,14 +85,9 @@ def checked_number(
     most: float = MAX_NUMBER,
     text: bool = False,
 ) -> float:
-    """Check that a value is a finite number.
+    """Check that a value is a finite number of at least `least` and of a magnitude up to `most`.
 
-    **Arguments:**
-
-    - `expected`: a description of the accepted values, for the error.
-    - `least`: the least number that is accepted.
-    - `most`: the largest magnitude that is accepted.
-    - `text`: if true, accept strings with a number too.
+    If `text`, strings with a number are accepted too. The error contains the text `expected`.
     """
     number = math.nan
     if type(value) in ((int, float, str) if text else (int, float)):

@@ -42,7 +42,7 @@ def hosted(package: str, name: str, value: Any) -> Any:
 
 
 def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """Wrap a function so that a call with traced arrays raises an error that says `name`."""
+    """Wrap a function so that a call with traced arrays raises an error that contains `name`."""
 
     @functools.wraps(function)
     def call(*args: Any, **options: Any) -> Any:

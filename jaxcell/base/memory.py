@@ -27,13 +27,13 @@ def free() -> int | None:
     that is left under each of three limits. The limits are those of control groups (containers and
     batch jobs), of the address space (`ulimit -v`), and of `JAXCELL_MEMORY`.
     """
-    known = [count for count, _ in _known()]
+    known = [count for count, _ in _limits_left()]
     return max(0, min(known)) if known else None
 
 
 def shortage(available: int) -> str:
     """Describe the free memory, and the limit that causes it, if any."""
-    left, limit = min(_known(), default=(0, ""))
+    left, limit = min(_limits_left(), default=(0, ""))
     # The free memory may have changed a little since it was measured.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
     return f"{gigabytes(available)} are free{named}"
@@ -75,13 +75,13 @@ def read_size(text: str, name: str) -> int:
     return count
 
 
-def _known() -> list[tuple[int, str]]:
-    """Measure the bytes that are left under each limit, and return them with its description."""
-    return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
+def _limits_left() -> list[tuple[int, str]]:
+    """Return the bytes that are left under each limit, with a description of the limit."""
+    return [*_machine(), *_control_groups(), *_addresses(), *_user_limit()]
 
 
-def _wished() -> Iterator[tuple[int, str]]:
-    """Yield the bytes that are left under the limit of the user, once all libraries are loaded."""
+def _user_limit() -> Iterator[tuple[int, str]]:
+    """Yield the bytes left under the limit `JAXCELL_MEMORY`; at least `LIBRARIES` count as used."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0

@@ -30,7 +30,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Return the error for a missing module, with the reason for its use and its installation."""
+    """Return the error for a missing module: what needs it, how to install it, and `reason`."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 

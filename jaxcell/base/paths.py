@@ -1,7 +1,8 @@
-"""Find files, replace files atomically, and name files in results."""
+"""Find files, replace files atomically, compute digests, and name files in results."""
 
 import contextlib
 import glob
+import hashlib
 import os
 import re
 import secrets
@@ -55,6 +56,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
         raise
     shutil.rmtree(temporary.with_suffix(".old"), ignore_errors=True)
+
+
+def digest(path: Path) -> str:
+    """Compute the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:

@@ -5,7 +5,7 @@ import numpy as np
 
 
 def require_x64(what: str) -> None:
-    """Raise `RuntimeError` if JAX uses 32-bit numbers."""
+    """Raise `RuntimeError` if JAX uses 32-bit numbers; `what` names the computation."""
     if jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise RuntimeError(
             f"{what} needs 64-bit numbers, and JAX is set to 32 bits: call "

@@ -1,6 +1,7 @@
 """Control this process: display, output, signals, and threads of linear algebra."""
 
 import contextlib
+import ctypes
 import functools
 import os
 import signal
@@ -19,17 +20,31 @@ def has_display() -> bool:
 
 
 @contextlib.contextmanager
-def no_output() -> Iterator[None]:
-    """Discard standard output inside a `with` block, also from compiled code."""
-    sys.stdout.flush()
-    kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 1)
+def output_to(descriptor: int) -> Iterator[None]:
+    """Redirect standard output inside a `with` block to a file, also from compiled code."""
+    _flush()
+    kept = os.dup(1)
+    os.dup2(descriptor, 1)
     try:
         yield
     finally:
+        _flush()
         os.dup2(kept, 1)
         os.close(kept)
-        os.close(nothing)
+
+
+@contextlib.contextmanager
+def no_output() -> Iterator[None]:
+    """Discard standard output inside a `with` block."""
+    with open(os.devnull, "wb") as nothing, output_to(nothing.fileno()):
+        yield
+
+
+def _flush() -> None:
+    sys.stdout.flush()
+    # The output buffer of C.
+    with contextlib.suppress(TypeError, OSError):
+        ctypes.CDLL(None).fflush(None)
 
 
 def end_by_signals() -> list[signal.Signals]:

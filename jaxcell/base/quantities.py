@@ -112,12 +112,8 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
 def from_part(path: str, *description: Any, **more: Any) -> Any:
     """Describe a quantity that is an attribute of a part of a result, such as `deployment.cells`.
 
-    If the part is `None`, the result does not have the quantity.
-
-    **Arguments:**
-
-    - `path`: the names of the part and of the attribute, with a dot between them.
-    - further arguments: those of [`quantity`][jaxcell.base.quantities.quantity].
+    If the part is `None`, the result does not have the quantity. The arguments after `path` are
+    those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 
     def value(result: Any) -> Any:
@@ -225,16 +221,10 @@ reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
-    """Find the described quantities of a class of results.
+    """Find the descriptions of the quantities of a class of results, keyed by name.
 
     Coordinates come first, then the leading quantities, then the other quantities in the order of
     their definition.
-
-    **Arguments:**
-
-    - `result`: a dataclass.
-
-    **Returns:** the description of each quantity, by name.
     """
     fields = {
         field.name: described
@@ -262,15 +252,10 @@ def quantities(result: type) -> dict[str, Quantity]:
 def values(
     result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
 ) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities of a result, except quantities with the value `None`.
+    """Compute the quantities of a result that `wanted` selects and that are not `None`.
 
     Members of enumerations become names in lower case. Zeros become positive, because their sign
     may depend on the processor.
-
-    **Arguments:**
-
-    - `result`: the result.
-    - `wanted`: a function that selects quantities; other quantities are not computed.
     """
     named_values = {}
     for name, one in quantities(type(result)).items():

@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _of_options(message: str, command: Any) -> str:
-    """Replace the parameters in a message (the first word, and words in backquotes) by options."""
+    """Replace parameters in a message, the first word and words in backquotes, by options."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]

@@ -1,7 +1,6 @@
 """Output for people: tables on standard output, progress and remarks on standard error."""
 
 import contextlib
-import ctypes
 import os
 import shutil
 import sys
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..base.optional_modules import has_module
+from ..base.process import output_to
 from ..base.quantities import Result
 from .encoding import encodable
 
@@ -188,15 +188,5 @@ def _longest_word(cells: Iterable[str]) -> int:
 @contextlib.contextmanager
 def stdout_on_stderr() -> Iterator[None]:
     """Redirect the output of solvers, tasks and their processes to standard error."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            yield
-    finally:
-        # Flush the output buffer of C, which would otherwise be written later.
-        with contextlib.suppress(TypeError, OSError):
-            ctypes.CDLL(None).fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
+    with output_to(2), contextlib.redirect_stdout(sys.stderr):
+        yield

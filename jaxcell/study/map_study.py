@@ -38,7 +38,7 @@ class CellStudy(Study):
 
     @property
     def smaller(self) -> str:
-        """Advice of a `MemoryError`, as the words before "larger cells"; may be empty."""
+        """Further advice of a `MemoryError`, which stands before "larger cells"; may be empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:

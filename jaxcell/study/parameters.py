@@ -148,7 +148,7 @@ def inside(annotation: Any) -> Iterator[Any]:
 
 
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
-    """Return the first note of type `kind` in an annotation, also inside tuples and unions."""
+    """Return the first metadata of type `kind` in an annotation, also inside tuples and unions."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
     return next((note for note in notes if isinstance(note, kind)), None)
 

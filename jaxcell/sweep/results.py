@@ -50,12 +50,10 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
     A sweep that is done:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     status = sweep.sweep_status(out)
+        >>> out = examples.folder()
+        >>> _ = sweep.run_sweep(examples.angles(), out)
+        >>> status = sweep.sweep_status(out)
         >>> status.task, status.dimensions, status.complete, status.running
         ('groups', {'bounce': 2}, True, None)
     """
@@ -82,13 +80,11 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
 
     The number of periodic groups for two angles on one map:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     with sweep.open_sweep(out) as dataset:
-        ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
+        >>> out = examples.folder()
+        >>> _ = sweep.run_sweep(examples.angles(), out)
+        >>> with sweep.open_sweep(out) as dataset:
+        ...     print(dataset["count"].values.tolist(), dataset.status.values.tolist())
         [1, 1] [1, 1]
     """
     import xarray as xr

@@ -68,11 +68,8 @@ def run_sweep(
 
     The periodic groups of two angles on one map:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     status = sweep.run_sweep(examples.angles(), out)
+        >>> status = sweep.run_sweep(examples.angles(), examples.folder())
         >>> status.complete, status.members, status.done
         (True, 2, 1)
     """
@@ -155,7 +152,7 @@ class _Jobs:
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Return a result, or a failure if its variables differ from the first result."""
+    """Return the outcome of a job, or a failure if its variables differ from the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)

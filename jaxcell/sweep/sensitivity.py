@@ -36,7 +36,7 @@ class SobolIndex:
     first_order_interval: tuple[float, float]
     "Confidence interval of 95 % of `first_order`, from a bootstrap over the samples."
     total: float
-    "The share of the variance that the parameter causes alone and through its interactions."
+    "The share of the variance that the parameter causes alone, or together with other parameters."
     total_interval: tuple[float, float]
     "Confidence interval of 95 % of `total`."
 
@@ -53,18 +53,15 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
 
     The periodic groups of one map at three angles:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
+        >>> from jaxcell import examples, sweep
         >>> lines = (
-        ...     'task = "groups"', "[fixed]", f'map = "{lab}"', "[random]", "samples = 2",
+        ...     'task = "groups"', "[fixed]", 'map = "@lab_a"', "[random]", "samples = 2",
         ...     'design = "saltelli"', "bounce = {choice = [45, 90, 135]}",
         ... )
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
-        ...     indices = sweep.sobol_indices(out)
+        >>> out = examples.folder()
+        >>> _ = (out / "angles.toml").write_text("\\n".join(lines))
+        >>> _ = sweep.run_sweep(sweep.Spec.load(out / "angles.toml"), out)
+        >>> indices = sweep.sobol_indices(out)
         >>> indices[0].variable, indices[0].parameter
         ('count', 'bounce')
     """
@@ -108,8 +105,9 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate first-order and total indices, and the ends of their confidence intervals.
 
-    In Saltelli's design, a row has the values at a point of A, at a point of B, and at the points
-    of A with one parameter from B. The three arrays have the shape `(2, parameters)`.
+    In Saltelli's design, A and B are independent samples. A row has the values at a point of A, at
+    a point of B, and at the points of A with one parameter from B. Each of the returned arrays has
+    the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -80,15 +80,13 @@ def merge_sweep(
 
     Two shards of two angles:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out, spec = pathlib.Path(folder, "out"), examples.angles(chunk=1)
-        ...     for text in ("1/2", "2/2"):
-        ...         shard = sweep.Shard.read(text)
-        ...         chunks = shard.chunks(spec.chunk_count)
-        ...         _ = sweep.run_sweep(spec, shard.folder(out), chunks=chunks)
-        ...     status = sweep.merge_sweep(out)
+        >>> out, spec = examples.folder(), examples.angles(chunk=1)
+        >>> for text in ("1/2", "2/2"):
+        ...     shard = sweep.Shard.read(text)
+        ...     chunks = shard.chunks(spec.chunk_count)
+        ...     _ = sweep.run_sweep(spec, shard.folder(out), chunks=chunks)
+        >>> status = sweep.merge_sweep(out)
         >>> status.complete, status.done
         (True, 2)
     """

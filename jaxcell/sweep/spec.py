@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.bundled import bundled_names
+from ..base.documents import check_file
 from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
@@ -49,18 +50,12 @@ class Spec:
     *dimension*. A list is one dimension, `member`; random samples are one dimension, `sample`. A
     *chunk* is a box of members that one call of the task computes.
 
-    Two angles on one map:
+    A bundled specification, with 72 angles on each of two maps:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     spec = sweep.Spec.load(path)
+        >>> spec = sweep.Spec.load(bundled("lab_groups"))
         >>> spec.dimensions, spec.members, spec.chunk_count, list(spec.fixed)
-        ({'bounce': 2}, 2, 1, ['map'])
+        ({'map': 2, 'bounce': 72}, 144, 6, ['cell', 'directions', 'collision'])
     """
 
     path: Path
@@ -84,10 +79,7 @@ class Spec:
     def load(cls, path: str | os.PathLike[str]) -> "Spec":
         """Read a specification from a file."""
         path = Path(path)
-        if not path.exists():
-            raise FileNotFoundError(f"{path}: there is no such file")
-        if path.is_dir():
-            raise ValueError(f"{path}: expected a specification in TOML, got a directory")
+        check_file(path, "a TOML")
         return cls.parse(path.read_bytes(), path, path.parent)
 
     @classmethod
@@ -176,7 +168,7 @@ class Spec:
         return math.prod(self.chunk_grid)
 
     def chunk(self, number: int) -> Chunk:
-        """Return the chunk with a number."""
+        """Return a chunk by its number."""
         index = map(int, np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
@@ -261,20 +253,20 @@ class Spec:
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document, with a list of the values of each parameter."""
+        """Return the document, in which each parameter has a list of all its values."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
         return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the values of all parameters of a dimension, sorted by name, at each index."""
+        """Yield, at each index of a dimension, the values of its parameters, sorted by name."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the fields of nested tables, with values as texts, so that 1 and 1.0 differ."""
+    """Yield the names and values of nested fields. Values are texts, so that 1 and 1.0 differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -301,7 +293,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """Choose the lengths of a box of at most `most` members, whose copies tile `sizes`."""
+    """Choose the lengths of boxes of at most `most` members that divide an array of `sizes`."""
     lengths = {}
     # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):

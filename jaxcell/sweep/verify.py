@@ -69,14 +69,12 @@ def verify_sweep(
 
     A byte of a result is changed:
 
-        >>> import pathlib, tempfile
         >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     file = out / "sweep.zarr" / "count" / "c" / "0"
-        ...     _ = file.write_bytes(b"?" + file.read_bytes()[1:])
-        ...     verified = sweep.verify_sweep(out)
+        >>> out = examples.folder()
+        >>> _ = sweep.run_sweep(examples.angles(), out)
+        >>> file = out / "sweep.zarr" / "count" / "c" / "0"
+        >>> _ = file.write_bytes(b"?" + file.read_bytes()[1:])
+        >>> verified = sweep.verify_sweep(out)
         >>> verified.damaged, verified.recomputed, verified.whole
         (('sweep.zarr/count/c/0',), 1, True)
     """

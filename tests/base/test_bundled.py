@@ -1,10 +1,9 @@
 import os
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from helpers import python
 
 from jaxcell import bundled
 from jaxcell.base.bundled import bundled_names
@@ -59,8 +58,7 @@ def test_specifications_of_sweeps_name_bundled_data():
 
 
 def test_a_wheel_has_them(tmp_path):
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    python("-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, cwd=ROOT)
     (wheel,) = tmp_path.glob("*.whl")
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     code = (
@@ -73,12 +71,6 @@ def test_a_wheel_has_them(tmp_path):
     )
     site, elsewhere = str(tmp_path / "site"), tmp_path / "elsewhere"
     elsewhere.mkdir()
-    run = subprocess.run(
-        [sys.executable, "-c", code, site],
-        cwd=elsewhere,
-        env={**os.environ, "PYTHONPATH": site},
-        capture_output=True,
-        text=True,
-    )
-    assert run.returncode == 0, run.stderr
-    assert '"map": "@lab_a"' in run.stdout
+    environment = {**os.environ, "PYTHONPATH": site}
+    printed, _ = python("-c", code, site, cwd=elsewhere, env=environment)
+    assert '"map": "@lab_a"' in printed

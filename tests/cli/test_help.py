@@ -2,6 +2,7 @@ import subprocess
 import sys
 
 import pytest
+from helpers import python
 
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS, read
@@ -34,10 +35,6 @@ def test_an_example_can_be_read(command):
     name, found = read(example(kind, command).split()[1:])
     assert name == command
     assert isinstance(found, kind)
-
-
-def test_an_option_of_four_numbers_shows_four_placeholders(capsys):
-    assert "--bounds FLOAT FLOAT FLOAT FLOAT " in page(capsys, "drift", "--help")
 
 
 def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
@@ -85,8 +82,7 @@ def completions(tmp_path_factory):
     """Return the proposals of Bash for the last word of a line, in a folder with one file."""
     folder = tmp_path_factory.mktemp("shell")
     (folder / "my_map.json").touch()
-    command = [sys.executable, "-m", "jaxcell", "--tyro-print-completion", "bash"]
-    script = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    script, _ = python("-m", "jaxcell", "--tyro-print-completion", "bash")
     (folder / "jaxcell.bash").write_text(script)
 
     def proposed(line):
@@ -157,8 +153,7 @@ def test_no_page_of_help_imports_a_slow_package():
         "slow = {'jax', 'numpy', 'xarray', 'rerun', 'shapely', 'zarr'}\n"
         "assert not slow & sys.modules.keys(), slow & sys.modules.keys()"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
+    python("-c", code)
 
 
 @pytest.mark.parametrize("line", ["localize", "nothing", "groups map.json --bounce many"])

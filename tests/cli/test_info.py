@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import run
 
 from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
@@ -36,8 +37,7 @@ def test_files_of_a_command_are_described(results, capsys):
     assert describe(results)["files"] == names
     assert main(["info", str(results / "filter.jxf")]) == 0
     assert "a localization filter" in capsys.readouterr().out
-    assert main(["info", "--json", str(results / "filter.jxf")]) == 0
-    assert json.loads(capsys.readouterr().out)["states"] == 124
+    assert run(capsys, "info", results / "filter.jxf")[1]["states"] == 124
 
 
 @pytest.mark.parametrize(

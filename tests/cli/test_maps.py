@@ -1,7 +1,6 @@
-import json
-
 import numpy as np
 import pytest
+from helpers import run
 
 from jaxcell.base.bundled import bundled, bundled_names
 from jaxcell.cli import main
@@ -21,8 +20,7 @@ def test_a_picture_has_the_squares_of_a_map_in_a_frame(name):
 
 
 def test_all_bundled_data_are_listed(capsys):
-    assert main(["maps", "--json"]) == 0
-    listed = [name for kind in json.loads(capsys.readouterr().out).values() for name in kind]
+    listed = [name for kind in run(capsys, "maps")[1].values() for name in kind]
     assert sorted(listed) == sorted(f"@{name}" for name in bundled_names())
     assert main(["maps"]) == 0
     said = capsys.readouterr().out

@@ -1,9 +1,9 @@
-import json
 import os
 from pathlib import Path
 
 import pytest
 import xarray as xr
+from helpers import run
 
 from jaxcell import bundled
 from jaxcell.base import memory
@@ -88,10 +88,9 @@ def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
 
 def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.cli.study_command.MUCH", 1e4)
-    assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["positions"] == 19
-    assert told.err == "groups needs about 0.0 GB of memory\n"
+    _, found, note = run(capsys, "groups", LAB, "--bounce 45")
+    assert found["positions"] == 19
+    assert note == "groups needs about 0.0 GB of memory\n"
 
 
 def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_path):
@@ -107,14 +106,13 @@ def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_p
     assert many.attrs["spec"] == few.attrs["spec"]
     assert "cells" in many.attrs["spec"]
     capsys.readouterr()
-    assert main(["info", str(tmp_path / "many" / "groups.zarr"), "--json"]) == 0
-    described = json.loads(capsys.readouterr().out)
+    _, described, _ = run(capsys, "info", tmp_path / "many" / "groups.zarr")
     assert described["what"] == "a result of jaxcell: Periodic groups of a bouncing robot"
     assert described["dimensions"]["position"] == 19
     image = "(bounce, direction, position): cell that it is mapped to"
     assert described["variables"]["image"] == image
-    assert main(["info", str(tmp_path / "many"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["files"] == ["groups.zarr", "summary.json"]
+    _, described, _ = run(capsys, "info", tmp_path / "many")
+    assert described["files"] == ["groups.zarr", "summary.json"]
 
 
 def test_a_filter_that_needs_too_much_memory_names_the_command_groups(capsys, monkeypatch):

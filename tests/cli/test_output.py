@@ -2,12 +2,15 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import python
 
 from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
@@ -32,7 +35,6 @@ WRITING = {
     "sweep": ["{spec}"],
     "sweep view": ["{folder}"],
 }
-ON_A_LINE = ("robot calibrate", "robot check")
 FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
 
 
@@ -86,37 +88,6 @@ def _computed(*_):
     raise AssertionError("it went on")
 
 
-@pytest.mark.parametrize("command", [*COMMANDS])
-@pytest.mark.parametrize("read", ["nothing", "folder", "empty"])
-def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, read):
-    (tmp_path / "folder.json").mkdir()
-    (tmp_path / "empty.json").touch()
-    path = str(tmp_path / f"{read}.json")
-    arguments = {
-        **{name: [path, *words[1:]] for name, words in WRITING.items()},
-        "export": [path, str(tmp_path / "a.dot")],
-        "info": [path],
-        "robot calibrate": ["--port", path],
-        "robot check": ["--port", path],
-        "run": [path],
-        "robot run": [path, "--simulate", LAB],
-        "sweep indices": [path],
-        "sweep merge": [path],
-        "sweep status": [path],
-        "sweep verify": [path],
-        "sweep view": [path],
-        "view": [path],
-    }
-    if command in ("demo", "docs", "maps"):
-        pytest.skip("it reads nothing")
-    assert main([*command.split(), *arguments[command]]) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith(f"jaxcell {command}: ")
-    assert f"{read}.json" in printed or command in ON_A_LINE
-    assert "Errno" not in printed
-    assert printed.count("\n") == 1
-
-
 COVER = "--bounces 45 --error 45 --reliability 0.8"
 # A line for each file that a command reads, which is not there.
 MISSING = [
@@ -141,6 +112,8 @@ MISSING = [
     "patrol graph @random --strategy mixing --visits none.json",
     "patrol graph @random --game --values none.json",
     "patrol map none.json",
+    "robot calibrate --port none",
+    "robot check --port none",
     "robot replay none.jsonl",
     "robot run none.jxf --simulate @lab_a",
     "robot sketch none.jxf",
@@ -165,7 +138,7 @@ def test_every_file_of_a_command_is_among_the_missing():
                 said = option(kind, parameter)
                 said = said if said.startswith("--") else name
                 assert any(f"{said} none" in line or f"{said} @" in line for line in lines), said
-        assert lines or hasattr(kind, "study") or name in ("demo", "docs", "maps", *ON_A_LINE)
+        assert lines or hasattr(kind, "study") or name in ("demo", "docs", "maps")
 
 
 def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
@@ -177,9 +150,7 @@ for line in {MISSING!r}:
         status = main(shlex.split(line))
     print(json.dumps([line, status, printed.getvalue(), "jax" in sys.modules]))
 """
-    printed = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, check=True, stdout=subprocess.PIPE
-    ).stdout.splitlines()
+    printed = python("-c", program, cwd=tmp_path)[0].splitlines()
     assert len(printed) == len(MISSING)
     for line, status, said, loaded in map(json.loads, printed):
         assert status == 2, line
@@ -187,6 +158,20 @@ for line in {MISSING!r}:
         last = said.splitlines()[-1]
         assert last.startswith("jaxcell "), said
         assert "none" in last, said
+
+
+@pytest.mark.parametrize("kind", ["a_folder", "empty"])
+@pytest.mark.parametrize("line", MISSING)
+def test_folders_and_empty_files_are_refused_in_one_line(tmp_path, monkeypatch, capsys, line, kind):
+    monkeypatch.chdir(tmp_path)
+    line = re.sub(r"\bnone\b", kind, line)
+    name = re.search(rf"{kind}(\.\w+)?", line)[0]
+    Path(name).touch() if kind == "empty" else Path(name).mkdir()
+    assert main(shlex.split(line)) == 2
+    printed = capsys.readouterr().err
+    assert re.match(rf"jaxcell [^:]*(:\w+)?: .*{kind}", printed)
+    assert "Errno" not in printed
+    assert printed.count("\n") == 1
 
 
 def test_output_keeps_its_order_in_one_file():
@@ -197,9 +182,8 @@ for i in range(3):
     note(f"noted {i} :x: [b]")
     table(f"shown {i}", ("a column",), [(1,)])
 """
-    together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    ended = subprocess.run([sys.executable, "-c", code], check=True, **together)
-    lines = ended.stdout.splitlines()
+    together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "capture_output": False}
+    lines = python("-c", code, **together)[0].splitlines()
     printed = [line for line in lines if line.startswith(("said", "noted", "shown"))]
     expected = [(f"said {i}", f"noted {i} :x: [b]", f"shown {i}") for i in range(3)]
     assert [line.strip() for line in printed] == [line for lines in expected for line in lines]
@@ -238,11 +222,10 @@ def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
     """All of it, and the files are those of an output in UTF-8."""
     printed = {}
     for one in ("utf-8", encoding):
-        command = f"{sys.executable} -m jaxcell groups @lab_a --bounce 45 --out {one}".split()
+        words = f"-m jaxcell groups @lab_a --bounce 45 --out {one}".split()
         environment = {**os.environ, "PYTHONIOENCODING": one, "COLUMNS": "120"}
-        ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True)
-        assert ended.returncode == 0, ended.stderr
-        printed[one] = ended.stdout.decode(one.partition(":")[0])
+        output, _ = python(*words, cwd=tmp_path, env=environment, text=False)
+        printed[one] = output.decode(one.partition(":")[0])
         assert (tmp_path / one / "groups.nc").exists()
     assert "45° " in printed["utf-8"]
     plain = printed[encoding]
@@ -253,12 +236,11 @@ def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
         assert len({len(line) for line in table}) == 1, plain
 
 
-def test_a_map_is_drawn_in_ascii(tmp_path):
-    command = [sys.executable, "-m", "jaxcell", "maps"]
+def test_a_map_is_drawn_in_ascii():
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout.isascii()
+    printed, errors = python("-m", "jaxcell", "maps", env=environment)
+    assert errors == ""
+    assert printed.isascii()
 
 
 def test_localize_compiles_nothing_and_imports_little():
@@ -275,5 +257,4 @@ def test_localize_compiles_nothing_and_imports_little():
         "assert not compiled, compiled\n"
         "assert not {'scipy', 'xarray', 'pandas'} & sys.modules.keys()\n"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
+    python("-c", code)

@@ -1,6 +1,6 @@
-import json
 import math
 
+import helpers
 import numpy as np
 import pytest
 from robot_files import LAB, SPEC
@@ -65,10 +65,9 @@ def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
         assert "a policy is written only as .h, and without --minimal" in capsys.readouterr().err
     with pytest.raises(ValueError, match="--minimal: a policy has no equal states to merge"):
         RobotSketch(file=file, minimal=True).run()
-    assert main(["info", str(file), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["what"] == "a localization policy"
-    assert (told["states"], told["largest_uncertainty"]) == (found.policy_states, 1)
+    _, described, _ = helpers.run(capsys, "info", file)
+    assert described["what"] == "a localization policy"
+    assert (described["states"], described["largest_uncertainty"]) == (found.policy_states, 1)
 
 
 def test_a_policy_becomes_a_sketch(capsys):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import sweep_stub
 import xarray as xr
+from helpers import python, run
 from waiting import wait_until
 
 from jaxcell.cli import main
@@ -30,33 +31,14 @@ def spec(tmp_path):
     return written
 
 
-def described(capsys):
-    return json.loads(capsys.readouterr().out)
-
-
 def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
-    found = described(capsys)
+    status, found, _ = run(capsys, "sweep", spec(), "--netcdf")
+    assert status == 0
     assert found.pop("seconds") >= 0
-    assert found == {
-        "out": "runs/some",
-        "task": "sweep_stub:stub",
-        "dimensions": {"x": 10},
-        "members": 10,
-        "chunks": 3,
-        "done": 3,
-        "failed": 0,
-        "failures": [],
-        "damaged": 0,
-        "running": None,
-        "members_per_second": None,
-        "seconds_left": None,
-    }
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
         xr.testing.assert_identical(one.load(), other.load())
-    assert main(["sweep", "status", "runs/some", "--json"]) == 0
-    assert described(capsys) == found
+    assert run(capsys, "sweep status runs/some") == (0, found, "")
     assert main(["sweep", "status", "runs/some"]) == 0
     printed = capsys.readouterr()
     assert "3 of 3" in printed.out
@@ -71,9 +53,8 @@ def test_failures_are_reported(spec, tmp_path, capsys):
     assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in printed.err
     assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in printed.err
     assert "To compute the rest: the same command with --resume" in printed.err
-    assert main(["sweep", "status", out, "--json"]) == 1
-    found = described(capsys)
-    assert (found["done"], found["failed"]) == (2, 1)
+    status, found, _ = run(capsys, "sweep status", out)
+    assert (status, found["done"], found["failed"]) == (1, 2, 1)
     assert found["failures"] == [
         {"chunk": 1, "parameters": {"x": 5}, "message": "RuntimeError: x is 5"}
     ]
@@ -91,41 +72,24 @@ def test_only_ten_failures_are_printed(spec, tmp_path, capsys, monkeypatch):
     assert f"... and others: {tmp_path / 'failures.json'} has their tracebacks" in printed
 
 
-def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capfd, monkeypatch):
-    kept = sweep_stub.stub
-
-    def chatty(batch, fixed, seed):
-        print("from Python")
-        os.write(1, b"from elsewhere\n")
-        return kept(batch, fixed, seed)
-
-    monkeypatch.setattr(sweep_stub, "stub", chatty)
-    assert main(["sweep", spec(), "--out", str(tmp_path / "out"), "--json"]) == 0
-    printed = capfd.readouterr()
-    assert json.loads(printed.out)["done"] == 3
-    assert printed.err.count("from Python") == printed.err.count("from elsewhere") == 3
-
-
-@pytest.mark.parametrize("engine", ["processes", "dask"])
-def test_workers_that_print_leave_the_output_to_the_result(spec, tmp_path, engine):
-    text = Path(spec()).read_text().replace(":stub", ":chatty")
-    Path(spec()).write_text(text)
-    command = [sys.executable, "-c", PROGRAM, "sweep", str(tmp_path / "some.toml"), "--json"]
-    command += ["--out", str(tmp_path / "out"), "--engine", engine, "--workers", "1"]
-    run = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
-    assert json.loads(run.stdout)["done"] == 3
-    assert run.stderr.count("from Python") == run.stderr.count("from elsewhere") == 3
+@pytest.mark.parametrize("engine", ["local", "processes --workers 1", "dask --workers 1"])
+def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, engine):
+    path = Path(spec())
+    path.write_text(path.read_text().replace(":stub", ":chatty"))
+    words = ["sweep", path, "--json", "--out", tmp_path / "out", "--engine", *engine.split()]
+    printed, errors = python("-c", PROGRAM, *words, env=ENVIRONMENT)
+    assert json.loads(printed)["done"] == 3
+    assert errors.count("from Python") == errors.count("from elsewhere") == 3
 
 
 def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys):
-    options = ["sweep", spec("fail = 1", chunk=1), "--out", str(tmp_path / "out"), "--json"]
-    assert main([*options, "--max-failures", "0"]) == 1
-    printed = capsys.readouterr()
-    found = json.loads(printed.out)
-    assert (found["done"], found["failed"]) == (1, 1)
-    assert "Stopped: more than 0 members failed" in printed.err
-    assert main([*options, "--max-failures", "-1"]) == 2
-    assert "--max-failures: expected 0 or more, got -1" in capsys.readouterr().err
+    words = "sweep", spec("fail = 1", chunk=1), "--out", tmp_path / "out", "--max-failures"
+    status, found, note = run(capsys, *words, 0)
+    assert (status, found["done"], found["failed"]) == (1, 1, 1)
+    assert "Stopped: more than 0 members failed" in note
+    status, _, error = run(capsys, *words, -1)
+    assert status == 2
+    assert "--max-failures: expected 0 or more, got -1" in error
 
 
 def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
@@ -141,20 +105,6 @@ def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
     # Two of the three chunks begin after another has ended.
     printed = capsys.readouterr().err
     assert printed.count("members per second") == printed.count("time left") == 2
-
-
-def test_bad_input_is_one_line(spec, tmp_path, capsys):
-    out = str(tmp_path / "out")
-    assert main(["sweep", spec(grid="x = []"), "--out", out]) == 2
-    assert capsys.readouterr().err.startswith(f"jaxcell sweep: {tmp_path / 'some.toml'}: grid.x: ")
-    assert main(["sweep", spec(), "--out", out]) == 0
-    assert main(["sweep", spec(), "--out", out]) == 2
-    assert main(["sweep", spec("a = 1"), "--out", out, "--resume"]) == 2
-    printed = capsys.readouterr().err.splitlines()
-    assert "a sweep is there" in printed[-2]
-    assert printed[-1].endswith(f"in {out}: fixed.a: nothing there, 1 here")
-    assert main(["sweep", "status", str(tmp_path)]) == 2
-    assert "jaxcell sweep status: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -178,8 +128,8 @@ def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, 
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in printed
-    assert main(["sweep", "status", str(out), "--json"]) == 1
-    found = described(capsys)
+    status, found, _ = run(capsys, "sweep status", out)
+    assert status == 1
     assert 0 < found["done"] < found["chunks"]
     assert found["running"] is None
 
@@ -193,4 +143,4 @@ def test_sweep_status_imports_no_slow_package(spec, tmp_path):
         "slow = {'jax', 'xarray', 'pandas', 'zarr', 'dask', 'scipy'}\n"
         "assert not slow & set(sys.modules)"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+    python("-c", program)

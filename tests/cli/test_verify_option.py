@@ -1,9 +1,8 @@
 """`--verify`: the summary tells what was compared, and the exit status whether it agrees."""
 
-import json
-
 import jax.numpy as jnp
 import pytest
+from helpers import run
 
 from jaxcell import bounce
 from jaxcell.cli import main
@@ -30,13 +29,15 @@ def test_a_wrong_result_is_reported_with_status_1(json_too, capsys, monkeypatch)
         return SimpleMap(jnp.where(found.bumped, found.image, still), found.bumped)
 
     monkeypatch.setattr(bounce, "bounce_map", wrong)
-    options = ["--json"] if json_too else []
-    assert main([*GROUPS, "--verify", *options]) == 1
-    printed = capsys.readouterr()
-    assert "jaxcell groups: --verify: images of cells, by shapely one step" in printed.err
-    assert "agree with" not in printed.err
     if json_too:
-        assert not json.loads(printed.out)["verified"]["agrees"]
+        status, found, error = run(capsys, *GROUPS, "--verify")
+        assert not found["verified"]["agrees"]
+    else:
+        status, error = main([*GROUPS, "--verify"]), capsys.readouterr().err
+    assert status == 1
+    assert "jaxcell groups: --verify: images of cells, by shapely one step" in error
+    assert "agree with" not in error
     # Without it nothing is computed again.
-    assert main([*GROUPS, "--json"]) == 0
-    assert "verified" not in json.loads(capsys.readouterr().out)
+    status, found, _ = run(capsys, *GROUPS)
+    assert status == 0
+    assert "verified" not in found

@@ -3,10 +3,9 @@ import subprocess
 import sys
 import urllib.parse
 import webbrowser
-from pathlib import Path
 
 import pytest
-from waiting import wait_until
+from waiting import is_running, wait_until
 
 from jaxcell.cli import main, view
 
@@ -104,15 +103,7 @@ def test_the_server_ends_with_the_command(results):
         # That of the server, and that of the process in which it runs.
         pids = [int(command.stdout.readline()) for _ in range(2)]
         command.terminate()
-    wait_until(lambda: not any(map(runs, pids)))
-
-
-def runs(pid):
-    try:
-        state = Path("/proc", str(pid), "stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
+    wait_until(lambda: not any(map(is_running, pids)))
 
 
 @pytest.mark.parametrize("display", [True, False])

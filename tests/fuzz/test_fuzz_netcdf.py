@@ -6,10 +6,15 @@ So all files are read in another process.
 
 import copy
 import functools
+import tempfile
+from pathlib import Path
 
+import croco
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
+from drift import products
 from hypothesis import given, strategies as st
 from mutations import cases, damaged, place
 from netcdf_worker import Worker
@@ -22,92 +27,53 @@ def worker():
     process.close()
 
 
-def variable(dims, values, dtype="f8", **attributes):
-    return {"dims": dims.split(), "values": values, "dtype": dtype, "attributes": attributes}
-
-
-def currents():
-    """The components on time, depth, latitude and longitude."""
-    t, k, j, i = np.indices((2, 2, 3, 4))
-    dims, east, north = "time depth lat lon", 0.1 + 0.01 * t + 0.001 * j, -0.2 + 0.01 * (i + k)
-    return {
-        "dims": {"time": 2, "depth": 2, "lat": 3, "lon": 4},
-        "attributes": {"title": "x"},
-        "variables": {
-            "time": variable("time", [0.0, 1.0], units="hours since 2011-07-01 00:00:00"),
-            "depth": variable("depth", [0.0, 5.0], units="m", positive="down"),
-            "lat": variable("lat", 33 + 0.01 * np.arange(3), units="degrees_north"),
-            "lon": variable("lon", -118 + 0.01 * np.arange(4), units="degrees_east"),
-            "u": variable(dims, east, standard_name="eastward_sea_water_velocity"),
-            "v": variable(dims, north, standard_name="northward_sea_water_velocity"),
-        },
-    }
-
-
 def roms():
-    """Currents as in ROMS: on the sides of cells, with levels that follow the sea bed."""
-    rho, whole = "eta_rho xi_rho", np.ones((4, 5))
-    return {
-        "dims": {
-            **{"ocean_time": 2, "s_rho": 3, "eta_rho": 4, "xi_rho": 5},
-            **{"eta_u": 4, "xi_u": 4, "eta_v": 3, "xi_v": 5},
-        },
-        "attributes": {},
-        "variables": {
-            "ocean_time": variable("ocean_time", [0, 3600], units="seconds since 2016-02-02"),
-            "s_rho": variable("s_rho", [-0.8, -0.5, -0.1]),
-            "Cs_r": variable("s_rho", [-0.7, -0.4, -0.05]),
-            "hc": variable("", 5.0),
-            "Vtransform": variable("", 2, "i4"),
-            "h": variable(rho, 50 * whole, units="meter"),
-            "zeta": variable(f"ocean_time {rho}", np.zeros((2, 4, 5))),
-            "lon_rho": variable(rho, whole * (-118 + 0.01 * np.arange(5))),
-            "lat_rho": variable(rho, whole * (33 + 0.01 * np.arange(4))[:, None]),
-            "angle": variable(rho, 0 * whole, units="radians"),
-            "mask_rho": variable(rho, whole),
-            "u": variable("ocean_time s_rho eta_u xi_u", np.full((2, 3, 4, 4), 0.1)),
-            "v": variable("ocean_time s_rho eta_v xi_v", np.full((2, 3, 3, 5), 0.2)),
-        },
-    }
+    """Currents on the sides of cells, with levels that follow the sea bed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = croco.write(Path(folder, "f.nc"), croco.island(), levels=3)
+        return xr.load_dataset(path, decode_times=False, mask_and_scale=False)
 
 
 def mitgcm():
-    """Currents as in MITgcm: on the western and southern sides of cells, with gaps."""
+    """Currents on the western and southern sides of cells, with gaps."""
     u = np.full((2, 3, 4, 5), 0.1)
     u[:, :, 1, 2] = np.nan
-    return {
-        "dims": {"time": 2, "Z": 3, "YC": 4, "XC": 5, "YG": 4, "XG": 5},
-        "attributes": {},
-        "variables": {
-            "time": variable("time", [0, 3600], units="seconds since 2016-02-02"),
-            "Z": variable("Z", [-5.0, -15.0, -30.0], units="m", positive="up"),
-            "XC": variable("XC", -118 + 0.01 * np.arange(5), units="degrees_east"),
-            "YC": variable("YC", 33 + 0.01 * np.arange(4), units="degrees_north"),
-            "UVEL": variable("time Z YC XG", u, units="m/s"),
-            "VVEL": variable("time Z YG XC", np.full((2, 3, 4, 5), 0.2)),
-            "hFacC": variable("Z YC XC", np.full((3, 4, 5), 0.5)),
-        },
+    return xr.Dataset(
+        {
+            "UVEL": (("time", "Z", "YC", "XG"), u, {"units": "m/s"}),
+            "VVEL": (("time", "Z", "YG", "XC"), np.full((2, 3, 4, 5), 0.2)),
+            "hFacC": (("Z", "YC", "XC"), np.full((3, 4, 5), 0.5)),
+            "time": ("time", [0, 3600], {"units": "seconds since 2016-02-02"}),
+            "Z": ("Z", [-5.0, -15.0, -30.0], {"units": "m", "positive": "up"}),
+            "XC": ("XC", -118 + 0.01 * np.arange(5), {"units": "degrees_east"}),
+            "YC": ("YC", 33 + 0.01 * np.arange(4), {"units": "degrees_north"}),
+        }
+    )
+
+
+def content_of(dataset):
+    """The content of a file, in which errors can be made."""
+    variables = {
+        name: {"dims": [*one.dims], "values": one.values, "dtype": "f8", "attributes": one.attrs}
+        for name, one in dataset.variables.items()
     }
+    attributes = {"title": "x", **dataset.attrs}
+    return {"dims": dict(dataset.sizes), "attributes": attributes, "variables": variables}
 
 
-def target():
-    return {
-        "dims": {"x": 3, "y": 2},
-        "attributes": {},
-        "variables": {
-            "x": variable("x", [0.5, 1.5, 2.5]),
-            "y": variable("y", [0.5, 1.5]),
-            "worth": variable("y x", np.arange(6.0).reshape(2, 3)),
-        },
-    }
-
-
-def target_of_positions():
-    return {
-        "dims": {"position": 6},
-        "attributes": {},
-        "variables": {"worth": variable("position", np.arange(6.0))},
-    }
+WORTH = np.arange(6.0)
+PLACES = {"x": [0.5, 1.5, 2.5], "y": [0.5, 1.5]}
+CURRENTS = products.regular(
+    depth=[0.0, 5.0], time=products.hours(count=2), lon=products.LON[:4], lat=products.LAT[:3]
+)
+TARGET = xr.Dataset({"worth": (("y", "x"), WORTH.reshape(2, 3))}, PLACES)
+TARGET_OF_POSITIONS = xr.Dataset({"worth": ("position", WORTH)})
+FILES = {
+    "currents": [*map(content_of, (CURRENTS, roms(), mitgcm()))],
+    "target": [*map(content_of, (TARGET, TARGET_OF_POSITIONS))],
+    "info": [*map(content_of, (CURRENTS, TARGET))],
+}
+readers = pytest.mark.parametrize("reader", FILES)
 
 
 def write(path, described, form="NETCDF4"):
@@ -166,9 +132,9 @@ _KINDS = [
 
 
 @st.composite
-def changed(draw, make):
+def changed(draw, described):
     """A description of a file with some errors."""
-    described = copy.deepcopy(make())
+    described = copy.deepcopy(described)
     variables = described["variables"]
 
     def one_of(values):
@@ -217,19 +183,11 @@ def changed(draw, make):
     return described
 
 
-FILES = {
-    "currents": [currents, roms, mitgcm],
-    "target": [target, target_of_positions],
-    "info": [currents, target],
-}
-readers = pytest.mark.parametrize("reader", FILES)
-
-
 @readers
 @cases(50)
 @given(data=st.data())
 def test_files_with_errors_are_read_or_refused(tmp_path, worker, reader, data):
-    described = data.draw(st.one_of([changed(make) for make in FILES[reader]]))
+    described = data.draw(st.one_of(map(changed, FILES[reader])))
     form = data.draw(st.sampled_from(["NETCDF4", "NETCDF4", "NETCDF3_CLASSIC"]))
     path = tmp_path / "f.nc"
     huge = np.prod([float(size or 1) for size in described["dims"].values()]) > 1e6
@@ -249,9 +207,9 @@ def corpus(tmp_path_factory):
     @functools.cache
     def contents(reader, form):
         files = {}
-        for make in FILES[reader]:
-            write(path, make(), form)
-            files[make.__name__] = path.read_bytes()
+        for number, described in enumerate(FILES[reader]):
+            write(path, described, form)
+            files[f"{number}.nc"] = path.read_bytes()
         return files
 
     return contents
@@ -266,6 +224,19 @@ def test_damaged_files_are_read_or_refused(tmp_path, worker, reader, form, corpu
     outcome = worker(reader, place(tmp_path, "f.nc", content))
     # The C library of version 4 may crash; see above.
     assert outcome in ("read", "refused") or (form == "NETCDF4" and "with status -" in outcome)
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "change"),
+    [(1, "pm", {"values": np.full((7, 9), 5e-324)}), (2, "hFacC", {"dtype": "S1"})],
+)
+def test_cells_without_a_side_and_a_mask_of_letters_are_refused(
+    tmp_path, worker, number, name, change
+):
+    described = copy.deepcopy(FILES["currents"][number])
+    described["variables"][name] |= change
+    write(tmp_path / "f.nc", described)
+    assert worker("currents", tmp_path / "f.nc") == "refused"
 
 
 @readers

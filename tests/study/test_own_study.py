@@ -1,12 +1,12 @@
 """A study in a file of the user is served like a study of jaxcell."""
 
-import dataclasses
 import json
 from pathlib import Path
 
 import falling_stone
 import pytest
 from falling_stone import Drop
+from helpers import run
 from recordings import read_back
 
 from jaxcell import bundled
@@ -39,9 +39,8 @@ def test_quantities_are_described_and_checked_by_their_kind():
 
 
 def test_its_command_runs_it_from_its_file(capsys):
-    assert main(["run", f"{FILE}:Drop", "--height", "20", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed["command"] == f"jaxcell run {FILE}:Drop"
+    status, printed, _ = run(capsys, "run", f"{FILE}:Drop", "--height 20")
+    assert (status, printed["command"]) == (0, f"jaxcell run {FILE}:Drop")
     assert (printed["height_m"], printed["kinds"]) == (20, ["stone"])
 
 
@@ -84,11 +83,6 @@ def test_parameters_of_another_type_are_refused(given, message):
         read_study(Drop, given)
 
 
-def test_a_single_value_will_do_for_several():
-    asked = read_study(Drop, {"height": 1, "kinds": "feather"})
-    assert asked == dataclasses.replace(Drop(height=1.0), kinds=("feather",))
-
-
 def test_a_study_takes_the_name_of_bundled_data():
     robot = {"bounces": (45.0,), "error": 45.0, "reliability": 0.8}
     assert Cover(map=Path("@lab_a"), **robot) == Cover(map=bundled("lab_a"), **robot)
@@ -97,5 +91,8 @@ def test_a_study_takes_the_name_of_bundled_data():
 
 
 def test_a_parameter_of_several_values_accepts_one():
+    assert read_study(Drop, {"height": 1, "kinds": "feather"}) == Drop(
+        height=1.0, kinds=("feather",)
+    )
     single = Drop(height=1.0, kinds="feather", photographs="@gyres")
     assert single == Drop(height=1.0, kinds=("feather",), photographs=(bundled("gyres"),))

@@ -1,6 +1,5 @@
 """Damaged stores: every changed bit is found, and what is lost is computed again."""
 
-import json
 import random
 import shutil
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 import sweep_stub
 import xarray as xr
+from helpers import run
 from sweep_kills import damage_chunk, flip, records, tree
 
 from jaxcell.cli import main
@@ -183,14 +183,11 @@ def test_verify_leaves_chunks_that_were_never_done(stub_spec, tmp_path):
 def test_the_command_reports_damage(out, capsys):
     for number in (4, 7):
         damage_chunk(out, number)
-    assert main(["sweep", "verify", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {
-        "out": str(out),
-        "chunks": 20,
-        "damaged": ["chunk 4", "chunk 7"],
-        "recomputed": 2,
-        "done": 20,
-        "whole": True,
+    status, found, _ = run(capsys, "sweep verify", out)
+    assert status == 0
+    assert found == {
+        **{"out": str(out), "chunks": 20, "damaged": ["chunk 4", "chunk 7"]},
+        **{"recomputed": 2, "done": 20, "whole": True},
     }
     assert main(["sweep", "verify", str(out)]) == 0
     assert main(["sweep", "verify", str(out / "none")]) == 2

@@ -1,12 +1,12 @@
 """Designs of samples, and the Sobol indices that are estimated from one."""
 
-import json
 import math
 
 import numpy as np
 import pytest
 import sweep_stub
 import xarray as xr
+from helpers import run
 from scipy.stats import qmc
 
 from jaxcell.cli import main
@@ -124,8 +124,7 @@ def analytic(b):
 
 
 def test_sobol_indices_of_the_function_of_ishigami(ishigami, capsys):
-    assert main(["sweep", "indices", str(ishigami), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["indices"]
+    found = run(capsys, "sweep indices", ishigami)[1]["indices"]
     # None for a variable that is not finite.
     assert [(one["variable"], one["at"]["b"], one["parameter"]) for one in found] == [
         ("y", b, name) for b in (0.0, 0.1) for name in ("x1", "x2", "x3")

@@ -1,4 +1,3 @@
-import json
 import os
 import re
 import subprocess
@@ -11,10 +10,10 @@ import pytest
 import sweep_kills
 import sweep_workers
 from distributed import LocalCluster
+from helpers import run
 from sweep_kills import kill_apart, tree
-from waiting import wait_until
+from waiting import is_running, wait_until
 
-from jaxcell.cli import main
 from jaxcell.sweep import engine_named, open_sweep, run_sweep, scheduler_address, sweep_status
 from jaxcell.sweep.workers.engines import worker_environment
 from jaxcell.sweep.workers.work import Computed, Failed, Job
@@ -92,7 +91,7 @@ def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path, calls):
     assert (tmp_path / "once").exists()
     processes = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
     assert len(processes) >= 2
-    assert not any(alive(process) for process in processes)
+    assert not any(is_running(process) for process in processes)
 
 
 @pytest.mark.usefixtures("forked")
@@ -141,14 +140,11 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
     file, spec = tmp_path / "scheduler.json", str(spec_file(text="[grid]\nx = {count = 4}"))
     with LocalCluster(**ONE_WORKER, scheduler_kwargs={"scheduler_file": str(file)}) as cluster:
         assert scheduler_address(file) == cluster.scheduler_address
-        out = str(tmp_path / "out")
-        options = ["--scheduler-file", str(file), "--json"]
-        assert main(["sweep", spec, "--out", out, *options]) == 0
-        assert json.loads(capsys.readouterr().out)["done"] == 1
-        assert main(["sweep", spec, "--out", out, *options, "--engine", "dask"]) == 2
-        assert (
-            "--scheduler-file: it has an effect only with --engine local" in capsys.readouterr().err
-        )
+        words = "sweep", spec, "--out", tmp_path / "out", "--scheduler-file", file
+        assert run(capsys, *words)[1]["done"] == 1
+        status, _, error = run(capsys, *words, "--engine dask")
+        assert status == 2
+        assert "--scheduler-file: it has an effect only with --engine local" in error
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '"tcp://a:1"', "[" * 100_000])
@@ -196,7 +192,7 @@ def test_workers_end_with_the_run(stub_spec, tmp_path, calls):
         run_sweep(spec, tmp_path / "out", engine="processes", workers=1, progress=stop)
     count = len(list(calls.iterdir()))
     assert 0 < count < 100
-    assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
+    assert not any(is_running(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
 @pytest.mark.usefixtures("forked")
@@ -270,7 +266,7 @@ def test_workers_of_a_killed_run_end(stub_spec, tmp_path, calls):
         process.kill()
         process.wait()
     workers = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
-    wait_until(lambda: not any(map(alive, workers)))
+    wait_until(lambda: not any(map(is_running, workers)))
     assert sweep_status(tmp_path / "out").running is None
 
 
@@ -281,7 +277,7 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1, 2]
-    assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
+    assert not any(is_running(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
 def test_dask_gives_the_same_bytes(cluster, stub_spec, tmp_path, whole):
@@ -299,11 +295,3 @@ def test_jobs_of_a_dask_worker_that_dies_are_tried_again(cluster, stub_spec, tmp
     assert found.done == 0
     assert [one.parameters["x"] for one in found.failures] == [1]
     assert found.failures[0].message.startswith("KilledWorker: ")
-
-
-def alive(process: int) -> bool:
-    try:
-        # A process whose parent has not waited for it exists, but does not run.
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False

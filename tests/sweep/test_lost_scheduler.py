@@ -12,13 +12,9 @@ from jaxcell.cli import main
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_the_error_of_a_lost_scheduler_is_one_line(tmp_path, number):
-    file, begun = tmp_path / "scheduler.json", tmp_path / "begun"
-    begun.mkdir()
-    (tmp_path / "some.toml").write_text(
-        'task = "sweep_stub:stub"\nchunk = 1\n[fixed]\nseconds = 0.1\n'
-        f'folder = "{begun}"\n[grid]\nx = {{count = 1000}}\n'
-    )
+def test_the_error_of_a_lost_scheduler_is_one_line(spec_file, tmp_path, calls, number):
+    file, fixed = tmp_path / "scheduler.json", f'seconds = 0.1\nfolder = "{calls}"'
+    spec = spec_file("[grid]\nx = {count = 1000}", head="chunk = 1", fixed=fixed)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     processes = []
 
@@ -34,8 +30,8 @@ def test_the_error_of_a_lost_scheduler_is_one_line(tmp_path, number):
         scheduler = start("distributed.cli.dask_scheduler", *alone, "--port", "0", **quiet)
         wait_until(file.exists)
         start("distributed.cli.dask_worker", *alone, "--nthreads", "1", "--no-nanny", **quiet)
-        driver = start("jaxcell", "sweep", "some.toml", stderr=subprocess.PIPE, text=True)
-        wait_until(lambda: any(begun.iterdir()))
+        driver = start("jaxcell", "sweep", spec, stderr=subprocess.PIPE, text=True)
+        wait_until(lambda: any(calls.iterdir()))
         scheduler.send_signal(number)
         message = driver.communicate()[1]
     finally:
@@ -49,11 +45,9 @@ def test_the_error_of_a_lost_scheduler_is_one_line(tmp_path, number):
     assert "the scheduler of the cluster cannot be reached, or is gone" in lines[0]
 
 
-def test_the_error_of_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
+def test_the_error_of_a_missing_scheduler_is_one_line(spec_file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.workers.engines.CONNECT_SECONDS", 0.2)
-    spec = tmp_path / "some.toml"
-    spec.write_text('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}\n')
     out = ["--out", str(tmp_path / "out"), "--engine", "dask://127.0.0.1:1"]
-    assert main(["sweep", str(spec), *out]) == 2
+    assert main(["sweep", str(spec_file()), *out]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("jaxcell sweep: tcp://127.0.0.1:1: the scheduler of the cluster cannot")

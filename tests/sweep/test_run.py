@@ -331,7 +331,7 @@ def test_unknown_tasks_are_refused(spec_file, tmp_path):
         "no_module:f": "No module named 'no_module'",
         "sweep_stub:none": "has no attribute 'none'",
         "sweep_stub:np": "expected a function, got module",
-        ":f": "task: ':f'",
+        ":f": "task: :f: ",
     }.items():
         path = spec_file()
         path.write_text(path.read_text().replace("sweep_stub:stub", task))

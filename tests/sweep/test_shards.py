@@ -1,9 +1,9 @@
 """Shards: parts of a sweep by jobs of an array, and their merged result."""
 
-import json
 import shutil
 
 import pytest
+from helpers import run
 from sweep_kills import tree
 
 from jaxcell.cli import main
@@ -94,17 +94,15 @@ def test_commands_run_and_merge_shards(spec_file, tmp_path, capsys):
     spec, out = str(spec_file(head="chunk = 4", text="[grid]\nx = {count = 10}")), tmp_path / "out"
     assert Spec.load(spec).chunk_count == 3
     for number in (1, 2):
-        assert main(["sweep", spec, "--out", str(out), "--shard", f"{number}/2", "--json"]) == 0
-        printed = capsys.readouterr()
-        assert json.loads(printed.out)["out"] == str(out / "shards" / f"{number}-of-2")
-        assert f"This shard is {3 - number} of the 3 chunks\n" in printed.err
-        assert f"sweep merge {out}" in printed.err
+        status, found, note = run(capsys, "sweep", spec, "--out", out, "--shard", f"{number}/2")
+        assert (status, found["out"]) == (0, str(out / "shards" / f"{number}-of-2"))
+        assert f"This shard is {3 - number} of the 3 chunks\n" in note
+        assert f"sweep merge {out}" in note
     assert main(["sweep", "status", str(out)]) == 2
     message = (
         f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
     )
     assert message in capsys.readouterr().err
-    assert main(["sweep", "merge", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["done"] == 3
+    assert run(capsys, "sweep merge", out)[1]["done"] == 3
     assert main(["sweep", spec, "--shard", "3/2"]) == 2
     assert "--shard: expected i/n" in capsys.readouterr().err

@@ -10,14 +10,11 @@ from jaxcell import bounce
 from jaxcell.automata import minimize
 from jaxcell.space import ENDPOINT, CellSpace, Workspace
 from jaxcell.space.maps.random_rooms import place, random_room
-from jaxcell.sweep.tasks import TASKS
-from jaxcell.sweep.workers.work import Job, compute, find_task, study_of
+from jaxcell.sweep.workers.work import Job, compute, find_task
 
 
 DATA = Path(__file__).parents[2] / "data"
 LAB = str(DATA / "maps" / "lab_a.json")
-LINE = str(DATA / "graphs" / "eight.json")
-GYRES = str(DATA / "ocean" / "gyres.nc")
 DRIFTERS = str(DATA / "ocean" / "drifters.nc")
 
 
@@ -114,43 +111,6 @@ def test_observed_drifters_give_one_number_per_member():
     assert found.observations.values.tolist() == [3922, 3922]
     # Quantities with several numbers per member are left to `jaxcell drifters`.
     assert "estimates_value" not in found
-
-
-@pytest.mark.parametrize("name", sorted(TASKS))
-def test_parameters_are_refused_by_name(name):
-    needed = {
-        "groups": {"map": LAB, "bounce": 90},
-        "rooms": {"bounce": 90},
-        "localize": {"map": LAB, "bounce": 90},
-        "cover": {"map": LAB, "bounces": [90], "error": 0, "reliability": 1},
-        "plans": {"map": LAB, "bounces": [90]},
-        "patrol": {"file": LINE},
-        "drift": {"file": GYRES},
-        "drifters": {"file": DRIFTERS},
-        "dynamics": {"system": "henon"},
-        "morse": {"system": "henon"},
-    }[name]
-    swept, bad = {
-        "rooms": ("room", -1),
-        "patrol": ("share", 1.5),
-        "drift": ("rho", 1.5),
-        "drifters": ("lag", 0.0),
-        "dynamics": ("follow", -1),
-        "morse": ("depth", -1),
-    }.get(name, ("cell", 0.0))
-    called = study_of(name).__name__ if study_of(name) else f"'{name}'"
-    with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
-        find_task(name)({swept: np.array([1])}, {**needed, "colour": 1}, 0)
-    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad:g}"):
-        find_task(name)({swept: np.array([bad])}, needed, 0)
-    for missing in needed:
-        rest = {key: value for key, value in needed.items() if key != missing}
-        # A filter is of one angle or of several, and neither parameter is needed by itself.
-        either = (name, missing) == ("localize", "bounce")
-        needs = f"{missing}: {called} needs this"
-        message = "expected one of `bounce` or `bounces`" if either else needs
-        with pytest.raises(ValueError, match=message):
-            find_task(name)({swept: np.array([1])}, rest, 0)
 
 
 def test_drawing_rooms_that_cannot_be_connected_ends():

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.formatting import configuration
+from ...base.paths import digest
 from ...robot.anywhere import replay_anywhere
 from ...robot.followers import replay_follower
 from ...robot.outcome import RunOutcome
@@ -13,7 +14,6 @@ from ...robot.run_log import LoggedRun, stopped
 from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
 from ...robot.tasks.patrol_task import PatrolTask
-from ...robot.tasks.task import digest
 from ...robot.team import replay_member
 from ..terminal import table
 from .emulation import Emulation
@@ -54,7 +54,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
 
 
 def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
-    """Compute the outcome of a logged run so far. `file`, if any, replaces the file in the log."""
+    """Compute the outcome of a logged run. `file`, if any, replaces the task file in the log."""
     return stopped(_replayed(run, file), run)
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ...base.optional_modules import has_module
-from ...base.paths import name_in_results
+from ...base.paths import digest, name_in_results
 from ...robot import Create, RobotStopped, RunLog, Walker, load_task, read_log
 from ...robot.calibration import Calibrated, Calibration, calibration_file
 from ...robot.create.clock import ByClock
@@ -23,7 +23,6 @@ from ...robot.run_log import LoggedRun, why_stopped
 from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import AnyTask
 from ...robot.tasks.patrol_task import PatrolTask
-from ...robot.tasks.task import digest
 from ...robot.walker import Drivable
 from ..output import write_text
 from ..terminal import note, note_results, say, status
@@ -233,7 +232,8 @@ def _direction(
 ) -> int | None:
     """Return the start direction that the robot knows, or `None`.
 
-    An emulated robot does not know more than a real robot.
+    Except on a patrol, the direction of an emulated robot is not used, because a real robot would
+    not know its direction either.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

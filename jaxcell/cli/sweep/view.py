@@ -148,8 +148,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
     """Return all parameters of a member, including the parameters that all members share."""
-    own = {each.name: each.values[places[each.dimension]].item() for each in spec.parameters}
-    return {**spec.fixed, **own}
+    return {**spec.fixed, **spec.member(places)}
 
 
 def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
@@ -157,7 +156,7 @@ def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]
 
 
 def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
-    """Return the values that identify members along each dimension."""
+    """Return the labels along each dimension: values of a grid parameter, or numbers from 0."""
     own = {
         each.name: each.values.tolist() for each in spec.parameters if each.name == each.dimension
     }

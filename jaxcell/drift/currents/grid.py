@@ -134,7 +134,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     angle_from = f"the angle of the grid, computed from {axes.lon} and {axes.lat}"
     if _on_grid(file, "angle", axes):
         angle, angle_from = _angle(file, axes, read("angle"), angle)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
             dx, dy = 1 / read("pm"), 1 / read("pn")
     if _on_grid(file, "e1t", axes) and _on_grid(file, "e2t", axes):

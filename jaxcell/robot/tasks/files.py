@@ -12,7 +12,7 @@ from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower
 from ..team import MemberTask, read_member
 from .anywhere_task import AnywhereTask, read_anywhere
 from .patrol_task import PatrolTask, read_patrol
-from .task import Task, angles, common_fields, digest as digest
+from .task import Task, angles, common_fields
 
 
 @dataclasses.dataclass(frozen=True)

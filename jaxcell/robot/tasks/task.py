@@ -1,5 +1,4 @@
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import Fields, checked_number
-from ...base.paths import replacing
+from ...base.paths import digest, replacing
 from ..walker import cell_strides
 
 
@@ -67,12 +66,6 @@ def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
     text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def digest(path: Path) -> str:
-    """Compute the SHA-256 digest of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def common_fields(path: Path, fields: Fields) -> dict[str, Any]:

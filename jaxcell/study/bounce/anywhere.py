@@ -1,4 +1,4 @@
-"""Studies of robots that start at any pose and know neither their place nor their heading."""
+"""Studies of robots that start anywhere and do not know their place."""
 
 import dataclasses
 import math
@@ -81,7 +81,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, if they are parameters."""
+        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, if the study has them."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
@@ -165,9 +165,9 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Compute the median numbers of bumps and of metres of plans over cells from known starts.
+    """Compute the median numbers of bumps and metres of plans from known start cells to the goal.
 
-    They are `None` if an angle is not a multiple of the angle between directions.
+    The numbers are `None` if an angle is not a multiple of the angle between directions.
     """
     import numpy as np
 

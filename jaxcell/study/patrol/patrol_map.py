@@ -238,7 +238,8 @@ class PatrolMap(CellStudy):
     def _graph(self, cells: "space.CellSpace") -> "optimize.Graph":
         """Build the graph of the cells, and raise if the graph is not connected."""
         import numpy as np
-        from scipy.sparse.csgraph import connected_components
+
+        from ...base.connected import vertices_apart
 
         if cells.positions > MAX_CELLS:
             raise ValueError(
@@ -251,11 +252,10 @@ class PatrolMap(CellStudy):
                 f"{self.map}"
             )
         graph = patrol.cell_graph(cells)
-        pieces, piece = connected_components(graph.matrix(np.ones(len(graph.edges))))
-        if pieces > 1:
-            x, y, _ = cells.centre(np.array([0, np.flatnonzero(piece != piece[0])[0]]))
+        if (parts := vertices_apart(graph.vertices, graph.edges)) is not None:
+            x, y, _ = cells.centre(np.array([parts[1], parts[0][0]]))
             raise ValueError(
-                f"{self.map}: its cells are in {pieces} separate pieces; no way leads from "
+                f"{self.map}: its cells are in separate pieces; no way leads from "
                 f"({x[0]:g}, {y[0]:g}) to ({x[1]:g}, {y[1]:g})"
             )
         return graph

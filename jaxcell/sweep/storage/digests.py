@@ -1,6 +1,5 @@
 """Describe the versions, files and modules that the numbers of a sweep depend on."""
 
-import hashlib
 import importlib.metadata
 import json
 import os
@@ -11,6 +10,7 @@ from typing import Any
 import yaml
 
 from ... import __version__
+from ...base.paths import digest
 from ...base.revision import git_revision
 from ..spec import Spec
 from .modules import imported_files, is_users, module_file
@@ -41,25 +41,25 @@ def digests(spec: Spec) -> dict[str, str]:
     and the user's module of the task or of a value (`FILE.py:NAME` or `MODULE:NAME`), with the
     modules of the user that this module imports.
     """
-    digests_of = {}
+    known = {}
     columns = [parameter.values for parameter in spec.parameters]
     listed = [values.tolist() for values in columns if values.dtype.kind == "U"]
     texts = sorted({*_strings([spec.fixed, *listed])})
     for text in texts:
         if (path := spec.find_file(text)) is None or not path.is_file():
             continue
-        digests_of[text] = digest_of(path)
+        known[text] = digest(path)
         if (image := _image(path)) is not None and os.path.isfile(path.parent / image):
-            digests_of[os.path.join(os.path.dirname(text), image)] = digest_of(path.parent / image)
+            known[os.path.join(os.path.dirname(text), image)] = digest(path.parent / image)
     for text in (spec.task, *texts):
         module, colon, _ = text.rpartition(":")
         if colon and (source := _source(spec, module)) is not None:
             name = "" if module.endswith(".py") else module
             if text == spec.task or is_users(name, source):
-                digests_of[f"task {text}" if text == spec.task else text] = digest_of(source)
+                known[f"task {text}" if text == spec.task else text] = digest(source)
                 for imported, file in imported_files(source, name).items():
-                    digests_of[f"module {imported} ({file.name})"] = digest_of(file)
-    return digests_of
+                    known[f"module {imported} ({file.name})"] = digest(file)
+    return known
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
@@ -70,9 +70,9 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
         for name, value in here.items()
         if name not in ("digests", "git_revision") and there.get(name) != value
     ] + [
-        f"{name}: {digest[:12]} there, {new[name][:12] if name in new else 'no such file'} here"
-        for name, digest in old.items()
-        if new.get(name) != digest
+        f"{name}: {before[:12]} there, {new[name][:12] if name in new else 'no such file'} here"
+        for name, before in old.items()
+        if new.get(name) != before
     ]
 
 
@@ -101,9 +101,3 @@ def _source(spec: Spec, module: str) -> Path | None:
         return spec.find_file(module)
     dotted = all(part.isidentifier() for part in module.split("."))
     return module_file(module) if dotted else None
-
-
-def digest_of(path: Path) -> str:
-    """Compute the SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.paths import replacing
+from ...base.paths import digest, replacing
 from ..design import LIST_DIMENSION, RANDOM_DIMENSION
 from ..spec import Spec, packed
 from ..workers.work import Variable
-from .digests import digest_of
 from .records import fill_value
 from .store import DONE, FAILED, TO_DO, SweepStore
 
@@ -52,7 +51,7 @@ def export(store: SweepStore) -> None:
 def digests_of_files(folder: Path) -> dict[str, str]:
     """Compute the SHA-256 of each file below a folder, keyed by its relative path."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): digest_of(path) for path in files}
+    return {str(path.relative_to(folder)): digest(path) for path in files}
 
 
 def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:
@@ -90,7 +89,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """Choose the number of members in a file along each dimension: a multiple of a chunk."""
+    """Choose the number of members in a file along each dimension: a multiple of the chunks'."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())

@@ -40,9 +40,9 @@ class Record:
 
     kind: Kind
     state: int
-    "The state of the chunk; 0 in other records."
+    "The state of the chunk; 0 in a record that has no chunk."
     number: int
-    "The number of the chunk; 0 in other records."
+    "The number of the chunk; 0 in a record that has no chunk."
     start: int
     "The position of the content in the file, in bytes."
     length: int
@@ -71,7 +71,7 @@ class Journal:
         os.close(self._file)
 
     def records(self) -> Iterator[Record | int]:
-        """Yield each complete record, or the position in the file of a damaged header."""
+        """Yield each complete record, and the position in the file of each damaged header."""
         size = os.fstat(self._file).st_size
         if size == 0:
             return

@@ -76,7 +76,7 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """A template of the results: the first result without its values; or `None` before it."""
+        """The first result without its values, as a template for all results; `None` before it."""
         return self.contents.frame
 
     @property
@@ -88,7 +88,7 @@ class SweepStore:
         return states
 
     def differences(self, made: Mapping[str, Any]) -> list[str]:
-        """Describe changes of versions, files and the task; none before the first result."""
+        """Describe changes of versions, files and the task since the first result, if any."""
         if self.frame is None:
             return []
         with reading(self.folder):
@@ -164,7 +164,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the same variables as the first result, which is recorded."""
+        """Check that a result has the variables of the first result, or record its variables."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])

@@ -114,12 +114,10 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
 
     The file of a scheduler:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "scheduler.json")
-        ...     _ = path.write_text('{"type": "Scheduler", "address": "tcp://10.0.0.7:8786"}')
-        ...     sweep.scheduler_address(path)
+        >>> from jaxcell import examples, sweep
+        >>> path = examples.folder() / "scheduler.json"
+        >>> _ = path.write_text('{"type": "Scheduler", "address": "tcp://10.0.0.7:8786"}')
+        >>> sweep.scheduler_address(path)
         'tcp://10.0.0.7:8786'
     """
     try:

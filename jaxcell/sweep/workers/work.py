@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...study import Study, parameters
-from ...study.loading import load_module
+from ...study.loading import load_object
+from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
 from ..study_task import studies, study_task
@@ -119,11 +120,8 @@ def find_task(name: str) -> Task:
                 f'task: expected one of {", ".join(TASKS)}, or "module:function", got {name!r}'
             )
         reference = TASKS[name]
-    module, _, function = reference.partition(":")
-    try:
-        target = getattr(load_module(module), function)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"task: {name!r}: {error}") from error
+    with about("task"):
+        target = load_object(reference)
     if isinstance(target, type) and issubclass(target, Study):
         return functools.partial(study_task, target)
     if not callable(target):

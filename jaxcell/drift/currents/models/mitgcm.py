@@ -66,5 +66,6 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     for name, letter in _MASKS.items():
         for prefix in ("mask", "hFac"):
             if (open_share := f"{prefix}{letter}") in dataset.variables:
-                variables.setdefault(name, placed(dataset[open_share] > 0))
+                array = dataset[open_share]
+                variables.setdefault(name, placed(array.copy(data=file.read(array) > 0)))
     return dataclasses.replace(file, dataset=xr.Dataset(variables))
