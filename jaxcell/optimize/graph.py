@@ -79,7 +79,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Build the symmetric matrix `[vertices, vertices]` of numbers of edges, which may be 0."""
+        """Build the symmetric sparse matrix with the number of each edge at both its entries."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

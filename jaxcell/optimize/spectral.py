@@ -35,7 +35,7 @@ class SpectralProblem:
 
     edges: Int[np.ndarray, "edges 2"]
     root: Float[np.ndarray, "vertices"]
-    "The positive vector `r` of the class docstring."
+    "The vector `r`, positive and of norm 1."
     bounds: scipy.sparse.csr_array
     limits: _Forces
 

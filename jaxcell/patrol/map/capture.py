@@ -132,7 +132,7 @@ def capture_by_tours(
     covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     attack: Attack,
 ) -> float | None:
-    """Compute the least capture by robots that follow closed tours through their covers.
+    """Compute the least probability of capture by robots that follow closed tours of their covers.
 
     An adversary who sees a robot on a tour knows when it returns. When an attack begins, all places
     on a tour out of view of the target are equally likely.
@@ -215,7 +215,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late`, the probability that a robot does not see a target in time, by `steps`."""
+    """Extend the time of `late`, the probability that a robot does not see a target, by `steps`."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

@@ -47,7 +47,7 @@ class CaptureSearch(Result):
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "The least share of every step that is divided equally among the neighbours."
+    "The least part of the probability of each step that is divided equally among neighbours."
     start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
@@ -121,8 +121,8 @@ def capture_policies(
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
     - `attack`: the attack; only its first time counts.
-    - `randomness`: the least share of steps in which a robot chooses its neighbour uniformly, 0 or
-        more and less than 1. With 0, a patrol is nearly a tour, and predictable.
+    - `randomness`: the least share of steps in which a robot chooses its neighbour uniformly, from
+        0 to less than 1. With 0, a patrol is nearly a tour, and predictable.
     - `starts`: number of starts: tours first, then even walks. On a large map even walks may
         capture too little to be used as starts.
     - `seed`: seed of the starts.
@@ -212,7 +212,7 @@ def _check_randomness(randomness: float) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem of a search: steps on a graph, and targets with an uncertain capture."""
+    """The problem of a search: steps on a graph, and targets that some but not all cells see."""
 
     graph: Graph
     visible: Bool[np.ndarray, "cells cells"]

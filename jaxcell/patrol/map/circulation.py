@@ -1,4 +1,4 @@
-"""Gradient ascent of capture over walks whose shares of time are computed in each iteration."""
+"""Gradient ascent of the probability of capture, with exact shares of time in each iteration."""
 
 import dataclasses
 import functools
@@ -76,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Convert the derivative with respect to shares of time to that with respect to visits."""
+        """Convert the gradient over shares of time to the gradient over visits."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -95,7 +95,7 @@ class CirculationAscent:
     start: str
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
     floor: float
-    "The share of every trained step that is divided equally among the neighbours."
+    "The part of the probability of each trained step that is divided equally among neighbours."
 
     def climb(
         self,

@@ -59,7 +59,7 @@ class Policy:
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity of a result that is an attribute of each of its `policies`."""
+    """Describe a quantity of a result: an attribute, at a dotted path, of each of its policies."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])

@@ -93,7 +93,8 @@ def age_of_news(
     - `unit`: length of a unit, in seconds.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`News`][]. Ages end when the law is within 1e-9 of 1, or at 20,000 units.
+    **Returns:** [`News`][]. Ages end when greater ages have a probability below 1e-9, or at 20,000
+    units.
 
     A robot that goes round a triangle visits the base at every third step:
 

@@ -140,7 +140,7 @@ def check_reach(
 def on_device(
     delays: Int[np.ndarray, "states states"], attack: Int[np.ndarray, "targets"]
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the arguments of [`first_passage`][] after the matrix."""
+    """Return all arguments of [`first_passage`][] except the transition matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
 

@@ -34,12 +34,12 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "The least capture of attacks that find the robots in their long-run distributions."
+    "The least capture if an attack begins with the robots distributed as in the long run."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
-    "The smallest number of states of memory whose walk has the largest capture."
+    "The number of states of memory that captures most; the smallest if several are equal."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
         Float[np.ndarray, "robots states states"],
@@ -82,7 +82,7 @@ def memory_patrol(
 ) -> MemoryPatrol:
     """Find the walks that capture most, for robots with 2, 4, 8, ... states of memory.
 
-    Each search also starts from the walks with half as many states, so none captures less.
+    A search also starts from the walks with half as many states, so that it never captures less.
 
     **Arguments:**
 

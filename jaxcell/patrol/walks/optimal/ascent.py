@@ -33,7 +33,7 @@ class Ascent:
     "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     floor: float
-    "The share of every step that is divided equally among the neighbours."
+    "The part of the probability of each step that is divided equally among the neighbours."
     hardness: tuple[float, float]
     "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 

@@ -99,7 +99,8 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the misses with a time `left`, for all attacks of at least this duration."""
+        """Store the probabilities of a miss with a time `left`: for longer times, and as the result
+        of attacks that take this time."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

@@ -67,7 +67,8 @@ class Pursuit:
     def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
         """Return the index of the promise for each target and time, -1 if the time is too short.
 
-        A time shares its promise with the last possible time of a first arrival before it.
+        A time at which no first arrival is possible has the promise of the last possible time
+        before it.
         """
         vertices, targets = len(self.delays), len(self.targets)
         there = np.arange(vertices)[:, None] == self.targets
