@@ -1,5 +1,3 @@
-"""Simulate an adversary that attacks one cell repeatedly while robots patrol the map."""
-
 import dataclasses
 import enum
 
@@ -44,7 +42,7 @@ class Attacks:
 
 
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
-    """Simulate patrolling robots, and an adversary that attacks a target that is out of view.
+    """Simulate patrolling robots, and an adversary that attacks one cell while it is out of view.
 
     The first cells of robots are drawn from their shares of time. An attack lasts for the first
     attack time, and fails if a robot sees the target within this time.

@@ -1,5 +1,3 @@
-"""Gradient ascent of the least probability of capture, in the logits of the steps of all robots."""
-
 import dataclasses
 import functools
 from typing import Any
@@ -26,7 +24,7 @@ _TINY = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """The gradient ascent of the least probability that robots see a target in time."""
+    """The gradient ascent, in the logits of steps, of the least probability of capture in time."""
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]

@@ -1,5 +1,3 @@
-"""Probabilities of capture near given chains: their values, and selected derivatives."""
-
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
