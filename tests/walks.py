@@ -24,6 +24,12 @@ def times_by_solves(matrix, step=1.0):
     return times
 
 
+def unseen_from(matrix, view, steps):
+    """The probability that a robot does not come into view in some steps, from each cell."""
+    stop = np.where(view, 0, matrix) * ~view[:, None]
+    return np.linalg.matrix_power(stop, steps).sum(axis=1)
+
+
 def delays_of(graph, times):
     """The duration of each move; a robot that stays takes 1."""
     delays = np.eye(graph.vertices, dtype=int)

@@ -151,7 +151,6 @@ def test_whole_samples_with_equal_ones_are_censored():
     ("samples", "match"),
     [
         ([1.5, 2.5, math.nan, 3.5], r"samples\[2\] is nan; expected a finite number"),
-        (np.array([math.inf, 1, 2]), r"samples\[0\] is inf; expected a finite number"),
         (np.ones((3, 3)), r"samples: expected a list of numbers, got an array \[3, 3\]"),
         (["a"], "samples: expected an array of numbers"),
         (np.ones(100), "with 5 different values, got 100 with 1"),
