@@ -63,7 +63,7 @@ class Gld:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The ends of the interval of all values; infinite for shapes of at most 0."""
+        """The ends of the interval of possible values; infinite for shapes of at most 0."""
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 

@@ -62,7 +62,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
-        """Compute the mean age as the sum of tails; infinite if the law does not reach 1."""
+        """Compute the mean age, a sum of tails of a law; infinite if the law does not reach 1."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 

@@ -119,7 +119,7 @@ def check_reach(
     *,
     stay: bool = False,
 ) -> None:
-    """Raise if an attack is too short for a robot to come from any vertex, or to return.
+    """Raise if an attack is too short for a robot to come from every vertex, or to return.
 
     If robots may `stay` at a vertex, they return after a time of 1.
     """

@@ -272,7 +272,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack time, and its plan."""
+        """Return an upper bound on the least promise for a whole attack time, and a plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
