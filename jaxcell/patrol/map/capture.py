@@ -50,10 +50,8 @@ class Capture(Result):
     ) -> "Capture":
         """Compute the probability of capture by robots with given policies.
 
-        **Arguments:**
-
-        - `graph`, `visible`, `policies`, `attack`: as in [`capture_probabilities`][].
-        - `regions`: the regions around a base station, which always watches the cells in its view.
+        **Arguments:** those of [`capture_probabilities`][]; and the regions around a base station,
+        if any, which always watches the cells in its view.
         """
         check_policies(graph, visible, policies)
         attacks = [attack, Attack(attack.times, "uniform")]
