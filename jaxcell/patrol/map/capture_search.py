@@ -250,8 +250,8 @@ class _Problem:
         if touring is None or least is None:
             begins = [even] * count
         else:
-            missed = self.ascent(0.0).least(even)
-            begins = [touring, *[even] * (count - 1)] if missed > _HOPELESS * least else [touring]
+            caught = self.ascent(0.0).least(even)
+            begins = [touring, *[even] * (count - 1)] if caught > _HOPELESS * least else [touring]
         spreads = [*[_SPREAD[0]] * 2, *[_SPREAD[1]] * count]
         return [
             begin + spread * random.normal(size=shape)

@@ -116,12 +116,12 @@ def memory_patrol(
         walks.append(found.matrices)
     patrols, captured = [f"memory {size}" for size in sizes], []
     for walk in walks:
-        each = [walk_capture_probabilities(graph, one, attack_time, travel_times) for one in walk]
-        shares = long_run(walk)
+        times = attack_time, travel_times
+        each = np.stack([walk_capture_probabilities(graph, robot, *times) for robot in walk])
+        shares = long_run(walk)[..., None]
         # States that do not occur in the long run do not count.
-        occurring = zip(each, shares, strict=True)
-        worst = np.stack([np.where(s[:, None] > 0, one, 1.0) for one, s in occurring])
-        mean = np.stack([s @ one for one, s in zip(each, shares, strict=True)])[:, None]
+        worst = np.where(shares > 0, each, 1.0)
+        mean = (shares * each).sum(axis=1, keepdims=True)
         captured.append((captured_by_any(worst), captured_by_any(mean)))
     least = [float(worst.min()) for worst, _ in captured]
     best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
