@@ -159,15 +159,13 @@ def with_vertices_on_the_way(
 
     The additional states on these chains are numbered after the vertices."""
     tails, heads = np.nonzero(matrix)
-    more = delays[tails, heads] - 1
-    places = len(matrix) + int(more.sum())
-    ends = len(matrix) + np.cumsum(more)
-    direct, slow = more == 0, more > 0
-    chance = matrix[tails, heads]
-    first, last = (ends - more)[slow], (ends - 1)[slow]
-    between = np.setdiff1d(np.arange(len(matrix), places), last)
-    here = np.concatenate([tails[direct], tails[slow], last, between])
-    there = np.concatenate([heads[direct], first, heads[slow], between + 1])
-    sure = np.ones(last.size + between.size)
-    numbers = np.concatenate([chance[direct], chance[slow], sure])
-    return scipy.sparse.csr_array((numbers, (here, there)), shape=(places, places))
+    units = delays[tails, heads]
+    step = np.repeat(np.arange(units.size), units)
+    since = np.arange(step.size) - (np.cumsum(units) - units)[step]
+    # The additional state after each unit of time, unless it is the last unit of a step.
+    state = len(matrix) + np.arange(step.size) - step
+    here = np.where(since == 0, tails[step], state - 1)
+    there = np.where(since == units[step] - 1, heads[step], state)
+    chance = np.where(since == 0, matrix[tails, heads][step], 1.0)
+    states = len(matrix) + step.size - units.size
+    return scipy.sparse.csr_array((chance, (here, there)), shape=(states, states))
