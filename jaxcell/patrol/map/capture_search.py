@@ -250,8 +250,9 @@ class _Problem:
         if touring is None or least is None:
             begins = [even] * count
         else:
-            caught = self.ascent(0.0).least(even)
-            begins = [touring, *[even] * (count - 1)] if caught > _HOPELESS * least else [touring]
+            begins = [touring, *[even] * (count - 1)]
+            if count > 1 and self._team(self.ascent(0.0).climb(even, 0)[1])[1] <= _HOPELESS * least:
+                begins = [touring]
         spreads = [*[_SPREAD[0]] * 2, *[_SPREAD[1]] * count]
         return [
             begin + spread * random.normal(size=shape)
@@ -300,13 +301,7 @@ class _Problem:
             ascent.climb(begin, steps, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
-        teams = [
-            tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
-            for _, walks, _ in tries
-        ]
-        seen, problem = self.visible.any(axis=0), (self.graph, self.visible)
-        caught = [capture_probabilities(*problem, team, self.attack)[0, seen] for team in teams]
-        values = np.array([each.min(initial=1.0) for each in caught])
+        teams, values = zip(*(self._team(walks) for _, walks, _ in tries), strict=True)
         best = int(np.argmax(values))
         logits, _, course = tries[best]
         search = CaptureSearch(
@@ -314,12 +309,18 @@ class _Problem:
             attack_time=int(self.attack.times[0]),
             randomness=randomness,
             start=self.attack.start,
-            tried=values,
-            value=float(values[best]),
+            tried=np.array(values),
+            value=values[best],
             tours=self.tours[1],
             certificate=Certificate(steps * len(begins), late_gain(course), _TOLERANCE),
         )
         return search, logits
+
+    def _team(self, walks: Sequence[Circulation]) -> tuple[tuple[Policy, ...], float]:
+        """Return the policies of robots, and their least probability of capture."""
+        team = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
+        caught = capture_probabilities(self.graph, self.visible, team, self.attack)[0]
+        return team, float(caught[self.visible.any(axis=0)].min(initial=1.0))
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
         cells = self.graph.vertices

@@ -157,20 +157,6 @@ class CirculationAscent:
             walks.append(Circulation(mixed / mixed.sum(axis=0), total / total.sum()))
         return logits, walks, course
 
-    def least(self, logits: Logits) -> float:
-        """Compute the least capture over the targets for walks with given logits."""
-        _, walks, _ = self.climb(logits, 0)
-        chance, share = _stacked(walks)
-        missed = _log_missed(
-            *(chance, share, np.zeros_like(share), chance),
-            self.unseen.astype(np.float32),
-            self.steps,
-            None,
-            self.attack_time,
-            self.start,
-        )
-        return float(-np.expm1(np.max(missed, initial=-np.inf)))
-
     @functools.cached_property
     def _even(self) -> Float[np.ndarray, "branches cells"]:
         even = np.asarray(self.steps.even, float)
