@@ -135,15 +135,10 @@ def capture_by_tours(
     An adversary who sees a robot on a tour knows when it returns. When an attack begins, all places
     on a tour out of view of the target are equally likely.
 
-    **Arguments:**
-
-    - `graph`, `visible`: as in [`capture_probabilities`][].
-    - `covers`: the cells that each robot visits, on a tour from
-        [`jaxcell.optimize.shortest_tour`][].
-    - `attack`: the attack; only its first time counts.
-
-    **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
-    single cell.
+    **Arguments:** the graph and the visibility, as in [`capture_probabilities`][]; the cells that
+    each robot visits, on a tour from [`jaxcell.optimize.shortest_tour`][]; and the attack, of which
+    only the first time counts. **Returns:** the least probability over the cells that can be seen,
+    or `None` if a cover has a single cell.
 
     One robot in a corridor of five cells goes back and forth between cells 1 and 3. It sees each
     end again after at most 3 steps:

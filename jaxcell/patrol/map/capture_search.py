@@ -161,13 +161,10 @@ def capture_frontier(
 ) -> Frontier:
     """Compute the trade-off between capture and the unpredictability of steps.
 
-    **Arguments:**
-
-    - `floors`: the values of `randomness` to compare, in any order.
-    - other arguments as in [`capture_policies`][].
-
-    **Returns:** [`Frontier`][], with floors in increasing order. Each search has two starts, a new
-    start and the result for the next higher floor, so that capture never increases with the floor.
+    **Arguments:** those of [`capture_policies`][], with the values of `randomness` to compare, in
+    any order, as `floors`. **Returns:** [`Frontier`][], with floors in increasing order. Each
+    search has two starts, a new start and the result for the next higher floor, so that capture
+    never increases with the floor.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
