@@ -208,7 +208,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend the time of `late`, the probability that a robot does not see a target, by `steps`."""
+    """Update `late`, the probability that a robot does not see a target, for `steps` more steps."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

@@ -66,9 +66,9 @@ class PatrolledMap(Result):
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The capture after a robot has failed and the others have kept their regions, or `None`."
+    "The probability of capture after a robot has failed and others keep their regions; or `None`."
     recovery: Capture | None = None
-    "The capture after a robot has failed and the others have changed regions, or `None`."
+    "The probability of capture after a robot has failed and others take new regions; or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"

@@ -29,12 +29,12 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture, robots where worst", "1", kind="share"),
     ]
-    "The least capture if the adversary sees the robots and the states of their memories."
+    "The least probability of capture if the adversary sees robots and states of their memories."
     any_time: Annotated[
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "The least capture if an attack begins with the robots distributed as in the long run."
+    "The least probability of capture if an attack finds robots distributed as in the long run."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]

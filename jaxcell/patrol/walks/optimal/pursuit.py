@@ -49,10 +49,10 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex.
+        """Choose the model of a vertex: an equivalent vertex, with which it shares cuts.
 
-        Returns the promise of the model for each promise at the vertex, once per symmetry that maps
-        the vertex to the model."""
+        Returns one array per symmetry that maps the vertex to the model: the index of the promise
+        of the model that corresponds to each promise of the vertex."""
         there = alike[:, here].tolist()
         model = next((vertex for vertex in self.models.values() if vertex in there), here)
         self.models[here], images = model, {}
