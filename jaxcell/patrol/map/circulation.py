@@ -118,7 +118,7 @@ class CirculationAscent:
         missed, course = np.zeros(unseen.shape[1]), []
         adam = optax.scale_by_adam(eps=_SCALE)
         moments = adam.init(logits)
-        excursions, pivots = [self._excursions(None)] * robots, [0] * robots
+        pivots = [0] * robots
         fixed = {"attack_time": self.attack_time, "start": self.start}
         for step, now in enumerate(np.arange(count) / max(1, count)):
             trained = self._trained(logits, pivots)
@@ -174,7 +174,7 @@ class CirculationAscent:
         return [Trained.of(image, *each) for each in zip(chance, pivots, strict=True)]
 
     def _excursions(
-        self, share: Float[np.ndarray, "cells"] | None
+        self, share: Float[np.ndarray, "cells"]
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
         """Return the share of time of excursions in each cell, and the probability of each step.
 
@@ -182,14 +182,13 @@ class CirculationAscent:
         drifts back to these cells.
         """
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
-        if share is not None:
-            often = np.flatnonzero(share >= 1 / share.size)
-            near = self.graph.matrix(np.ones(len(self.graph.edges)))
-            far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
-            fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
-            # No step may be less probable than the floor allows.
-            fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
-            conductance *= np.exp(fall * (far + far[image]) / 2)
+        often = np.flatnonzero(share >= 1 / share.size)
+        near = self.graph.matrix(np.ones(len(self.graph.edges)))
+        far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
+        fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
+        # No step may be less probable than the floor allows.
+        fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
+        conductance *= np.exp(fall * (far + far[image]) / 2)
         total = conductance.sum(axis=0)
         return self._part * total / total.sum(), conductance / total
 
