@@ -24,10 +24,9 @@ def walk_capture_probabilities(
 
     **Arguments:**
 
-    - `graph`: the graph.
-    - `matrix`: array `[states, states]`, the transition matrix of the robot. Its states are the
-        vertices, or for a robot with memory the pairs of a state of the memory and a vertex, where
-        the vertex varies fastest.
+    - `graph`, `matrix`: the graph, and the transition matrix of the robot, an array `[states,
+        states]`. Its states are the vertices, or for a robot with memory the pairs of a state of
+        the memory and a vertex, where the vertex varies fastest.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
