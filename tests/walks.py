@@ -24,6 +24,21 @@ def times_by_solves(matrix, step=1.0):
     return times
 
 
+def missed(matrix, view, steps, start):
+    """The probability that a robot stays out of view in some steps, by powers of matrices."""
+    stop = np.where(view, 0, matrix) * ~view[:, None]
+    late = np.linalg.matrix_power(stop, steps).sum(axis=1)
+    if start == "worst":
+        return late.max()
+    share = np.ones(len(matrix))
+    if start == "stationary":
+        lazy = (matrix + np.eye(len(matrix))) / 2
+        share = np.linalg.matrix_power(lazy, 4096).mean(axis=0)
+    # A robot that has the target in view wherever it is misses no attack.
+    share = share * ~view
+    return share @ late / max(share.sum(), 1e-300)
+
+
 def delays_of(graph, times):
     """The duration of each move; a robot that stays takes 1."""
     delays = np.eye(graph.vertices, dtype=int)

@@ -1,5 +1,3 @@
-"""Least commute time under linear constraints, from a cone program of cvxpy."""
-
 import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -26,7 +24,7 @@ class ConicWeights(NamedTuple):
 def least_resistance(
     graph: Graph, constraints: Sequence[Linear], durations: Float[np.ndarray, "edges"] | None = None
 ) -> ConicWeights:
-    """Find the weights with the least sum of resistances between all vertices, with Clarabel.
+    """Find the weights with the least sum of resistances under constraints, with Clarabel.
 
     The sum is the least energy `sum_e |F_e|^2 / w_e` of currents `F` that lead from each vertex
     evenly to all other vertices, through edges with conductances `w`. With durations `t`, `w` are

@@ -76,8 +76,8 @@ class Room:
     """The set of weights that constraints allow: `sums' x = totals` and `x > 0`.
 
     `x` are the weights of the edges that may have weight, followed by the slack of inequalities.
-    Inequalities that hold only as equalities are equalities here, and constraints that others imply
-    are omitted.
+    Inequalities that hold only as equalities are equalities here, and constraints that follow from
+    other constraints are omitted.
     """
 
     used: Bool[np.ndarray, "edges"]

@@ -46,13 +46,9 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
     sets add elements, the step takes the last set that adds elements; the source leaves this case
     open.
 
-    **Arguments:**
-
-    - `sets`: the mask of the elements of each set.
-    - `choice`: the position in the ranking, from 0; robot `i` of a team takes choice `i`, so that
-        the covers of robots differ.
-
-    **Returns:** [`Cover`][].
+    **Arguments:** the mask of the elements of each set; and the position in the ranking, from 0.
+    Robot `i` of a team takes position `i`, so that the covers of robots differ. **Returns:**
+    [`Cover`][].
 
     The first two of three sets contain all elements:
 

@@ -111,24 +111,24 @@ def stackelberg(
     unit_R = _unit(R - R.min())
     unit_C = np.stack([_unit(payoff - payoff.min(axis=1, keepdims=True)) for payoff in C])
     paid = probability[:, None, None] * unit_R
+    each = np.arange(types)
 
     def certified(solved: _Solved) -> tuple[_Solved, Certificate]:
         weights, answer, bound, iterations = solved
-        each = np.arange(types)
         value = float(probability @ (weights @ unit_R)[each, answer])
         replies = weights @ unit_C
         regret = float((replies.max(axis=1) - replies[each, answer]).max())
         return solved, Certificate(iterations, max(0.0, bound - value, regret), _TOLERANCE)
 
-    few = C.shape[2] ** types <= _MAX_PROFILES
     if method == "multiple-lp" or (method is None and types == 1):
         solved, certificate = certified(_multiple_lp(paid, unit_C))
     else:
         solved, certificate = certified(_dobss(paid, unit_C, time_limit))
+        few = C.shape[2] ** types <= _MAX_PROFILES
         if method is None and few and certificate.outcome is not Outcome.CONVERGED:
             solved, certificate = certified(_multiple_lp(paid, unit_C))
-    weights, answer, each = solved[0], solved[1], np.arange(types)
     certificate.check("stackelberg", throw)
+    weights, answer, *_ = solved
     value = float(probability @ (weights @ R)[each, answer])
     gained = (weights @ C)[each, answer]
     weights, answer, gained = jax.device_put((weights, answer, gained))
@@ -140,7 +140,7 @@ _Solved = tuple[_Weights, Int[np.ndarray, "types"], float, int]
 
 
 def _dobss(R: _Payoffs, C: _Payoffs, time_limit: float) -> _Solved:
-    """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
+    """Solve DOBSS for the weights `x`, the value `a` and answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
@@ -204,19 +204,12 @@ def _multiple_lp(R: _Payoffs, C: _Payoffs) -> _Solved:
             f"method: {types} types and {targets} targets have {profiles} combinations of answers; "
             f"expected at most {_MAX_PROFILES} for 'multiple-lp', or 'dobss'"
         )
-    best, bound = None, -np.inf
-    for profile in itertools.product(range(targets), repeat=types):
-        answer = np.array(profile)
-        committed = _commit(R, C, answer)
-        if committed is None:
-            continue
-        weights, value, at_most = committed
-        bound = max(bound, at_most)
-        if best is None or value > best[0]:
-            best = value, weights, answer
-    if best is None:
+    answers = map(np.array, itertools.product(range(targets), repeat=types))
+    solved = [(found, answer) for answer in answers if (found := _commit(R, C, answer))]
+    if not solved:
         raise RuntimeError("stackelberg: HiGHS found no commitment with any answer")
-    return best[1], best[2], bound, profiles
+    (weights, _, _), answer = max(solved, key=lambda commitment: commitment[0][1])
+    return weights, answer, max(bound for (_, _, bound), _ in solved), profiles
 
 
 def _commit(
@@ -254,7 +247,7 @@ def _commit(
 
 
 def _on_simplex(weights: _Weights) -> _Weights:
-    """Correct the rounding of a solver."""
+    """Make weights from a solver nonnegative with sum 1, which rounding may have changed."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from .checked import one_each
+from .checked import finite, one_each
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -49,19 +49,15 @@ class Graph:
             raise ValueError(f"edges: expected an array [edges, 2], got {list(ends.shape)}")
         if not np.issubdtype(ends.dtype, np.integer):
             raise ValueError(f"edges: expected whole numbers, got {ends.dtype}")
-        places = None if xy is None else np.array(xy, np.float64)
+        places = None if xy is None else finite("xy", xy)
         if vertices is None:
             vertices = int(ends.max()) + 1 if places is None else places.shape[0]
         vertices = operator.index(vertices)
         if vertices < 2:
             raise ValueError(f"vertices: expected at least 2, got {vertices}")
         _check_edges(ends, vertices)
-        if places is not None:
-            if places.shape != (vertices, 2):
-                raise ValueError(f"xy: expected an array [{vertices}, 2], got {list(places.shape)}")
-            if not np.isfinite(places).all():
-                v, axis = np.argwhere(~np.isfinite(places))[0]
-                raise ValueError(f"xy[{v}, {axis}] is {places[v, axis]}; expected a finite number")
+        if places is not None and places.shape != (vertices, 2):
+            raise ValueError(f"xy: expected an array [{vertices}, 2], got {list(places.shape)}")
         lengths = None if ways is None else one_each("ways", ways, len(ends), "per edge")
         object.__setattr__(self, "ways", lengths)
         object.__setattr__(self, "vertices", vertices)
@@ -79,7 +75,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Build the symmetric matrix `[vertices, vertices]` of numbers of edges, which may be 0."""
+        """Build the symmetric sparse matrix with the number of each edge at both its entries."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

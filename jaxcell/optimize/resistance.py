@@ -82,7 +82,7 @@ class Emphasis(NamedTuple):
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1; the tour has its share, and at least `spare` of the rest."""
+        """Scale weights to sum 1, with at least `share + spare (1 - share)` on the tour."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)

@@ -35,7 +35,7 @@ class SpectralProblem:
 
     edges: Int[np.ndarray, "edges 2"]
     root: Float[np.ndarray, "vertices"]
-    "The positive vector `r` of the class docstring."
+    "The vector `r`, positive and of norm 1."
     bounds: scipy.sparse.csr_array
     limits: _Forces
 
@@ -235,11 +235,9 @@ def _symmetric(matrices: _Pair) -> _Pair:
 def _length(inverse_root: _Pair, change: _Pair) -> float:
     """Return the longest step, at most 1, after which both matrices are positive semidefinite."""
     relative = inverse_root @ change @ inverse_root.transpose(0, 2, 1)
-    shrink = -float(np.linalg.eigvalsh(relative).min())
-    return min(1.0, 1 / shrink) if shrink > 0 else 1.0
+    return 1 / max(1.0, -float(np.linalg.eigvalsh(relative).min()))
 
 
 def _ratio(values: _Forces, change: _Forces) -> float:
     """Return the longest step, at most 1, after which no number is negative."""
-    shrink = float((-change / values).max(initial=0))
-    return min(1.0, 1 / shrink) if shrink > 0 else 1.0
+    return 1 / float((-change / values).max(initial=1))

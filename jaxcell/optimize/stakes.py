@@ -29,12 +29,9 @@ def payoffs(
     the reward, by default `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a
     gain, as in the source. If the patroller fails, each gains its value of the goods at the vertex.
 
-    **Arguments:**
-
-    - `order`: for each strategy, the vertices in ascending order of their mean hitting times.
-    - `stakes`: the gains and losses at each vertex; by default as in Alg. 4.2.
-
-    **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
+    **Arguments:** for each strategy, the vertices in ascending order of their mean hitting times;
+    and the gains and losses at each vertex, by default as in Alg. 4.2. **Returns:** the payoffs of
+    the patroller and of the adversary, for [`stackelberg`][].
 
     Two strategies, the first closest to vertex 0, the second closest to vertex 1:
 

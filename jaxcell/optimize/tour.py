@@ -22,13 +22,10 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     equally short paths, paths along edges of the tour are preferred, so that the tour has few
     edges.
 
-    **Arguments:**
-
-    - `graph`: the graph. The length of a path is the sum of [`Graph.lengths`][].
-    - `through`: two or more vertices.
-
-    **Returns:** the vertices of the walk in order, from the first of `through`. The first vertex is
-    not repeated at the end. A walk may pass a vertex or an edge more than once.
+    **Arguments:** the graph, in which the length of a path is the sum of [`Graph.lengths`][]; and
+    two or more vertices. **Returns:** the vertices of the walk in order, from the first of
+    `through`. The first vertex is not repeated at the end. A walk may pass a vertex or an edge more
+    than once.
 
     A square, whose opposite corners are not joined by an edge:
 

@@ -178,14 +178,6 @@ def test_a_share_that_rounds_to_1_is_refused():
         minimum_commute(graph_of(nx.path_graph(200)), [0, 1], 1 - 2**-53)
 
 
-def test_all_the_weight_on_a_tour_through_all_vertices():
-    graph = graph_of(nx.complete_graph(5))
-    found = minimum_commute(graph, range(5), 1.0)
-    on_tour = on_walk(graph, found.tour)
-    assert on_tour.sum() == 5
-    np.testing.assert_allclose(found.weights, on_tour / 5, atol=1e-8)
-
-
 def test_steps_in_32_bits_end_at_the_same_weights():
     graph = grid(7, 7)
     tour = on_walk(graph, shortest_tour(graph, [0, 6, 48]))

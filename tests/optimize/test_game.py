@@ -162,7 +162,6 @@ def test_payoffs_are_those_of_the_table():
         (np.ones((1, 2)), np.ones((2, 1, 2)), [1.0], r"prior: expected 2 numbers, .* got \[1\]"),
         (np.ones((1, 2)), np.ones((2, 1, 2)), [0.5, 0.6], "prior: .* sum to 1, got 1.1"),
         (np.ones((1, 2)), np.ones((2, 1, 2)), [1.5, -0.5], r"prior\[1\] is -0.5; expected .* 0"),
-        (np.ones((1, 2)), np.ones((2, 1, 2)), [np.nan, 1], r"prior\[0\] is nan"),
     ],
 )
 def test_bad_games_are_refused(leader, follower, prior, message):

@@ -54,27 +54,23 @@ def test_the_small_graph():
     np.testing.assert_allclose(found.weights[[1, 2, 8]], found.weights[[4, 9, 11]], atol=1e-6)
 
 
-def test_the_wheel():
+def closed_forms():
+    """Adjacency matrices of graphs, with the rate, matrix and tolerance of their fastest chains."""
+    for n in (2, 3, 8, 30):
+        path = nx.to_numpy_array(nx.path_graph(n))
+        yield path, np.cos(np.pi / n), (path + np.diag(2 - path.sum(axis=0))) / 2, 1e-5
+        yield 1 - np.eye(n), 0, np.full((n, n), 1 / n), 1e-6
     # A hub and a rim of four. With probabilities a along the rim and b along the spokes, the
     # eigenvalues are 1 - 5 b, 1 - 2 a - b twice and 1 - 4 a - b, and b is at most 1/4.
-    found = fastest_mixing(graph_of(nx.wheel_graph(5)))
-    assert found.rate == pytest.approx(1 / 4, abs=1e-7)
-    expected = np.where(nx.to_numpy_array(nx.wheel_graph(5)) > 0, 1 / 4, 0)
-    np.testing.assert_allclose(found.transition, expected + np.diag([0, 1, 1, 1, 1]) / 4, atol=1e-6)
+    wheel = nx.to_numpy_array(nx.wheel_graph(5))
+    yield wheel, 1 / 4, (wheel + np.diag([0, 1, 1, 1, 1])) / 4, 1e-6
 
 
-@pytest.mark.parametrize("n", [2, 3, 8, 30])
-def test_paths_and_complete_graphs(n):
-    path = fastest_mixing(graph_of(nx.path_graph(n)))
-    assert path.rate == pytest.approx(np.cos(np.pi / n), abs=1e-7)
-    np.testing.assert_allclose(n * path.weights, 1 / 2, atol=1e-5)
-    inner = np.zeros(n)
-    inner[[0, -1]] = 1 / 2
-    np.testing.assert_allclose(n * path.holding, inner, atol=1e-5)
-    complete = graph_of(nx.complete_graph(n))
-    found = fastest_mixing(complete)
-    assert found.rate == pytest.approx(0, abs=1e-7)
-    np.testing.assert_allclose(found.transition, 1 / n, atol=1e-6)
+@pytest.mark.parametrize(("joined", "rate", "transition", "atol"), [*closed_forms()])
+def test_closed_forms(joined, rate, transition, atol):
+    found = fastest_mixing(graph_of(nx.from_numpy_array(joined)))
+    assert found.rate == pytest.approx(rate, abs=1e-7)
+    np.testing.assert_allclose(found.transition, transition, atol=atol)
 
 
 @given(st.integers(2, 9), st.integers(0, 12), st.integers(0, 10_000), st.booleans())

@@ -170,20 +170,16 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
     words = text.split()
     at = 0
 
-    def word() -> str:
+    def number(what: str) -> float:
         nonlocal at
         at += 1
         if at > len(words):
             raise ValueError(f"it ends after {len(words)} words; expected more; is it truncated?")
-        return words[at - 1]
-
-    def number(what: str) -> float:
-        given = word()
-        return checked_number(f"word {at}", given, what, text=True)
+        return checked_number(f"word {at}", words[at - 1], what, text=True)
 
     def count(what: str) -> int:
         value = number(what)
-        if value < 0 or value != int(value):
+        if value < 0 or value % 1:
             raise refused(f"word {at}", what, words[at - 1])
         return int(value)
 
@@ -195,29 +191,27 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
         raise refused(f"word {at}", "more than 0 metres per pixel", words[at - 1])
     right, up = number("an offset in metres"), number("an offset in metres")
     vertices: list[Vertex] = []
-    lengths: dict[tuple[str, str], tuple[str, float]] = {}
+    edges: list[Edge] = []
+    lengths: dict[frozenset[str], float] = {}
     for _ in range(total):
         name, field = str(count("the number of a vertex")), f"word {at}"
         x, y = number("a coordinate in pixels"), number("a coordinate in pixels")
         vertices.append(Vertex(field, name, {"x": x * scale + right, "y": y * scale + up}))
         for _ in range(count("the number of neighbours")):
             other, place = str(count("the number of a neighbour")), f"word {at}"
-            word()
+            at += 1  # The direction.
             length = number("the length of a path in pixels") * scale
-            back = lengths.get((other, name))
-            if back is not None and back[1] != length:
+            ends = frozenset((name, other))
+            if ends not in lengths:
+                edges.append(Edge(place, name, other, length))
+            back = lengths.setdefault(ends, length)
+            if back != length:
                 raise ValueError(
                     f"{place}: from vertex {name} to {other} it is {length:g} m, and "
-                    f"{back[1]:g} m back; expected equal lengths in both directions"
+                    f"{back:g} m back; expected equal lengths in both directions"
                 )
-            lengths[name, other] = place, length
     if at < len(words):
         raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
-    edges = [
-        Edge(field, name, other, length)
-        for (name, other), (field, length) in lengths.items()
-        if (other, name) not in lengths or int(name) <= int(other)
-    ]
     return vertices, edges
 
 

@@ -13,7 +13,7 @@ from ...optimize import Stakes
 def load_values(
     path: str | os.PathLike[str], names: Sequence[str], *, whole: bool = False
 ) -> Float[np.ndarray, "vertices"]:
-    """Read one number per vertex from a file of lines with a name and a number.
+    """Read one number per vertex from a file whose lines have a name and a number.
 
     **Arguments:** the file, where `#` begins a comment; the names of the vertices; and whether the
     numbers must be whole. **Returns:** the numbers, positive and finite, in the order of the names.
@@ -34,9 +34,9 @@ def load_values(
 def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
     """Read the stakes of a game at each of the named vertices.
 
-    All lines of the file have a name and one, two or four numbers: the value of the goods to the
-    patroller, their value to the adversary if it differs, the gain of the patroller from a capture,
-    and the penalty of the adversary. `#` begins a comment.
+    Each line of the file has the name of a vertex and, on all lines, one, two or four numbers: the
+    value of the goods to the patroller, their value to the adversary if it differs, the gain of the
+    patroller from a capture, and the penalty of the adversary. `#` begins a comment.
     """
     return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)
 

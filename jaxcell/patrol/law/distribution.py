@@ -31,8 +31,8 @@ class Gld:
     logistic distribution, with 1 and 1 a uniform distribution. If the four parameters are arrays
     `[laws, 1]`, they are several distributions, and functions return arrays `[laws, values]`.
 
-    The other functions invert `Q` with Newton's method in a bracket, in the log-odds `log(u / (1 -
-    u))`, so that neither tail loses digits.
+    The other methods invert `Q` with Newton's method within a bracket. The unknown is the log-odds
+    `log(u / (1 - u))`, so that neither tail loses digits.
 
     The logistic distribution:
 
@@ -63,7 +63,7 @@ class Gld:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The ends of the interval of all values; infinite for shapes of at most 0."""
+        """The ends of the interval of possible values; infinite for shapes of at most 0."""
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 

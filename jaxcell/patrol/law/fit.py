@@ -48,7 +48,7 @@ class GldFit(Result):
     "The sum over all samples of log-probabilities if censored, otherwise of log-densities."
     distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
     """Kolmogorov-Smirnov statistic: the largest difference between the distribution functions of
-    the law and of the samples. If censored, only whole numbers plus 1/2 are compared."""
+    the law and of the samples. If censored, they are compared at whole numbers plus 1/2."""
     censored: bool
     "`True` if samples stand for intervals of length 1."
     certificate: Certificate
@@ -84,8 +84,8 @@ def fit_gld(
     - `steps`: largest number of steps of a search.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
-    **Returns:** [`GldFit`][]. The residual of its certificate is the gain in log-likelihood that
-    another step is predicted to bring.
+    **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
+    log-likelihood of one more step.
 
     Four parameters need more than four samples:
 
@@ -130,7 +130,7 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The samples of a fit, and the points at which the log-odds of a law are its parameters."""
+    """The samples of a fit, and pairs of points; log-odds at a pair are parameters of a law."""
 
     data: Likelihood
     few: Likelihood
@@ -178,7 +178,7 @@ class _Problem:
 
 
 def _starts(problem: _Problem) -> list[tuple[_Numbers, _Point]]:
-    """Return the starts of the search: the best laws of a grid, one per pair of kinds of shapes.
+    """Return the starts of the search: the best laws of a grid, with different kinds of shapes.
 
     The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
     """
@@ -206,9 +206,9 @@ class _Maximum:
     point: _Point
     loss: float
     gain: float
-    "The gain in log-likelihood that another step is predicted to bring."
+    "The predicted gain in log-likelihood of one more step."
     edge: Bool[np.ndarray, "2"]
-    "`True` on each side where the support ends at the point."
+    "For the lower and the upper side: `True` if the support ends at the point on this side."
     steps: int
 
 
@@ -236,14 +236,15 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Maximize the likelihood with Newton's method within bounds.
 
-    Curvatures of the loss count as positive, so that each step lowers the loss.
+    The curvatures of the loss are replaced by their absolute values, so that each step lowers the
+    loss.
 
     No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
     and L-BFGS-B stop too early.
 
     The parameters of a law are its log-odds at two points and its shapes. On a side with a bounded
-    support, the outer point is used, with which no change of the other parameters excludes a
-    sample; otherwise the inner point is used, at which log-odds hardly depend on the shape.
+    support, the outer point is used, because then no change of the other parameters excludes a
+    sample. Otherwise the inner point is used, because log-odds there hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])

@@ -70,9 +70,10 @@ class Likelihood:
         point: Float[np.ndarray, "2"],
         below: float = math.inf,
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """Compute the loss, its gradient and its Hessian, NaN unless the loss is below `below`.
+        """Compute the loss, its gradient and its Hessian.
 
-        The derivatives are difference quotients between nearby laws, evaluated in batches.
+        The derivatives are difference quotients between nearby laws, evaluated in batches. They are
+        NaN unless the loss is less than `below`.
         """
         law = law_through(numbers, point)
         log_odds = law.log_odds(self.x)

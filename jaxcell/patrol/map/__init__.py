@@ -5,10 +5,11 @@ cells (Eq. 4.1, `jaxcell.space.visible_cells`). A *cover* is a set of cells from
 seen. It grows cell by cell: the cover of robot 0 gets the best cell, that of robot 1 the second
 best, and so on (Alg. 4.3).
 
-**Policies.** Each robot has a `Policy`. `distributed_policies` emphasise the cover (section 4.4.4).
-`centralized_policies` (4.4.5) divide the map around a `base_station` into `Regions`, one per robot,
-by `angular_regions`; each has a *contact cell* where the robot reports. If a robot is silent for
-longer than `silence_limit`, `reassign` divides the map among the others (`Reassignment`).
+**Policies.** Each robot has a `Policy`. `distributed_policies` are walks on the whole map that
+emphasise the cover (section 4.4.4). `centralized_policies` (4.4.5) divide the map around a
+`base_station` into `Regions`, one per robot, by `angular_regions`; each has a *contact cell* where
+the robot reports. If a robot is silent for longer than `silence_limit`, `reassign` divides the map
+among the others (`Reassignment`).
 
 **Attacks.** When an attack on a cell begins, all robots are out of view of the cell (`outside`),
 distributed as in the long run. The attack fails if a robot comes into view, at the `boundary`,

@@ -26,11 +26,7 @@ class Attack:
     arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
-        """**Arguments:**
-
-        - `times`: one or several whole numbers of at least 1.
-        - `start`: `stationary`, `uniform` or `worst`.
-        """
+        """Create an attack from one or several whole numbers of steps, at least 1, and a start."""
         given = np.atleast_1d(np.asarray(times))
         if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"times: expected whole numbers of steps, got {times!r}")

@@ -50,10 +50,8 @@ class Capture(Result):
     ) -> "Capture":
         """Compute the probability of capture by robots with given policies.
 
-        **Arguments:**
-
-        - `graph`, `visible`, `policies`, `attack`: as in [`capture_probabilities`][].
-        - `regions`: the regions around a base station, which always watches the cells in its view.
+        **Arguments:** those of [`capture_probabilities`][]; and the regions around a base station,
+        if any, which always watches the cells in its view.
         """
         check_policies(graph, visible, policies)
         attacks = [attack, Attack(attack.times, "uniform")]
@@ -132,20 +130,15 @@ def capture_by_tours(
     covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     attack: Attack,
 ) -> float | None:
-    """Compute the least capture by robots that follow closed tours through their covers.
+    """Compute the least probability of capture by robots that follow closed tours of their covers.
 
     An adversary who sees a robot on a tour knows when it returns. When an attack begins, all places
     on a tour out of view of the target are equally likely.
 
-    **Arguments:**
-
-    - `graph`, `visible`: as in [`capture_probabilities`][].
-    - `covers`: the cells that each robot visits, on a tour from
-        [`jaxcell.optimize.shortest_tour`][].
-    - `attack`: the attack; only its first time counts.
-
-    **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
-    single cell.
+    **Arguments:** the graph and the visibility, as in [`capture_probabilities`][]; the cells that
+    each robot visits, on a tour from [`jaxcell.optimize.shortest_tour`][]; and the attack, of which
+    only the first time counts. **Returns:** the least probability over the cells that can be seen,
+    or `None` if a cover has a single cell.
 
     One robot in a corridor of five cells goes back and forth between cells 1 and 3. It sees each
     end again after at most 3 steps:
@@ -215,7 +208,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late`, the probability that a robot does not see a target in time, by `steps`."""
+    """Update `late`, the probability that a robot does not see a target, for `steps` more steps."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

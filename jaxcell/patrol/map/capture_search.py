@@ -47,7 +47,7 @@ class CaptureSearch(Result):
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "The least share of every step that is divided equally among the neighbours."
+    "The least part of the probability of each step that is divided equally among neighbours."
     start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
@@ -121,8 +121,8 @@ def capture_policies(
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
     - `attack`: the attack; only its first time counts.
-    - `randomness`: the least share of steps in which a robot chooses its neighbour uniformly, 0 or
-        more and less than 1. With 0, a patrol is nearly a tour, and predictable.
+    - `randomness`: the least share of steps in which a robot chooses its neighbour uniformly, from
+        0 to less than 1. With 0, a patrol is nearly a tour, and predictable.
     - `starts`: number of starts: tours first, then even walks. On a large map even walks may
         capture too little to be used as starts.
     - `seed`: seed of the starts.
@@ -161,13 +161,10 @@ def capture_frontier(
 ) -> Frontier:
     """Compute the trade-off between capture and the unpredictability of steps.
 
-    **Arguments:**
-
-    - `floors`: the values of `randomness` to compare, in any order.
-    - other arguments as in [`capture_policies`][].
-
-    **Returns:** [`Frontier`][], with floors in increasing order. Each search has two starts, a new
-    start and the result for the next higher floor, so that capture never increases with the floor.
+    **Arguments:** those of [`capture_policies`][], with the values of `randomness` to compare, in
+    any order, as `floors`. **Returns:** [`Frontier`][], with floors in increasing order. Each
+    search has two starts, a new start and the result for the next higher floor, so that capture
+    never increases with the floor.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
@@ -212,7 +209,7 @@ def _check_randomness(randomness: float) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem of a search: steps on a graph, and targets with an uncertain capture."""
+    """The problem of a search: steps on a graph, and targets that some but not all cells see."""
 
     graph: Graph
     visible: Bool[np.ndarray, "cells cells"]
@@ -250,8 +247,9 @@ class _Problem:
         if touring is None or least is None:
             begins = [even] * count
         else:
-            missed = self.ascent(0.0).least(even)
-            begins = [touring, *[even] * (count - 1)] if missed > _HOPELESS * least else [touring]
+            begins = [touring, *[even] * (count - 1)]
+            if count > 1 and self._team(self.ascent(0.0).climb(even, 0)[1])[1] <= _HOPELESS * least:
+                begins = [touring]
         spreads = [*[_SPREAD[0]] * 2, *[_SPREAD[1]] * count]
         return [
             begin + spread * random.normal(size=shape)
@@ -300,13 +298,7 @@ class _Problem:
             ascent.climb(begin, steps, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
-        teams = [
-            tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
-            for _, walks, _ in tries
-        ]
-        seen, problem = self.visible.any(axis=0), (self.graph, self.visible)
-        caught = [capture_probabilities(*problem, team, self.attack)[0, seen] for team in teams]
-        values = np.array([each.min(initial=1.0) for each in caught])
+        teams, values = zip(*(self._team(walks) for _, walks, _ in tries), strict=True)
         best = int(np.argmax(values))
         logits, _, course = tries[best]
         search = CaptureSearch(
@@ -314,12 +306,18 @@ class _Problem:
             attack_time=int(self.attack.times[0]),
             randomness=randomness,
             start=self.attack.start,
-            tried=values,
-            value=float(values[best]),
+            tried=np.array(values),
+            value=values[best],
             tours=self.tours[1],
             certificate=Certificate(steps * len(begins), late_gain(course), _TOLERANCE),
         )
         return search, logits
+
+    def _team(self, walks: Sequence[Circulation]) -> tuple[tuple[Policy, ...], float]:
+        """Return the policies of robots, and their least probability of capture."""
+        team = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
+        caught = capture_probabilities(self.graph, self.visible, team, self.attack)[0]
+        return team, float(caught[self.visible.any(axis=0)].min(initial=1.0))
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
         cells = self.graph.vertices

@@ -1,4 +1,4 @@
-"""Gradient ascent of capture over walks whose shares of time are computed in each iteration."""
+"""Gradient ascent of the probability of capture, with exact shares of time in each iteration."""
 
 import dataclasses
 import functools
@@ -76,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Convert the derivative with respect to shares of time to that with respect to visits."""
+        """Convert the gradient over shares of time to the gradient over visits."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -95,7 +95,7 @@ class CirculationAscent:
     start: str
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
     floor: float
-    "The share of every trained step that is divided equally among the neighbours."
+    "The part of the probability of each trained step that is divided equally among neighbours."
 
     def climb(
         self,
@@ -118,7 +118,7 @@ class CirculationAscent:
         missed, course = np.zeros(unseen.shape[1]), []
         adam = optax.scale_by_adam(eps=_SCALE)
         moments = adam.init(logits)
-        excursions, pivots = [self._excursions(None)] * robots, [0] * robots
+        pivots = [0] * robots
         fixed = {"attack_time": self.attack_time, "start": self.start}
         for step, now in enumerate(np.arange(count) / max(1, count)):
             trained = self._trained(logits, pivots)
@@ -157,20 +157,6 @@ class CirculationAscent:
             walks.append(Circulation(mixed / mixed.sum(axis=0), total / total.sum()))
         return logits, walks, course
 
-    def least(self, logits: Logits) -> float:
-        """Compute the least capture over the targets for walks with given logits."""
-        _, walks, _ = self.climb(logits, 0)
-        chance, share = _stacked(walks)
-        missed = _log_missed(
-            *(chance, share, np.zeros_like(share), chance),
-            self.unseen.astype(np.float32),
-            self.steps,
-            None,
-            self.attack_time,
-            self.start,
-        )
-        return float(-np.expm1(np.max(missed, initial=-np.inf)))
-
     @functools.cached_property
     def _even(self) -> Float[np.ndarray, "branches cells"]:
         even = np.asarray(self.steps.even, float)
@@ -188,7 +174,7 @@ class CirculationAscent:
         return [Trained.of(image, *each) for each in zip(chance, pivots, strict=True)]
 
     def _excursions(
-        self, share: Float[np.ndarray, "cells"] | None
+        self, share: Float[np.ndarray, "cells"]
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
         """Return the share of time of excursions in each cell, and the probability of each step.
 
@@ -196,14 +182,13 @@ class CirculationAscent:
         drifts back to these cells.
         """
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
-        if share is not None:
-            often = np.flatnonzero(share >= 1 / share.size)
-            near = self.graph.matrix(np.ones(len(self.graph.edges)))
-            far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
-            fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
-            # No step may be less probable than the floor allows.
-            fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
-            conductance *= np.exp(fall * (far + far[image]) / 2)
+        often = np.flatnonzero(share >= 1 / share.size)
+        near = self.graph.matrix(np.ones(len(self.graph.edges)))
+        far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
+        fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
+        # No step may be less probable than the floor allows.
+        fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
+        conductance *= np.exp(fall * (far + far[image]) / 2)
         total = conductance.sum(axis=0)
         return self._part * total / total.sum(), conductance / total
 

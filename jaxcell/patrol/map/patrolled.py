@@ -58,17 +58,17 @@ class PatrolledMap(Result):
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
     attack: Vulnerability
-    "The probability of capture of attacks on one cell."
+    "The probability of capturing an adversary that attacks one cell."
     captures: Capture
-    "The probability of capture of attacks on each cell."
+    "The probability of capturing an adversary, for each attacked cell."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` if there is no base station."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The capture after one robot has failed, if the others keep their old regions; or `None`."
+    "The probability of capture after a robot has failed and others keep their regions; or `None`."
     recovery: Capture | None = None
-    "The capture after one robot has failed, if the others patrol the new regions; or `None`."
+    "The probability of capture after a robot has failed and others take new regions; or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
@@ -79,7 +79,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The least shares of steps on the tours that were compared, or `None`."
+    "The compared lower bounds on the share of steps on the tours, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),

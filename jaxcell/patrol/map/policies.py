@@ -59,7 +59,7 @@ class Policy:
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity of a result that is an attribute of each of its `policies`."""
+    """Describe a quantity of a result: an attribute, at a dotted path, of each of its policies."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])
@@ -75,13 +75,9 @@ def distributed_policies(
     minimum average expected commute time with an emphasis on the cover,
     [`jaxcell.optimize.minimum_commute`][]. A cover of a single cell needs no emphasis.
 
-    **Arguments:**
-
-    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
-    - `robots`: number of robots.
-    - `share`: the least weight of the tour through the cover, from 0 to 1.
-
-    **Returns:** a [`Policy`][] for each robot.
+    **Arguments:** a connected graph and the visibility, as in
+    [`jaxcell.patrol.capture_probabilities`][]; the number of robots; and the least weight of the
+    tour through the cover, from 0 to 1. **Returns:** a [`Policy`][] for each robot.
 
     A corridor of five cells, each of which sees its neighbours; cells 1 and 3 see all cells:
 
@@ -116,13 +112,9 @@ def centralized_policies(
     the choice of the *contact cell* open: here it is the cell of the region, in view of the base
     station, with the least sum of path lengths to the cells of the cover.
 
-    **Arguments:**
-
-    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
-    - `regions`: the region of each robot.
-    - `share`: the least weight of the tour through the cover and the contact cell, from 0 to 1.
-
-    **Returns:** a [`Policy`][] for each region, in order.
+    **Arguments:** the graph and the visibility, as in [`jaxcell.patrol.capture_probabilities`][];
+    the region of each robot; and the least weight of the tour through the cover and the contact
+    cell, from 0 to 1. **Returns:** a [`Policy`][] for each region, in order.
 
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
     both from the cell of its cover, and reports at cell 3 or 1:

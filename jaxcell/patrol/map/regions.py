@@ -196,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from a piece to a goal, excluding its first cell."""
+    """Find the shortest path from a piece to a goal, without the cell of the piece, or `None`."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

@@ -1,4 +1,4 @@
-"""Robots on a closed perimeter whose moves a common coin decides: BMP, DCP and DNCP.
+"""Robots on a closed perimeter that all move by tosses of one coin: BMP, DCP and DNCP.
 
 These baselines of Alam 2018, Table 4.1 (Agmon, Kraus and Kaminka 2008), are the members of
 `Movement`; a `Perimeter` has segments and robots. The probability of detection is a polynomial in

@@ -49,13 +49,13 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    """The capture by walks that were optimised without a charger, after [`charged`][] has added the
-    returns to it."""
+    """The capture by walks that were optimised without a charger, after [`charged`][] has modified
+    them to return to the charger."""
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
     ] = None
-    "The relative gain by the last gradient steps of the search, or `None` without a search."
+    "The share of the capture that the last quarter of a search added; `None` without a search."
 
     @classmethod
     def of(

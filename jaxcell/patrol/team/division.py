@@ -108,7 +108,8 @@ def _balanced(
     def cost(size: int) -> int:
         return size**2 + (_ALONE if size == 1 else 0)
 
-    best, lowest, total = part, sum(map(cost, sizes)), 0
+    # The rise of the cost above the cost of the best division.
+    best, total = part, 0
     steps = min(_STEPS * len(owner), _WORK // (1 + len(owner) // parts))
     for step in range(steps):
         if max(sizes) - min(sizes) <= 1:
@@ -136,7 +137,7 @@ def _balanced(
         sizes[old] = len(stays)
         total += rise
         if total < 0:
-            best, lowest, total = np.array(owner), lowest + total, 0
+            best, total = np.array(owner), 0
     return best
 
 

@@ -63,7 +63,7 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The adversary attacks at a random time, and does not wait until robots are far away."
+    "The least probability of capture if an attack begins at a random time, wherever robots are."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
@@ -166,9 +166,7 @@ def simulate_idleness(
     random = np.random.default_rng(seed)
     total = matrices.cumsum(axis=2)
     place, state = list(spaced), tour[spaced]
-    attack = None
-    if attack_time is not None:
-        attack = np.broadcast_to(np.asarray(attack_time, float), vertices)
+    attack = np.broadcast_to(np.nan if attack_time is None else attack_time, vertices)
 
     def walk(robot, here, last):  # type: ignore[no-untyped-def]
         row = total[robot, state[robot]]
@@ -201,14 +199,12 @@ def simulate_idleness(
         means = np.array([times.mean() for times in gaps])
         at, longest = int(means.argmax()), max(float(times.max()) for times in gaps)
         errors = _error(batches.mean(axis=0)), _error(batches[at])
-        caught = np.nan
-        if attack is not None:
-            # An attack begins at a random time, and the next visit interrupts the attack.
-            attacked = zip(gaps, attack, strict=True)
-            caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
+        # An attack begins at a random time, and the next visit interrupts the attack.
+        attacked = zip(gaps, attack, strict=True)
+        caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
     *columns, captured = np.array(rows).T
-    columns.append(None if attack is None else captured)
+    columns.append(None if attack_time is None else captured)
     return Idleness(list(rules), *columns)
 
 

@@ -62,7 +62,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
-        """Compute the mean age as the sum of tails; infinite if the law does not reach 1."""
+        """Compute the mean age, a sum of tails of a law; infinite if the law does not reach 1."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 
@@ -93,7 +93,8 @@ def age_of_news(
     - `unit`: length of a unit, in seconds.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`News`][]. Ages end when the law is within 1e-9 of 1, or at 20,000 units.
+    **Returns:** [`News`][]. Ages end when greater ages have a probability below 1e-9, or at 20,000
+    units.
 
     A robot that goes round a triangle visits the base at every third step:
 
@@ -158,15 +159,13 @@ def with_vertices_on_the_way(
 
     The additional states on these chains are numbered after the vertices."""
     tails, heads = np.nonzero(matrix)
-    more = delays[tails, heads] - 1
-    places = len(matrix) + int(more.sum())
-    ends = len(matrix) + np.cumsum(more)
-    direct, slow = more == 0, more > 0
-    chance = matrix[tails, heads]
-    first, last = (ends - more)[slow], (ends - 1)[slow]
-    between = np.setdiff1d(np.arange(len(matrix), places), last)
-    here = np.concatenate([tails[direct], tails[slow], last, between])
-    there = np.concatenate([heads[direct], first, heads[slow], between + 1])
-    sure = np.ones(last.size + between.size)
-    numbers = np.concatenate([chance[direct], chance[slow], sure])
-    return scipy.sparse.csr_array((numbers, (here, there)), shape=(places, places))
+    units = delays[tails, heads]
+    step = np.repeat(np.arange(units.size), units)
+    since = np.arange(step.size) - (np.cumsum(units) - units)[step]
+    # The additional state after each unit of time, unless it is the last unit of a step.
+    state = len(matrix) + np.arange(step.size) - step
+    here = np.where(since == 0, tails[step], state - 1)
+    there = np.where(since == units[step] - 1, heads[step], state)
+    chance = np.where(since == 0, matrix[tails, heads][step], 1.0)
+    states = len(matrix) + step.size - units.size
+    return scipy.sparse.csr_array((chance, (here, there)), shape=(states, states))

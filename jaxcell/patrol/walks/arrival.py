@@ -24,10 +24,9 @@ def walk_capture_probabilities(
 
     **Arguments:**
 
-    - `graph`: the graph.
-    - `matrix`: array `[states, states]`, the transition matrix of the robot. Its states are the
-        vertices, or for a robot with memory the pairs of a state of the memory and a vertex, where
-        the vertex varies fastest.
+    - `graph`, `matrix`: the graph, and the transition matrix of the robot, an array `[states,
+        states]`. Its states are the vertices, or for a robot with memory the pairs of a state of
+        the memory and a vertex, where the vertex varies fastest.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
@@ -119,7 +118,7 @@ def check_reach(
     *,
     stay: bool = False,
 ) -> None:
-    """Raise if an attack is too short for a robot to come from any vertex, or to return.
+    """Raise if an attack is too short for a robot to come from every vertex, or to return.
 
     If robots may `stay` at a vertex, they return after a time of 1.
     """
@@ -140,7 +139,7 @@ def check_reach(
 def on_device(
     delays: Int[np.ndarray, "states states"], attack: Int[np.ndarray, "targets"]
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the arguments of [`first_passage`][] after the matrix."""
+    """Return all arguments of [`first_passage`][] except the transition matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
 

@@ -83,7 +83,7 @@ class GraphPatrol(Measures):
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),
     ] = None
-    "Robots start at vertices drawn from the shares of time; `None` for one robot."
+    "The mean time until any robot visits the vertex, if all start at random as in the long run."
     captured: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
@@ -172,7 +172,7 @@ class GraphPatrol(Measures):
 
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
-        """The transition matrix of each robot, over pairs of memory and vertex if it remembers."""
+        """The transition matrix of each robot; its states include the memory, if any."""
         return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property

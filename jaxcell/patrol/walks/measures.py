@@ -83,15 +83,13 @@ def measure(chain: Chain) -> Measures:
     """
     groups = persistent_groups(chain)
     P, vertices = chain.to_scipy().toarray(), chain.cells
-    core, times = chain, None
-    if int(groups.count) == 1 and (np.asarray(groups.group) < 0).any():
-        visited = np.asarray(groups.group) == 0
+    visited = np.asarray(groups.group) == 0
+    if int(groups.count) == 1 and not visited.all():
         core = Chain.from_scipy(P[np.ix_(visited, visited)])
-        times = np.asarray(dense.hitting(P)).copy()
-        times[:, ~visited] = np.inf
+        times = np.where(visited, dense.hitting(P), np.inf)
         np.fill_diagonal(times, 0)
-    if times is None:
-        times = np.asarray(hitting_matrix(chain).value)
+    else:
+        core, times = chain, np.asarray(hitting_matrix(chain).value)
     return Measures(
         transition=P,
         stationary=np.asarray(limiting_distribution(chain, groups).value),

@@ -29,17 +29,17 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture, robots where worst", "1", kind="share"),
     ]
-    "The least capture if the adversary sees the robots and the states of their memories."
+    "The least probability of capture if the adversary sees robots and states of their memories."
     any_time: Annotated[
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "The least capture of attacks that find the robots in their long-run distributions."
+    "The least probability of capture if an attack finds robots distributed as in the long run."
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
-    "The smallest number of states of memory whose walk has the largest capture."
+    "The number of states of memory that captures most; the smallest if several are equal."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
         Float[np.ndarray, "robots states states"],
@@ -82,7 +82,7 @@ def memory_patrol(
 ) -> MemoryPatrol:
     """Find the walks that capture most, for robots with 2, 4, 8, ... states of memory.
 
-    Each search also starts from the walks with half as many states, so none captures less.
+    A search also starts from the walks with half as many states, so that it never captures less.
 
     **Arguments:**
 
@@ -116,12 +116,12 @@ def memory_patrol(
         walks.append(found.matrices)
     patrols, captured = [f"memory {size}" for size in sizes], []
     for walk in walks:
-        each = [walk_capture_probabilities(graph, one, attack_time, travel_times) for one in walk]
-        shares = long_run(walk)
+        times = attack_time, travel_times
+        each = np.stack([walk_capture_probabilities(graph, robot, *times) for robot in walk])
+        shares = long_run(walk)[..., None]
         # States that do not occur in the long run do not count.
-        occurring = zip(each, shares, strict=True)
-        worst = np.stack([np.where(s[:, None] > 0, one, 1.0) for one, s in occurring])
-        mean = np.stack([s @ one for one, s in zip(each, shares, strict=True)])[:, None]
+        worst = np.where(shares > 0, each, 1.0)
+        mean = (shares * each).sum(axis=1, keepdims=True)
         captured.append((captured_by_any(worst), captured_by_any(mean)))
     least = [float(worst.min()) for worst, _ in captured]
     best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
@@ -149,7 +149,7 @@ def memory_patrol(
 def _on_tour(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> Float[np.ndarray, "places vertices"]:
-    """Return 1 if a robot on a short closed tour arrives in time, per start and vertex."""
+    """Return 1 for each start on a short closed tour and each vertex that it reaches in time."""
     lengths = None if travel_times is None else np.asarray(travel_times, float)
     tour = shortest_tour(Graph(graph.edges, graph.vertices, ways=lengths), range(graph.vertices))
     lasts = move_times(graph, travel_times)[tour, np.roll(tour, -1)]

@@ -16,21 +16,13 @@ from jaxcell.patrol.files.values import load_stakes, load_values
 GRAPHS = Path(__file__).parents[3] / "data" / "graphs"
 SUFFIXES = (".json", ".graphml", ".edges", ".txt")
 NAMES = ("hall", "1", "Küche", "a&b<c>")
+SQUARE = Graph([[0, 1], [2, 1], [2, 3], [0, 3]], xy=[[0, 0], [0.1, 1e-9], [-3, 1 / 3], [1e6, 2]])
 
 
-def square():
-    return Graph([[0, 1], [2, 1], [2, 3], [0, 3]], xy=[[0, 0], [0.1, 1e-9], [-3, 1 / 3], [1e6, 2]])
-
-
-def pairs_of(graph, names=range(99)):
-    """The ends of each edge, in any order."""
-    return {frozenset(names[end] for end in edge) for edge in graph.edges.tolist()}
-
-
-def text_of(suffix, tmp_path):
-    path = tmp_path / f"whole{suffix}"
-    save_graph(square(), path, NAMES)
-    return path.read_text(encoding="utf-8")
+def lengths_of(graph, names=range(99)):
+    """The length of each edge, by its ends in any order."""
+    ends = [frozenset(names[end] for end in edge) for edge in graph.edges.tolist()]
+    return dict(zip(ends, graph.lengths.tolist(), strict=True))
 
 
 def load_text(tmp_path, text, suffix=".json"):
@@ -50,26 +42,33 @@ def graphs(draw):
         lambda name: name.isprintable() and name.split() == [name] and "#" not in name
     )
     names = draw(st.lists(text, min_size=n, max_size=n, unique=True))
-    return Graph(edges, xy=xy), tuple(names)
+    length = st.floats(0, 1e9, exclude_min=True)
+    ways = draw(st.none() | st.lists(length, min_size=len(edges), max_size=len(edges)))
+    return Graph(edges, xy=xy, ways=ways), tuple(names)
 
 
 @given(graphs(), st.sampled_from(SUFFIXES))
 def test_any_graph_survives(tmp_path_factory, graph_and_names, suffix):
     graph, names = graph_and_names
     path = tmp_path_factory.getbasetemp() / f"any{suffix}"
+    if graph.ways is not None and suffix in (".edges", ".txt"):
+        with pytest.raises(ValueError, match="an edge list cannot store lengths"):
+            save_graph(graph, path, names)
+        return
     save_graph(graph, path, names)
     found, found_names = load_graph(path)
     assert found_names == names
     np.testing.assert_array_equal(found.xy, graph.xy)
-    assert pairs_of(found) == pairs_of(graph)
+    assert lengths_of(found) == lengths_of(graph)
+    assert (found.ways is None) == (graph.ways is None)
     save_graph(graph, path)
     assert load_graph(path)[1] == tuple(map(str, range(graph.vertices)))
 
 
 def test_networkx_reads_and_writes_the_same(tmp_path):
-    save_graph(square(), tmp_path / "ours.json", NAMES)
+    save_graph(SQUARE, tmp_path / "ours.json", NAMES)
     ours = nx.node_link_graph(json.loads((tmp_path / "ours.json").read_text()), edges="edges")
-    assert set(map(frozenset, ours.edges)) == pairs_of(square(), NAMES)
+    assert set(map(frozenset, ours.edges)) == lengths_of(SQUARE, NAMES).keys()
     assert ours.nodes["hall"] == {"x": 0.0, "y": 0.0}
 
     theirs = nx.random_geometric_graph(12, 0.5, seed=3)
@@ -92,22 +91,17 @@ def test_networkx_reads_and_writes_the_same(tmp_path):
         (lambda d: d.update(directed=True), "directed: it is directed; .* both ways"),
         (lambda d: d.pop("nodes"), r"nodes: expected a list, got None"),
         (lambda d: d.pop("edges"), r"links: expected a list, got None"),
-        (lambda d: d.update(nodes={}), r"nodes: expected a list, got {}"),
         (lambda d: d.update(nodes=[]), "expected at least 2 vertices, got 0"),
         (lambda d: d.update(edges=[]), "it has no edges"),
-        (lambda d: d.update(edges=[3]), r"edges\[0\]: expected an object, got 3"),
         (lambda d: d["nodes"][1].pop("id"), r"nodes\[1\].id: it is missing"),
         (lambda d: d["nodes"][1].update(id=None), r"nodes\[1\]: expected a name"),
-        (lambda d: d["nodes"][1].update(id=[1]), r"nodes\[1\]: expected a name"),
         (lambda d: d["nodes"][1].update(id=True), r"nodes\[1\]: expected a name"),
         (lambda d: d["nodes"][1].update(id="a\nb"), r"nodes\[1\]: expected a name"),
         (lambda d: d["nodes"][1].update(id=" "), r"nodes\[1\]: expected a name"),
         (lambda d: d["nodes"][2].update(id=1), r"nodes\[2\]: the vertex 1 comes twice"),
         (lambda d: d["nodes"][1].pop("y"), r"nodes\[1\].y: it is missing"),
-        (lambda d: d["nodes"][1].update(x=None), r"nodes\[1\].x: expected a finite number"),
+        (lambda d: [d["nodes"][1].pop(axis) for axis in "xy"], r"nodes\[1\]: it has no position x"),
         (lambda d: d["nodes"][1].update(x="far"), r"nodes\[1\].x: expected .* got 'far'"),
-        (lambda d: d["nodes"][1].update(x=float("nan")), r"nodes\[1\].x: expected .* got nan"),
-        (lambda d: d["nodes"][1].update(x=10**400), r"nodes\[1\].x: expected a finite number"),
         (lambda d: d["nodes"][1].update(x=1e300), r"nodes\[1\].x: .* at most 1e\+09 m, got 1e"),
         (lambda d: d["nodes"].append({"id": "p", "pos": [1]}), r"nodes\[4\].pos: expected a pair"),
         (
@@ -124,10 +118,17 @@ def test_networkx_reads_and_writes_the_same(tmp_path):
             lambda d: d["edges"].append({"source": "1", "target": "hall"}),
             r"edges\[4\]: it joins '1' and 'hall', as edges\[0\] does; expected no parallel edges",
         ),
+        (lambda d: d["edges"][1].update(length=2), r"edges\[0\]: it has no length, but other ed"),
+        (
+            lambda d: [edge.update(length=0) for edge in d["edges"]],
+            r"edges\[0\].length: expected a positive number",
+        ),
+        (lambda d: [edge.update(length="far") for edge in d["edges"]], r"edges\[0\].length: expe"),
     ],
 )
 def test_bad_fields_of_json_are_named(change, message, tmp_path):
-    document = json.loads(text_of(".json", tmp_path))
+    save_graph(SQUARE, tmp_path / "whole.json", NAMES)
+    document = json.loads((tmp_path / "whole.json").read_text(encoding="utf-8"))
     change(document)
     with pytest.raises(ValueError, match=rf"graph\.json: {message}"):
         load_text(tmp_path, json.dumps(document))
@@ -138,23 +139,14 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
     [
         (".graphml", '"undirected"', '"directed"', "edgedefault: it is directed"),
         (".graphml", "1e-09", "north", "not .graphml that networkx reads"),
-        (".graphml", "1e-09", "NaN", "node '1'.y: expected a finite number"),
         (".graphml", 'target="1"', 'target="hall"', "edge 'hall' to 'hall': it is a loop"),
-        (
-            ".graphml",
-            "</graph>",
-            '<edge source="1" target="hall"/></graph>',
-            "edge .* it joins .* as edge 'hall' to '1' does",
-        ),
         (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
         (".graphml", "</node>", "", "not .graphml that networkx reads: mismatched tag"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
         (".graphml", "graphml.graphdrawing.org", "example.org", "not .graphml"),
         (".edges", "1000000.0 2.0", "1000000.0", "line 4: there is no vertex '3'"),
         (".edges", "1e-09", "inf", "line 2.y: expected a finite number .* got 'inf'"),
-        (".edges", "hall 1\n", "hall attic\n", "line 5: there is no vertex 'attic'"),
         (".edges", "hall 1\n", "hall 1 2 3\n", "line 5: expected a vertex .* or an edge"),
-        (".edges", "hall 1\n", "hall hall\n", "line 5: it is a loop"),
         (".edges", "hall 1\n", "hall 1\n1 hall\n", "line 6: it joins .* as line 5 does"),
         (".edges", "hall 1\n", "hall 1 0.5\n", "line 5: the vertex 'hall' comes twice"),
     ],
@@ -162,7 +154,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
 def test_bad_parts_of_other_formats_are_named(suffix, old, new, message, tmp_path):
     names = NAMES if suffix == ".graphml" else ("hall", "1", "2", "3")
     path = tmp_path / f"graph{suffix}"
-    save_graph(square(), path, names)
+    save_graph(SQUARE, path, names)
     text = path.read_text(encoding="utf-8")
     assert old in text
     with pytest.raises(ValueError, match=rf"graph\{suffix}: .*{message}"):
@@ -192,18 +184,18 @@ def test_other_files_are_refused(tmp_path):
 def test_graphs_that_could_not_be_read_are_not_written(tmp_path):
     for graph, names, message in (
         (Graph([[0, 1]]), None, "the vertices have no positions"),
-        (square(), NAMES[:3], "names: expected 4, one per vertex, got 3"),
-        (square(), ("a", "b", "a", "c"), r"names\[2\]: the vertex 'a' comes twice"),
-        (square(), ("a", "b", "\0", "c"), r"names\[2\]: expected a name"),
+        (SQUARE, NAMES[:3], "names: expected 4, one per vertex, got 3"),
+        (SQUARE, ("a", "b", "a", "c"), r"names\[2\]: the vertex 'a' comes twice"),
+        (SQUARE, ("a", "b", "\0", "c"), r"names\[2\]: expected a name"),
         (Graph([[0, 1]], xy=[[0, 0], [1e12, 0]]), None, r"names\[1\].x: .* at most 1e\+09 m"),
     ):
         with pytest.raises(ValueError, match=message):
             save_graph(graph, tmp_path / "bad.json", names)
     for name in ("a b", "a ", "#a"):
         with pytest.raises(ValueError, match="cannot store spaces or # in a name"):
-            save_graph(square(), tmp_path / "bad.edges", ("x", "y", "z", name))
+            save_graph(SQUARE, tmp_path / "bad.edges", ("x", "y", "z", name))
     with pytest.raises(ValueError, match="unknown format"):
-        save_graph(square(), tmp_path / "bad.gml")
+        save_graph(SQUARE, tmp_path / "bad.gml")
     assert not list(tmp_path.iterdir())
 
 
@@ -216,17 +208,8 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
     for suffix in ("gml", "adjlist", "graphml", "json"):
         graph, names = load_graph(tmp_path / f"club.{suffix}")
         assert graph.xy is None
-        assert pairs_of(graph, names) == {frozenset(map(str, edge)) for edge in club.edges}
+        assert lengths_of(graph, names).keys() == {frozenset(map(str, e)) for e in club.edges}
         assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
-    with pytest.raises(
-        ValueError, match=r"nodes\[1\]: it has no position x, y, but other vertices"
-    ):
-        load_text(
-            tmp_path,
-            '{"nodes": [{"id": "a", "x": 0, "y": 0}, {"id": "b"}],'
-            ' "edges": [{"source": "a", "target": "b"}]}',
-            ".json",
-        )
 
 
 def test_a_number_for_each_vertex(tmp_path):
@@ -320,34 +303,10 @@ def test_bad_graphs_of_patrolling_sim_are_refused(tmp_path, text, message):
         load_text(tmp_path, text, ".graph")
 
 
-@pytest.mark.parametrize("suffix", [".json", ".graphml"])
-def test_lengths_are_written_and_read(tmp_path, suffix):
-    path = tmp_path / f"graph{suffix}"
-    graph = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]], ways=[1.5, 7])
-    save_graph(graph, path)
-    again, _ = load_graph(path)
-    ways = {frozenset(e): w for e, w in zip(again.edges.tolist(), again.lengths, strict=True)}
-    assert ways == {frozenset((0, 1)): 1.5, frozenset((1, 2)): 7.0}
-
-
-def test_lengths_that_are_none_are_refused(tmp_path):
-    lines = {"nodes": [{"id": 1}, {"id": 2}, {"id": 3}]}
-    for lengths, message in (
-        (({}, {"length": 2}), r"edges\[0\]: it has no length, but other edges have"),
-        (({"length": 1}, {"length": 0}), r"edges\[1\].length: expected a positive number"),
-        (({"length": 1}, {"length": "far"}), r"edges\[1\].length"),
-    ):
-        ends = ({"source": 1, "target": 2}, {"source": 2, "target": 3})
-        edges = [one | more for one, more in zip(ends, lengths, strict=True)]
-        with pytest.raises(ValueError, match=message):
-            load_text(tmp_path, json.dumps(lines | {"edges": edges}))
-    with pytest.raises(ValueError, match="an edge list cannot store lengths"):
-        save_graph(Graph([[0, 1]], xy=[[0, 0], [1, 0]], ways=[2]), tmp_path / "a.edges")
-
-
 @pytest.mark.parametrize("data", [True, False])
 def test_an_edge_list_of_networkx_is_read(tmp_path, data):
     network = nx.cycle_graph(5)
     nx.write_edgelist(network, tmp_path / "ring.txt", data=data)
     graph, names = load_graph(tmp_path / "ring.txt")
-    assert pairs_of(graph, [int(name) for name in names]) == set(map(frozenset, network.edges))
+    ends = lengths_of(graph, list(map(int, names))).keys()
+    assert ends == set(map(frozenset, network.edges))

@@ -4,31 +4,17 @@ from walks import times_by_solves, walk_on
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol.team import timed, whole_times
+from jaxcell.patrol.team.news import with_vertices_on_the_way
 
 
 GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
 TIMES = [1, 4, 2, 3, 5]
 
 
-def subdivided(matrix, taken):
-    """The chain with a vertex for each unit of time on the way, and which vertices are new."""
-    n = len(matrix)
-    arcs = [(i, j) for i in range(n) for j in range(n) if matrix[i, j] > 0]
-    size = n + sum(taken[i, j] - 1 for i, j in arcs)
-    whole, next_ = np.zeros((size, size)), n
-    for i, j in arcs:
-        here, chance = i, matrix[i, j]
-        for _ in range(taken[i, j] - 1):
-            whole[here, next_], here, chance = chance, next_, 1.0
-            next_ += 1
-        whole[here, j] += chance
-    return whole
-
-
 def test_times_are_those_of_the_graph_with_vertices_on_the_way():
     lazy = 0.8 * walk_on(GRAPH, [1, 2, 1, 1, 3]) + 0.2 * np.eye(4)
     taken = GRAPH.matrix(np.array(TIMES, float)).toarray().astype(int) + 2 * np.eye(4, dtype=int)
-    whole = subdivided(lazy, taken)
+    whole = with_vertices_on_the_way(lazy, taken).toarray()
     shares = np.stack([np.linalg.matrix_power(lazy, 2000)[0]] * 2)
     found = timed(GRAPH, np.stack([lazy, lazy]), shares, TIMES, 2.0)
     np.testing.assert_allclose(found.hitting_time, times_by_solves(whole)[:4, :4], rtol=1e-9)

@@ -1,5 +1,3 @@
-"""Gradient ascent of the least probability of capture, in the logits of the steps of all robots."""
-
 import dataclasses
 import functools
 from typing import Any
@@ -26,14 +24,14 @@ _TINY = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """The gradient ascent of the least probability that robots see a target in time."""
+    """The gradient ascent, in the logits of steps, of the least probability of capture in time."""
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     floor: float
-    "The share of every step that is divided equally among the neighbours."
+    "The part of the probability of each step that is divided equally among the neighbours."
     hardness: tuple[float, float]
     "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 

@@ -71,8 +71,7 @@ def load_constraints(
         `least`, `most` or both, the bounds of the sum of their shares. With `"each": true` the
         bounds apply to each share separately; `factors` multiply the shares in the sum. Instead, a
         constraint may have `same`, a list of edges with equal shares. `label` is its name.
-    - `graph`: the graph.
-    - `names`: names of the vertices.
+    - `graph`, `names`: the graph, and the names of its vertices.
 
     **Returns:** the constraints, for weights that sum to 1.
 

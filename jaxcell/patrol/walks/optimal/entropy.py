@@ -33,13 +33,10 @@ def maximum_entropy_rate(
     stationary distribution the problem is convex, and the optimum scales the rows and columns of
     `A` (George, Jafarpour and Bullo 2019). Both chains are reversible.
 
-    **Arguments:**
-
-    - `graph`, `stationary`, `stay`, `throw`: as in [`jaxcell.patrol.walks.minimum_kemeny`][].
-
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
-    nats per step. The residual of its certificate, in nats, is an upper bound on the amount by
-    which another chain can exceed this rate.
+    **Arguments:** as in [`jaxcell.patrol.walks.minimum_kemeny`][]. **Returns:**
+    [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in nats per step.
+    The residual of its certificate, in nats, is an upper bound on the amount by which another chain
+    can exceed this rate.
 
     A star with three leaves, whose adjacency matrix has the Perron root `sqrt(3)`:
 

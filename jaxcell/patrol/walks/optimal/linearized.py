@@ -1,5 +1,3 @@
-"""Probabilities of capture near given chains: their values, and selected derivatives."""
-
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
@@ -99,7 +97,8 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the misses with a time `left`, for all attacks of at least this duration."""
+        """Store the probabilities of a miss with a time `left`: for longer times, and as the result
+        of attacks that take this time."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

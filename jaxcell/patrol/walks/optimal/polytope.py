@@ -35,13 +35,10 @@ class ChainPolytope:
 
     @classmethod
     def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
-        """Build the polytope of all chains that move along the edges of a graph.
+        """Build the polytope of all chains that move along the edges of a connected graph.
 
-        **Arguments:**
-
-        - `graph`: a connected graph.
-        - `stationary`: array `[vertices]`, the share of the time to spend at each vertex.
-        - `stay`: whether the patroller may wait at a vertex.
+        `stationary` is an array `[vertices]`, the share of the time to spend at each vertex; with
+        `stay`, the patroller may wait at a vertex.
         """
         moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
         if stay:

@@ -50,10 +50,10 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex.
+        """Choose the model of a vertex: an equivalent vertex, with which it shares cuts.
 
-        Returns the promise of the model for each promise at the vertex, once per symmetry that maps
-        the vertex to the model."""
+        Returns one array per symmetry that maps the vertex to the model: the index of the promise
+        of the model that corresponds to each promise of the vertex."""
         there = alike[:, here].tolist()
         model = next((vertex for vertex in self.models.values() if vertex in there), here)
         self.models[here], images = model, {}
@@ -68,7 +68,8 @@ class Pursuit:
     def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
         """Return the index of the promise for each target and time, -1 if the time is too short.
 
-        A time shares its promise with the last possible time of a first arrival before it.
+        A time at which no first arrival is possible has the promise of the last possible time
+        before it.
         """
         vertices, targets = len(self.delays), len(self.targets)
         there = np.arange(vertices)[:, None] == self.targets
@@ -271,7 +272,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack time, and its plan."""
+        """Return an upper bound on the least promise for a whole attack time, and a plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])

@@ -21,8 +21,8 @@ _SHORTEST = 1e-9
 _ENOUGH, _GOOD = 0.1, 0.75
 
 NEAR, MOST = 0.5, 6
-"""A program includes attacks whose capture exceeds the least by at most this share of the value,
-and at most this multiple of the number of moves."""
+"""Limits of the attacks in a program: their capture exceeds the least by at most `NEAR` times the
+value, and they are at most `MOST` times as many as the moves."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
@@ -40,11 +40,11 @@ def maximize_least_capture(
     """Maximize the least probability of capture with linear programs in trust regions.
 
     At a maximum of the least of smooth functions, several functions are equal, and often determine
-    the maximum. Linear programs then converge as fast as Newton's method, while
-    gradients of a soft minimum are slow. A program contains only the nearly best attacks.
+    the maximum. Linear programs then converge as fast as Newton's method, while gradients of a soft
+    minimum are slow. A program contains only the nearly best attacks.
 
-    **Returns:** the chains of the robots, the probability, the relative gain that the linear
-    program without a trusted distance predicts, and the number of programs.
+    **Returns:** the chains of the robots, the probability, the relative gain that a linear program
+    without a trust region predicts, and the number of programs.
     """
     here = law(moves)
     value = captured_by_any(here.probability).min().item()
@@ -75,8 +75,8 @@ def _program(
 
     The variables are the probabilities of the moves of each robot, the change of its least
     probability of capture for each target, and the relative change of the value. Capture is in
-    units of the value. If the distance is 1, omitted attacks that beat the solution are added, so
-    that the gain is a tight bound; without these attacks it is a looser bound.
+    units of the value. If the distance is 1, omitted attacks that the solution violates are added,
+    because without them the gain is only a loose upper bound.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
     """
