@@ -64,9 +64,9 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid if it is 0 or 1, and NaN for other cells.
+        """The probability of ending off the grid where it is surely 0 or 1, and NaN elsewhere.
 
-        It is computed without a linear solve.
+        It follows from the possible moves alone, without a linear solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan

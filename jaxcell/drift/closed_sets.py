@@ -32,8 +32,8 @@ def nearly_closed_sets(
 ) -> NearlyClosedSets:
     """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
-    If a single drifter leaves a set, the set is not a persistent group. So persistent groups depend
-    on the step. The share of drifters that leave a set in a day hardly depends on the step.
+    A set is no persistent group if a single drifter leaves it, so persistent groups depend on the
+    step. The share of the drifters that leave a set in a day hardly depends on the step.
     Drifters are released with uniform density in space. Connected pieces of water with less than a
     hundredth of the cells are left out. The search spreads drifters over the neighbouring cells at
     the end of the window, because otherwise it would find single cells in the middles of eddies.

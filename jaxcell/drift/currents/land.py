@@ -36,21 +36,21 @@ class Land:
         self,
         lon: Float[np.ndarray, "y x"],
         lat: Float[np.ndarray, "y x"],
-        some: Bool[np.ndarray, "y x"],
+        chosen: Bool[np.ndarray, "y x"],
     ) -> Bool[np.ndarray, "y x"]:
-        """Return a mask of the squares of a grid that contain land, among those in the mask `some`.
+        """Mark the squares of a grid that contain land, among the `chosen` squares.
 
         A square that is partly land counts as land, because its velocity is rarely known. Squares
         without a position count as land too. `lon` and `lat` are the centres in degrees.
         """
-        marks = some & ~np.isfinite(lon + lat)
-        centre = np.nonzero(some & ~marks)
+        marks = chosen & ~np.isfinite(lon + lat)
+        centre = np.nonzero(chosen & ~marks)
         tree = shapely.STRtree(shapely.points(lon[centre], lat[centre]))
         inland = np.unique(tree.query(self.polygons, predicate="contains")[1])
         marks[tuple(index[inland] for index in centre)] = True
-        row, column = np.nonzero(some & ~marks)
+        row, column = np.nonzero(chosen & ~marks)
         across, along = (
-            np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column] / 2
+            np.stack([_steps(lon, axis, wraps=True), _steps(lat, axis)], axis=-1)[row, column] / 2
             for axis in (1, 0)
         )
         middle = np.stack([lon, lat], axis=-1)[row, column]
@@ -63,7 +63,7 @@ class Land:
     def coasts(
         self, west: float, south: float, east: float, north: float
     ) -> Iterator[Float[np.ndarray, "points 2"]]:
-        """Return the lines of the coast within a box of longitude and latitude, in degrees.
+        """Yield the lines of the coast within a box of longitude and latitude, in degrees.
 
         Longitudes of the box may exceed 180 degrees.
         """
@@ -97,7 +97,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read land from a file, or from the cache if the `version`, its time and size, is equal."""
+    """Read land from a file, once for each `version` of it, which is its time and size."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any
@@ -143,11 +143,11 @@ def _bundled_polygons() -> np.ndarray:
 
 
 def _steps(
-    values: Float[np.ndarray, "y x"], axis: int, *, turn: bool = False
+    values: Float[np.ndarray, "y x"], axis: int, *, wraps: bool = False
 ) -> Float[np.ndarray, "y x"]:
     """Return the mean step from each centre to its neighbours along an axis, in degrees."""
     steps = np.diff(values, axis=axis)
-    steps = wrapped(steps) if turn else steps
+    steps = wrapped(steps) if wraps else steps
     first, last = steps.take([0], axis), steps.take([-1], axis)
     mean = (np.concatenate([first, steps], axis) + np.concatenate([steps, last], axis)) / 2
     return np.nan_to_num(mean).clip(-2 * _MOST, 2 * _MOST)

@@ -27,7 +27,7 @@ class CountedMoves:
     """Observed moves of drifters from cell to cell."""
 
     water: Water
-    "The cells from which enough moves begin."
+    "The cells from which enough moves begin, as [`count_moves`][] requires."
     begin: Int[np.ndarray, "moves"]
     "The cell in which each move begins."
     end: Int[np.ndarray, "moves"]

@@ -26,7 +26,7 @@ class Sampling:
     part: int = 64
     "The side, in cells, of the square blocks of the grid that are sampled as a whole."
     moves: int = 100_000_000
-    "The largest number of Runge-Kutta steps of all drifters."
+    "The largest number of Runge-Kutta steps of all drifters together."
 
 
 SAMPLING = Sampling()
