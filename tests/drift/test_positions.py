@@ -1,6 +1,5 @@
 """Turned and curved grids, the angle of a grid in any unit, and rows at the poles."""
 
-import croco
 import numpy as np
 import pytest
 import xarray as xr
@@ -14,22 +13,22 @@ SEA = np.ones((4, 5), bool)
 EAST, NORTH = 0.35, -0.12
 
 
-def turned(tmp_path, turn_deg, **options):
+def turned(turn_deg, angle, **attributes):
     """A file in which the water goes the same way everywhere, on a grid that is turned."""
     turn = np.radians(turn_deg)
     u = EAST * np.cos(turn) + NORTH * np.sin(turn)
     v = NORTH * np.cos(turn) - EAST * np.sin(turn)
-    path = tmp_path / "croco.nc"
-    return croco.write(path, SEA, u=u, v=v, turn_deg=turn_deg, **options)
+    file = products.croco(SEA, u=u, v=v, turn_deg=turn_deg)
+    return file.assign(angle=(products.RHO, np.full(SEA.shape, angle), attributes))
 
 
 @pytest.mark.parametrize("turn_deg", [21.0, -21.4, 0.4, -1.5, 57.0, 133.0, -179.9, 0.0])
 @pytest.mark.parametrize("angle", ["radians", "degrees"])
-@pytest.mark.parametrize("units", [None, "radians", "degree"])
-def test_the_positions_tell_the_unit_of_the_angle(tmp_path, turn_deg, angle, units):
+@pytest.mark.parametrize("units", [{}, {"units": "radians"}, {"units": "degree"}])
+def test_the_positions_tell_the_unit_of_the_angle(turn_deg, angle, units):
     """Units in the file have no effect, because some files of radians say degree."""
-    path = turned(tmp_path, turn_deg, angle=angle, units=units)
-    currents = open_currents(path)
+    values = np.radians(turn_deg) if angle == "radians" else turn_deg
+    currents = open_currents(turned(turn_deg, values, **units))
     np.testing.assert_allclose(currents.u, EAST, atol=1e-12)
     np.testing.assert_allclose(currents.v, NORTH, atol=1e-12)
     np.testing.assert_allclose(currents.angle, np.radians(turn_deg), atol=1e-12)
@@ -38,21 +37,15 @@ def test_the_positions_tell_the_unit_of_the_angle(tmp_path, turn_deg, angle, uni
         assert message in currents.attrs["notes"]
 
 
-def test_small_angles_in_declared_radians_are_radians(tmp_path):
-    def small(file):
-        file["angle"][:] = np.radians(2.0)
-
-    currents = open_currents(turned(tmp_path, 0.0, units="radians", change=small))
+def test_small_angles_in_declared_radians_are_radians():
+    currents = open_currents(turned(0.0, np.radians(2.0), units="radians"))
     np.testing.assert_allclose(currents.angle, np.radians(2.0))
     assert "in radians as the file says" in currents.attrs["notes"]
 
 
 @pytest.mark.parametrize("off", [-4.0, 4.0])
-def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
-    def shift(file):
-        file["angle"][:] += np.radians(off)
-
-    currents = open_currents(turned(tmp_path, 30, change=shift))
+def test_an_angle_that_is_a_little_off_is_taken(off):
+    currents = open_currents(turned(30, np.radians(30 + off)))
     direction = np.degrees(np.arctan2(currents.v, currents.u) - np.arctan2(NORTH, EAST))
     np.testing.assert_allclose(direction, off, atol=1e-9)
 
@@ -66,13 +59,9 @@ def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
         (170, np.radians(-10), r"off by 180 degrees if it is in radians, and by 170 if"),
     ],
 )
-def test_an_angle_that_is_not_that_of_the_grid_is_refused(tmp_path, turn_deg, values, off):
-    def replace(file):
-        file["angle"][:] = values
-
-    path = turned(tmp_path, turn_deg, change=replace)
+def test_an_angle_that_is_not_that_of_the_grid_is_refused(turn_deg, values, off):
     message = "angle: expected .* within 5 degrees of that from lon_rho and lat_rho; .*"
-    refused(path, message + off)
+    refused(turned(turn_deg, values), message + off)
 
 
 def globe(lat, curved=False, wet=True):
@@ -118,10 +107,7 @@ def curved(turn_deg, u, v, names=("u_eastward", "v_northward"), mirrored=False):
     j, i = np.indices((5, 6))
     if mirrored:
         j = j[::-1]
-    cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    degree = np.pi / 180 * 6371000
-    lat = 33.5 + 1000 * (i * sin + j * cos) / degree
-    lon = -118 + 1000 * (i * cos - j * sin) / degree / np.cos(np.radians(33.5))
+    lon, lat = products.positions(j, i, 1000, turn_deg, -118, 33.5)
     dims = ("time", "Y", "X")
     return xr.Dataset(
         {

@@ -147,14 +147,6 @@ def nemo(tmp_path, names=("vozocrtx", "vomecrty"), surface=False, **mesh):
     return files, write(tmp_path, grid, "mesh_mask.nc"), (u[:, 0], v[:, 0]), grid
 
 
-def centres(side, mask, axis):
-    """The mean of the two sides of each cell; at an edge of the file the inner one alone."""
-    side = np.moveaxis(np.where(mask, side, 0), axis, -1)
-    after = np.concatenate([side[..., :-1], side[..., -2:-1]], -1)
-    before = np.concatenate([side[..., :1], side[..., :-1]], -1)
-    return np.moveaxis((before + after) / 2, -1, axis)
-
-
 @pytest.mark.parametrize("names", [("vozocrtx", "vomecrty"), ("uo", "vo"), ("a", "b")])
 @pytest.mark.parametrize("surface", [False, True])
 def test_nemo_is_averaged_from_its_sides(tmp_path, names, surface):
@@ -169,8 +161,8 @@ def test_nemo_is_averaged_from_its_sides(tmp_path, names, surface):
     np.testing.assert_allclose(np.degrees(angle), 30, atol=0.4)
     cos, sin = np.cos(angle), np.sin(angle)
     for layer in range(currents.sizes["layer"]):
-        x = centres(sides[0], grid.umask.values[0, layer], -1)
-        y = centres(sides[1], grid.vmask.values[0, layer], -2)
+        u, v = sides[0] * grid.umask.values[0, layer], sides[1] * grid.vmask.values[0, layer]
+        x, y = products.to_centres(u[..., :-1], 2), products.to_centres(v[:, :-1], 1)
         for name, expected in (("u", x * cos - y * sin), ("v", x * sin + y * cos)):
             expected = np.where(wet[layer], expected, np.nan)
             np.testing.assert_allclose(currents[name][:, layer], expected, atol=1e-15)
