@@ -28,11 +28,6 @@ def test_cells_are_numbered_row_by_row():
     assert grid.tolist() == [[0, -7, 2], [-7, 4, 6]]
 
 
-def test_pieces_are_connected_at_corners_too():
-    wet = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 0], [1, 1, 0, 1]], bool)
-    assert still(4, 4, wet).piece.tolist() == [0, 1, 0, 1, 2, 2, 3]
-
-
 def test_neighbors_and_boundary():
     wet = np.ones((4, 4), bool)
     wet[3, 3] = False
@@ -97,14 +92,6 @@ def test_landing_is_the_nearest_cell_of_the_same_water(currents):
             expected = nearest(water, (water.row[cell], water.column[cell]), x[cell], y[cell])
         assert found[cell] == expected
         assert gone[cell] == (expected if inside else -1)
-
-
-def test_a_strip_of_land_is_not_crossed():
-    east = np.full((1, 5), 2.0)
-    water = still(1, 5, [[[True, True, False, True, True]]])
-    flow = Flow.of(sea(east, 0 * east, [[[True, True, False, True, True]]], dx=1.0, dy=1.0))
-    right, _ = np.asarray(flow_map(water, flow, DriftStep(1.0)))
-    assert water.landing((water.column + right)[None], np.zeros((1, 4)))[0].tolist() == [1, 1, 3, 3]
 
 
 @pytest.mark.parametrize("angle_deg", [0, 30, 90, -135])

@@ -83,10 +83,7 @@ def llc():
     return xr.Dataset({"UVEL": (dims[0], values), "VVEL": (dims[1], values), **place})
 
 
-def schism(names):
-    dims = ("time", "nSCHISM_hgrid_node", "nSCHISM_vgrid_layers")
-    values = np.zeros((1, 5, 2))
-    return xr.Dataset(dict.fromkeys(names, (dims, values)))
+UNSTRUCTURED = r"on an unstructured grid \(.*griddata"
 
 
 def unknown():
@@ -97,8 +94,10 @@ def unknown():
     ("made", "message"),
     [
         (llc(), r"UVEL: on 13 faces \(tile\).*dataset.isel\(tile=0\).*EVEL and NVEL"),
-        (schism(["hvel_x"]), "on an unstructured grid .*griddata"),
-        (schism(["u", "v"]), "on an unstructured grid .*griddata"),
+        (products.fvcom(), UNSTRUCTURED),
+        (products.schism(), UNSTRUCTURED),
+        (products.schism().drop_vars("SCHISM_hgrid"), UNSTRUCTURED),
+        (products.schism().rename(hvel="u").assign(v=lambda d: d.u), UNSTRUCTURED),
         (unknown(), r"no velocity found; the file has a, b; .*--variables U V"),
     ],
 )

@@ -206,11 +206,3 @@ def test_the_northern_fold_is_closed(tmp_path, pivot, repeated):
     assert f"folded in the North; {repeated} rows there repeat" in currents.attrs["notes"]
     u, _ = products.numbers(1, 6, 12)
     np.testing.assert_array_equal(currents.u[0, 0, :-repeated], u[0, :-repeated])
-
-
-# Unstructured grids.
-
-
-@pytest.mark.parametrize("product", [products.fvcom, products.schism])
-def test_unstructured_grids_are_refused(tmp_path, product):
-    refused(write(tmp_path, product()), r"on an unstructured grid \(.*griddata")

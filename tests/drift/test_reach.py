@@ -1,3 +1,5 @@
+import dataclasses
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from small_seas import random_layers, random_sea
 from jaxcell.drift.reachability import reachable, reachable_at_depth, reachable_by_layer
 from jaxcell.drift.sea import Sea
 from jaxcell.examples import water
-from jaxcell.mapping import Chain
+from jaxcell.mapping import Chain, ChainSequence
 
 
 seeds = st.integers(0, 2**32 - 1)
@@ -88,8 +90,12 @@ def test_starts_that_are_not_at_the_surface_are_refused(search, off):
         (lambda w, c: (w, c[:2]), "got 2 for 3 layers"),
         (lambda w, c: (w, [c[0], c[0], c[2]]), "that of layer 1 has"),
         (lambda w, c: ([w[0], water(np.ones((2, 2), bool))], c[:2]), "layer 1 has"),
+        (lambda w, c: ([w[0], dataclasses.replace(w[1], wraps=True)], c[:2]),
+         "layers 0 and 1: only one of them goes round the Earth"),
+        (lambda w, c: (w[:2], [c[0], ChainSequence.of([c[1], c[1]])]),
+         r"as many phases in each layer, got \[1, 2\]"),
     ],
-)
+)  # fmt: skip
 def test_layers_of_different_seas_are_refused(layers, message):
     with pytest.raises(ValueError, match=message):
         Sea.of(*layers(*random_layers(0)))
