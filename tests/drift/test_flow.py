@@ -136,15 +136,6 @@ def test_solid_body_rotation():
     np.testing.assert_allclose(back, [x, y], atol=1e-4)
 
 
-def test_euler_is_one_step_of_the_current_at_the_centre():
-    currents = rotation(7)
-    water, flow = Water.of(currents), Flow.of(currents)
-    right, up = np.asarray(flow_map(water, flow, DriftStep(600.0)))
-    u, v = (currents[name].values[0, 0][water.row, water.column] for name in "uv")
-    np.testing.assert_allclose(right, u * 0.6, rtol=1e-12)
-    np.testing.assert_allclose(up, v * 0.6, rtol=1e-12)
-
-
 def test_time_is_interpolated_between_records():
     # The current grows by 1 m/s in an hour: after half an hour 450 m more than none.
     east = np.arange(3.0)[:, None, None] * np.ones((3, 2, 2))

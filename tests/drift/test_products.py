@@ -106,20 +106,14 @@ def test_bad_flags_of_a_radar_are_gaps(tmp_path):
 # Calendars.
 
 
-@pytest.mark.parametrize(
-    ("calendar", "days", "dates"),
-    [
-        ("noleap", [58, 59, 60], ["2020-02-28", "2020-02-29", "2020-03-01"]),
-        ("360_day", [58, 59, 60], ["2020-02-28", "2020-02-29", "2020-03-01"]),
-        ("standard", [58, 59, 60], ["2020-02-28", "2020-02-29", "2020-03-01"]),
-    ],
-)
-def test_calendars_keep_the_days_between_records(tmp_path, calendar, days, dates):
+@pytest.mark.parametrize("calendar", ["noleap", "360_day", "standard"])
+def test_calendars_keep_the_days_between_records(tmp_path, calendar):
     """Dates continue by the days between records, in every calendar."""
-    time = np.array(days), {"units": "days since 2020-01-01", "calendar": calendar}
+    time = np.array([58, 59, 60]), {"units": "days since 2020-01-01", "calendar": calendar}
     path = write(tmp_path, products.regular("uo", "vo", time=time))
     currents = open_currents(path)
-    np.testing.assert_array_equal(currents.time, np.array(dates, "M8[ns]"))
+    dates = np.array(["2020-02-28", "2020-02-29", "2020-03-01"], "M8[ns]")
+    np.testing.assert_array_equal(currents.time, dates)
     assert ("calendar" in currents.attrs["notes"]) == (calendar != "standard")
     decoded = xr.open_dataset(path)
     xr.testing.assert_identical(

@@ -268,32 +268,23 @@ def test_surface_files_are_read(tmp_path):
 
 
 @given(st.data())
-def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
+def test_a_block_is_a_part_of_the_whole(data):
     """It holds along the edges too, where the sides of cells outside count."""
-    path = tmp_path_factory.getbasetemp() / "block.nc"
-    if not path.exists():
-        rng = np.random.default_rng(3)
-        dataset = native(0.0, 0.0, 20)
-        for name in ("u", "v"):
-            dataset[name] = dataset[name].dims, rng.uniform(-1, 1, dataset[name].shape)
-        write(path.parent, dataset, path.name)
-    whole = open_currents(path, depths=(0, 8))
-    corners = data.draw(st.tuples(st.integers(1, 5), st.integers(1, 7), st.integers(0, 3)))
-    j, i, size = corners
-    lon, lat = whole.lon.values, whole.lat.values
-    bounds = (lon[j, i] - 0.02 * size, lat[j, i] - 0.02 * size - 1e-3, lon[j, i] + 1e-3,
-              lat[j, i] + 1e-3)  # fmt: skip
-    inside = (lon >= bounds[0]) & (lon <= bounds[2]) & (lat >= bounds[1]) & (lat <= bounds[3])
-    if size == 0:
-        bounds = (lon[j, i] - 1e-3, bounds[1], bounds[2], bounds[3])
-        inside = np.indices(lon.shape)[0] * COLUMNS + np.indices(lon.shape)[1] == j * COLUMNS + i
+    dataset, random = native(0.0, 0.0, 20), np.random.default_rng(3)
+    for name in ("u", "v"):
+        dataset[name] = dataset[name].dims, random.uniform(-1, 1, dataset[name].shape)
+    whole = open_currents(dataset, depths=(0, 8))
+    # Two cells at corners of the bounds, or one cell.
+    (j, b), (i, a) = (data.draw(st.tuples(*2 * [st.integers(0, n - 1)])) for n in (ROWS, COLUMNS))
+    lon, lat = (values.values for values in (whole.lon, whole.lat))
+    corners = np.array([(lon[j, i], lat[j, i]), (lon[b, a], lat[b, a])])
+    (west, south), (east, north) = corners.min(axis=0) - 1e-3, corners.max(axis=0) + 1e-3
+    inside = (lon >= west) & (lon <= east) & (lat >= south) & (lat <= north)
     rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-    part = whole.isel(
-        y=slice(rows[0], rows[-1] + 1), x=slice(columns[0], columns[-1] + 1)
-    )  # fmt: skip
+    part = whole.isel(y=slice(rows[0], rows[-1] + 1), x=slice(columns[0], columns[-1] + 1))
     if not part.water.any(("y", "x")).all():
         return
-    found = open_currents(path, depths=(0, 8), bounds=bounds)
+    found = open_currents(dataset, depths=(0, 8), bounds=(west, south, east, north))
     for name in whole.variables:
         np.testing.assert_array_equal(found[name], part[name], err_msg=name)
 
