@@ -90,15 +90,15 @@ def test_a_whole_file_reaches_from_the_surface_to_the_bed(levels, theta):
 
 
 @pytest.mark.parametrize(("level", "is_read"), [(0, False), (20, False), (31, True)])
-def test_a_single_level_must_be_that_of_the_surface(tmp_path, level, is_read):
+def test_a_single_level_must_be_that_of_the_surface(level, is_read):
     whole = s_levels()
-    path = products.write(tmp_path, whole.assign_coords(s_rho=whole.sc_r).isel(s_rho=level))
+    alone = whole.assign_coords(s_rho=whole.sc_r).isel(s_rho=level)
     if is_read:
-        np.testing.assert_allclose(open_currents(path).u[0, 0, 1, 1], SPEED[level])
+        np.testing.assert_allclose(open_currents(alone).u[0, 0, 1, 1], SPEED[level])
         return
     s = (level + 0.5 - LEVELS) / LEVELS
     message = f"s_rho: u has a single level, and it is not that of the surface: {s:g}"
-    refused(path, re.escape(message))
+    refused(alone, re.escape(message))
 
 
 def fixed(depth, **attributes):
@@ -113,32 +113,32 @@ def fixed(depth, **attributes):
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("first", [0.0, 0.5])
 @pytest.mark.parametrize("positive", ["down", "up", "Down", None])
-def test_the_surface_is_nearest_to_0(tmp_path, sign, order, first, positive):
+def test_the_surface_is_nearest_to_0(sign, order, first, positive):
     depth = sign * np.array([first, 5.0, 10.0])[::order]
     attributes = {} if positive is None else {"positive": positive}
-    fixed(depth, **attributes).to_netcdf(tmp_path / "sea.nc")
-    currents = open_currents(tmp_path / "sea.nc")
+    file = fixed(depth, **attributes)
+    currents = open_currents(file)
     np.testing.assert_array_equal(currents.depth, [first, 5, 10])
     np.testing.assert_allclose(currents.u[0, :, 1, 1], [0.5 - 0.01 * first, 0.45, 0.4])
     odd = positive is not None and (sign > 0) == (positive == "up")
     assert ("taken as below the surface" in currents.attrs["notes"]) == odd
-    deep = open_currents(tmp_path / "sea.nc", depths=10)
-    np.testing.assert_allclose(deep.u, 0.4)
+    np.testing.assert_allclose(open_currents(file, depths=10).u, 0.4)
 
 
-def test_depths_on_both_sides_of_0_need_a_direction(tmp_path):
+def test_depths_on_both_sides_of_0_need_a_direction():
     depth = np.array([0.5, -5.0, -10.0])
-    fixed(depth, positive="up").to_netcdf(tmp_path / "up.nc")
-    np.testing.assert_array_equal(open_currents(tmp_path / "up.nc").depth, [-0.5, 5, 10])
-    fixed(depth).to_netcdf(tmp_path / "sea.nc")
-    refused(tmp_path / "sea.nc", r"depth: expected depths on one side of 0, got")
+    up = open_currents(fixed(depth, positive="up"))
+    np.testing.assert_array_equal(up.depth, [-0.5, 5, 10])
+    refused(fixed(depth), r"depth: expected depths on one side of 0, got")
 
 
 @pytest.mark.parametrize(("level", "depth"), [(0, 0.0), (2, 10.0)])
-def test_a_depth_may_be_a_scalar_coordinate(tmp_path, level, depth):
-    fixed(np.array([0.0, -5, -10])).isel(depth=level).to_netcdf(tmp_path / "sea.nc")
+@pytest.mark.parametrize("written", [False, True])
+def test_a_depth_may_be_a_scalar_coordinate(tmp_path, level, depth, written):
+    file = fixed(np.array([0.0, -5, -10])).isel(depth=level)
+    file = products.write(tmp_path, file) if written else file
     for depths in (None, depth):
-        currents = open_currents(tmp_path / "sea.nc", depths=depths)
+        currents = open_currents(file, depths=depths)
         assert currents.depth.values.tolist() == [depth]
         np.testing.assert_allclose(currents.u, 0.5 - 0.01 * depth)
-    refused(tmp_path / "sea.nc", r"depths: uo has a single level, at .* by depth; got 3", depths=3)
+    refused(file, r"depths: uo has a single level, at .* by depth; got 3", depths=3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from drift import products
-from drift.products import refused, write
+from drift.products import refused
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
@@ -56,12 +56,12 @@ MASKS = {
 
 @pytest.mark.parametrize("case", MASKS)
 @pytest.mark.parametrize("lost", [False, True])
-def test_masks_are_known_by_attributes(tmp_path, case, lost):
+def test_masks_are_known_by_attributes(case, lost):
     """They are known even if land has a velocity, so that only the mask tells it."""
     on_land, on_water, attributes = MASKS[case]
     values = np.where(WET, float(on_water), on_land)
     dataset = regular(WET if lost else np.ones_like(WET), values=values, **attributes)
-    currents = open_currents(write(tmp_path, dataset))
+    currents = open_currents(dataset)
     np.testing.assert_array_equal(currents.water[0], WET)
     assert f"{attributes.get('name', 'm')}: " in currents.attrs["notes"]
 
@@ -71,9 +71,9 @@ def test_masks_are_known_by_attributes(tmp_path, case, lost):
     [{}, {"flag_meanings": "good bad", "flag_values": np.array([0, 1], "i4")},
      {"flag_meanings": "land water"}, {"option_0": "land"}],
 )  # fmt: skip
-def test_variables_without_a_meaning_are_no_mask(tmp_path, attributes):
+def test_variables_without_a_meaning_are_no_mask(attributes):
     dataset = regular(WET, values=np.where(WET, 0.0, 1.0), **attributes)
-    np.testing.assert_array_equal(open_currents(write(tmp_path, dataset)).water[0], WET)
+    np.testing.assert_array_equal(open_currents(dataset).water[0], WET)
 
 
 def exchanged(wet):
@@ -81,7 +81,7 @@ def exchanged(wet):
     return file.assign(mask_rho=1 - file.mask_rho)
 
 
-def test_a_mask_against_all_the_data_is_refused(tmp_path):
+def test_a_mask_against_all_the_data_is_refused():
     land = (~WET).sum()
     # Every water cell has a water cell beside it, and so a current through that side.
     message = (
@@ -92,7 +92,7 @@ def test_a_mask_against_all_the_data_is_refused(tmp_path):
     refused(exchanged(WET), message)
     dataset = regular(WET, values=1.0 * WET, standard_name="land_binary_mask")
     message = rf"m: none of the {land} .* {WET.sum()} of .*by the standard name land_bin"
-    refused(write(tmp_path, dataset), message)
+    refused(dataset, message)
 
 
 def test_masks_of_the_sides_against_all_the_data_are_refused():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from drift import products
-from drift.products import refused, write
+from drift.products import refused
 
 from jaxcell.drift import Water, open_currents
 
@@ -44,9 +44,9 @@ def sides(layout):
 
 
 @pytest.mark.parametrize("layout", ["diagnostics", "ecco", "mnc"])
-def test_velocities_on_western_and_southern_sides_are_averaged_to_centres(layout, tmp_path):
+def test_velocities_on_western_and_southern_sides_are_averaged_to_centres(layout):
     file, u, v, wet = sides(layout)
-    currents = open_currents(write(tmp_path, file))
+    currents = open_currents(file)
     np.testing.assert_array_equal(currents.water.values[0], wet)
     assert float(currents.depth[0]) == 5.0
     for name, values, axis in (("u", u, 1), ("v", v, 0)):
@@ -101,14 +101,14 @@ def unknown():
         (unknown(), r"no velocity found; the file has a, b; .*--variables U V"),
     ],
 )
-def test_other_layouts_are_refused_with_a_way_out(made, message, tmp_path):
-    refused(write(tmp_path, made), message)
+def test_other_layouts_are_refused_with_a_way_out(made, message):
+    refused(made, message)
 
 
-def test_positions_in_metres_are_refused(tmp_path):
+def test_positions_in_metres_are_refused():
     file, *_ = sides("diagnostics")
     file["XC"].attrs["units"] = "m"
-    refused(write(tmp_path, file), "expected longitudes and latitudes of its cells")
+    refused(file, "expected longitudes and latitudes of its cells")
 
 
 @pytest.mark.parametrize("turned", [False, True])
