@@ -35,7 +35,7 @@ class LongTermBehaviour:
 
     @property
     def unrolled(self) -> Chain:
-        """The chain over the cells at each phase, phase after phase."""
+        """The chain whose states are the cells at each phase, phase after phase."""
         return _unrolled(self.chain)
 
     @functools.cached_property
@@ -49,7 +49,7 @@ class LongTermBehaviour:
 
     @property
     def hours(self) -> Float[Array, "cells"]:
-        """The expected time until a drifter is in a persistent group or has left, in hours."""
+        """The expected time, in hours, until a drifter is in a persistent group or off the grid."""
         return jax.device_put(np.asarray(self.absorption.value) * (self.duration / 3600))
 
     @functools.cached_property

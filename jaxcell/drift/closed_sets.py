@@ -17,7 +17,6 @@ from .step import METHODS
 from .water import Water
 
 
-_WINDOW = 24.0
 # Connected pieces of water with a smaller share of the cells are left out, though they are closed.
 _LEAST_PIECE = 0.01
 
@@ -28,7 +27,7 @@ def nearly_closed_sets(
     duration: float | int,
     count: int,
     *,
-    hours: float | int = _WINDOW,
+    hours: float | int = 24.0,
 ) -> NearlyClosedSets:
     """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 

@@ -35,7 +35,7 @@ class CountedMoves:
     drifter: Int[np.ndarray, "moves"]
     "The drifter of each move."
     lag: float | int
-    "Seconds per move."
+    "The duration of each move, in seconds."
 
     @functools.cached_property
     def count(self) -> Int[np.ndarray, "cells"]:

@@ -21,7 +21,7 @@ _NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Compose the first lines of the answer: drifters at the surface, or in the first layer."""
+    """Compose the first lines of the answer, which are about drifters in the first layer."""
     lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_groups(drift), _reach(drift), _diffusion(drift)]
     return tuple(line for line in lines if line is not None)

@@ -175,7 +175,7 @@ def distances_by_cell(
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values after some steps, for starts in each cell at phase 0."""
+    """Compute the expected values after some steps, for a start in each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):

@@ -94,7 +94,7 @@ class Replay:
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters, or of those in `among`, in each cell at a time."""
+        """Compute the share of the drifters in each cell at a time; `among` selects drifters."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 
