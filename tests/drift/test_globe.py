@@ -74,12 +74,11 @@ def test_a_chain_does_not_depend_on_the_first_meridian(options):
     np.testing.assert_allclose(found[np.ix_(to, to)], expected, atol=1e-12)
     np.testing.assert_allclose(np.asarray(turned.leaving)[to], chain.leaving, atol=1e-12)
     check, again = (
-        dataclasses.replace(
-            drift.diagnose(*place, persistent_groups(one), drift.DriftStep(1.0)), pieces=None
-        )
+        dataclasses.asdict(drift.diagnose(*place, persistent_groups(one), drift.DriftStep(1.0)))
         for *place, one in ((water, flow, chain), (other, turned_flow, turned))
     )
-    assert dataclasses.asdict(check) == pytest.approx(dataclasses.asdict(again))
+    np.testing.assert_array_equal(np.sort(check.pop("pieces")), np.sort(again.pop("pieces")))
+    assert check == pytest.approx(again)
 
 
 def test_pieces_meet_across_the_seam():
