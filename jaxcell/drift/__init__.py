@@ -27,7 +27,7 @@ probability of each exit. `drift_maps` computes a map for each phase of a period
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters at the times of interest (`asked_hours`), `distances_by_cell`
-does so for the drifters of each cell, and a `MarkovTest` on sets of cells (Chapman-Kolmogorov).
+does so for the drifters of each cell, and a `MarkovTest` for sets of cells (Chapman-Kolmogorov).
 `nearest_step` chooses the `dt` whose map is nearest to the drifters.
 
 **Long-term behaviour** (Alg. 5.1). `long_term_behaviour` finds, in time proportional to the number

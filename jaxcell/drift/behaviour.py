@@ -35,7 +35,7 @@ class LongTermBehaviour:
 
     @property
     def unrolled(self) -> Chain:
-        """The chain over the cells at each phase, phase after phase."""
+        """The chain whose states are the cells at each phase, phase after phase."""
         return _unrolled(self.chain)
 
     @functools.cached_property
@@ -49,7 +49,7 @@ class LongTermBehaviour:
 
     @property
     def hours(self) -> Float[Array, "cells"]:
-        """The expected time until a drifter is in a persistent group or has left, in hours."""
+        """The expected time, in hours, until a drifter is in a persistent group or off the grid."""
         return jax.device_put(np.asarray(self.absorption.value) * (self.duration / 3600))
 
     @functools.cached_property
@@ -64,9 +64,9 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid if it is 0 or 1, and NaN for other cells.
+        """The probability of ending off the grid where it is surely 0 or 1, and NaN elsewhere.
 
-        It is computed without a linear solve.
+        It follows from the possible moves alone, without a linear solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan

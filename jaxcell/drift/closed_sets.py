@@ -17,7 +17,6 @@ from .step import METHODS
 from .water import Water
 
 
-_WINDOW = 24.0
 # Connected pieces of water with a smaller share of the cells are left out, though they are closed.
 _LEAST_PIECE = 0.01
 
@@ -28,12 +27,12 @@ def nearly_closed_sets(
     duration: float | int,
     count: int,
     *,
-    hours: float | int = _WINDOW,
+    hours: float | int = 24.0,
 ) -> NearlyClosedSets:
     """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
 
-    If a single drifter leaves a set, the set is not a persistent group. So persistent groups depend
-    on the step. The share of drifters that leave a set in a day hardly depends on the step.
+    A set is no persistent group if a single drifter leaves it, so persistent groups depend on the
+    step. The share of the drifters that leave a set in a day hardly depends on the step.
     Drifters are released with uniform density in space. Connected pieces of water with less than a
     hundredth of the cells are left out. The search spreads drifters over the neighbouring cells at
     the end of the window, because otherwise it would find single cells in the middles of eddies.

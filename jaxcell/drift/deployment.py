@@ -29,7 +29,7 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells in the group of each cell that this cell leads to, but no earlier cell."
+    "The number of cells of its group that each cell reaches, but no earlier cell reaches."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -226,9 +226,9 @@ def visible_deployment(
     """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
-    it lies wholly within the disc. Distances are measured in the sides of the camera's cell. If
-    several cells of the cover are in one persistent group, only the first gets a drifter, because
-    this drifter will visit the others in the long run.
+    it lies wholly within the disc. Distances are computed with the sides of the camera's cell.
+    If several cells of the cover are in one persistent group, only the first gets a drifter,
+    because this drifter will visit the others in the long run.
 
     **Arguments:**
 
@@ -267,7 +267,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Raise `ValueError` if a camera does not see its whole own cell, or for too many cells."""
+    """Raise `ValueError` if a camera sees only a part of its cell, or there are too many cells."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "

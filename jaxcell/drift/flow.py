@@ -17,7 +17,7 @@ from .water import Water
 class Flow:
     """The velocity of the water of one layer, in cells per second along the axes of the grid.
 
-    The point `(x, y)` lies in column `x` and row `y` of the grid; whole numbers are the centres of
+    The point `(x, y)` lies in column `x` and row `y` of the grid; integers are the centres of
     cells. On land the flow is 0, so that a drifter slows down towards a coast and does not cross
     it; if drifters slip, the flow on land is the flow along the coast. Sea without data has the
     flow of the nearest cell, so that drifters leave through it.
@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the copy of the first that ends a periodic flow."""
+        """The rate at each record, without the copy of the first record at the end of a period."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
@@ -122,7 +122,7 @@ class Flow:
         return dataclasses.replace(self, rate=rate, time=time, period=period)
 
     def fitted(self, duration: float | int) -> float:
-        """Return the nearest duration that divides the period, or is a multiple of it.
+        """Return a similar duration that divides the period, or is a multiple of it.
 
         With steps of this duration the maps repeat after whole periods.
         """

@@ -130,21 +130,21 @@ class Exchange(Result):
 
     @_share("1 in 40 below")
     def low(self) -> Float[np.ndarray, "regions regions"] | None:
-        return self._quantile(_TAIL, 0)
+        return self._bound(upper=0)
 
     @_share("1 in 40 above")
     def high(self) -> Float[np.ndarray, "regions regions"] | None:
-        return self._quantile(1 - _TAIL, 1)
+        return self._bound(upper=1)
 
-    def _quantile(self, level: float, more: int) -> Float[np.ndarray, "regions regions"] | None:
+    def _bound(self, upper: int) -> Float[np.ndarray, "regions regions"] | None:
         """Compute a bound of the exact confidence interval of Clopper and Pearson (1934)."""
         if self.arrived is None:
             return None
         seen = self.arrived
-        bound = scipy.special.betaincinv(
-            np.maximum(seen + more, 1), np.maximum(self.released - seen + 1 - more, 1), level
-        )
-        bound[seen == (self.released if more else 0)] = more
+        others = self.released - seen + 1 - upper
+        level = abs(upper - _TAIL)
+        bound = scipy.special.betaincinv(np.maximum(seen + upper, 1), np.maximum(others, 1), level)
+        bound[seen == (self.released if upper else 0)] = upper
         return np.asarray(bound)
 
     @derived("region", "share of its drifters that are off the map then", kind="share")
@@ -221,9 +221,9 @@ def read_regions(
 def _leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
 ) -> Float[np.ndarray, "inside"]:
-    """Compute the expected steps to leave a set, from its states in order.
+    """Compute the expected number of steps until a drifter leaves a set, for each state in it.
 
-    The number is `inf` for a state from which a drifter may stay in the set forever.
+    It is `inf` for a state from which a drifter may stay in the set forever.
     """
     inner = matrix[inside][:, inside].tocsr()
     stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))

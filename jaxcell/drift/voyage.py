@@ -218,7 +218,7 @@ def simulate_voyages(
 
 
 def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]:
-    """Return the chains of the actions, and the states in which each can be taken."""
+    """Return the chains of the actions, and the states in which each action can be taken."""
     anywhere = np.ones(sea.cells, bool)
     chains = [sea.drift, Chain.from_scipy(sea.ascent), Chain.from_scipy(sea.descent)]
     return chains, np.tile([anywhere, sea.above >= 0, sea.below >= 0], sea.phases)

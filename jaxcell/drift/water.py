@@ -233,7 +233,7 @@ class Water:
 
         A drifter ends in the cell that contains its end point, if this cell is in the connected
         piece of water of its origin. Otherwise it ends in the nearest cell of that piece; distances
-        are in metres, measured in the sides of the origin, and among equally near cells the cell
+        are in metres, computed with the sides of the origin, and of equally near cells the cell
         with the smallest number is chosen.
 
         **Arguments:**

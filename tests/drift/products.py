@@ -7,6 +7,8 @@ import xarray as xr
 from jaxcell.drift import open_currents
 
 
+RHO, FACES = ("eta_rho", "xi_rho"), {"u": ("eta_rho", "xi_u"), "v": ("eta_v", "xi_rho")}
+AGRIF = {"option_0": "land", "option_1": "water", "standard_name": "land_binary_mask"}
 ROWS, COLUMNS, RECORDS = 5, 6, 3
 LON, LAT = 12.0 + 0.25 * np.arange(COLUMNS), 40.0 + 0.25 * np.arange(ROWS)
 
@@ -18,11 +20,12 @@ def write(folder, dataset, name="sea.nc", encoding=None, **options):
     return folder / name
 
 
-def refused(path, message, **choice):
-    """Check that reading is refused in one line, which begins with the path and has a message."""
+def refused(source, message, **choice):
+    """Check that reading is refused in one line, which begins with the source and has a message."""
     with pytest.raises(ValueError, match=message) as caught:
-        open_currents(path, **choice)
-    assert str(caught.value).startswith(f"{path}: ")
+        open_currents(source, **choice)
+    name = "dataset" if isinstance(source, xr.Dataset) else source
+    assert str(caught.value).startswith(f"{name}: ")
     assert "\n" not in str(caught.value)
 
 
@@ -55,6 +58,65 @@ def regular(
     values = numbers(shape[0], *shape[-2:]) if values is None else values
     fields = [np.array(np.broadcast_to(one, shape)) for one in values]
     return xr.Dataset({u: ([*coords], fields[0]), v: ([*coords], fields[1])}, coords)
+
+
+def positions(j, i, side, turn_deg, lon, lat):
+    """Longitudes and latitudes of rows and columns of `side` metres on a grid that is turned."""
+    turn, degrees = np.radians(turn_deg), side / np.radians(6371000)
+    north, east = i * np.sin(turn) + j * np.cos(turn), i * np.cos(turn) - j * np.sin(turn)
+    return lon + degrees * east / np.cos(np.radians(lat)), lat + degrees * north
+
+
+def open_faces(wet):
+    """The faces between two cells of water, along x and y."""
+    return {"u": wet[..., 1:] & wet[..., :-1], "v": wet[..., 1:, :] & wet[..., :-1, :]}
+
+
+def to_centres(flow, axis):
+    """The mean of both faces of each cell along an axis; cells at an edge have one face."""
+    faces = np.arange(flow.shape[axis])
+    around = [faces[max(k - 1, 0) : k + 1] for k in range(faces.size + 1)]
+    return np.stack([flow.take(both, axis).mean(axis) for both in around], axis)
+
+
+def island(rows=7, columns=9):
+    """Water around an island of 2 x 3 cells, with a coast in the South of two rows."""
+    wet = np.ones((rows, columns), bool)
+    wet[:2] = wet[4:6, 3:6] = False
+    return wet
+
+
+def stretched(levels, theta):
+    """The s-coordinate and its stretching curve towards the surface."""
+    s = (np.arange(1, levels + 1) - levels - 0.5) / levels
+    return s, np.sinh(theta * s) / np.sinh(theta)
+
+
+def croco(wet, *, u=0.3, v=-0.2, levels=4, theta=5.0, part=slice(None), depth=40.0, turn_deg=0.0,
+          mask=AGRIF):  # fmt: skip
+    """A file of CROCO in which `u[level]` and `v[level]` flow along the grid through open faces.
+
+    Land and coasts have 0; `part` chooses the levels that are kept.
+    """
+    lon, lat = positions(*np.indices(wet.shape), 2000, turn_deg, 17, -33)
+    s, stretching = (values[part] for values in stretched(levels, theta))
+    side = np.full(wet.shape, 1 / 2000)
+    dataset = xr.Dataset(
+        {
+            "lon_rho": (RHO, lon, {"units": "degree_east"}),
+            "lat_rho": (RHO, lat, {"units": "degree_north"}),
+            "h": (RHO, np.where(wet, depth, 10.0), {"units": "meter"}),
+            "pm": (RHO, side), "pn": (RHO, side), "angle": (RHO, 0 * lon + np.radians(turn_deg)),
+            "mask_rho": (RHO, 1.0 * wet, mask),
+            "zeta": (("time", *RHO), 0 * lon[None], {"units": "meter"}),
+            "sc_r": ("s_rho", s), "Cs_r": ("s_rho", stretching), "hc": 20.0, "Vtransform": 2.0,
+            "time": ("time", [0.0], {"units": "second"}),
+        }
+    )  # fmt: skip
+    for (name, is_open), speed in zip(open_faces(wet).items(), (u, v), strict=True):
+        flow = np.broadcast_to(speed, levels)[part][None, :, None, None] * is_open
+        dataset[name] = ("time", "s_rho", *FACES[name]), flow, {"units": "meter second-1"}
+    return dataset
 
 
 def oscar_old():
@@ -142,7 +204,6 @@ def radar(flags=True, records=10):
 
 def nemo_mesh(rows=ROWS, columns=COLUMNS, levels=2, turn_deg=30.0, land=((0, 0), (3, 4))):
     """The file mesh_mask.nc of a grid of 10 km, turned against the North; land is dry."""
-    turn, degree = np.radians(turn_deg), np.radians(6371000)
     points = {"t": (0, 0), "u": (0, 0.5), "v": (0.5, 0), "f": (0.5, 0.5)}
     j, i = np.indices((rows, columns))
     dims, dataset = ("t", "y", "x"), xr.Dataset()
@@ -150,15 +211,10 @@ def nemo_mesh(rows=ROWS, columns=COLUMNS, levels=2, turn_deg=30.0, land=((0, 0),
     for cell in land:
         wet[(slice(None), *cell)] = False
     wet[-1, :, -1] = False  # a shelf
-    beside = {
-        "t": wet,
-        "u": wet & np.concatenate([wet[..., 1:], np.zeros_like(wet[..., :1])], 2),
-        "v": wet & np.concatenate([wet[:, 1:], np.zeros_like(wet[:, :1])], 1),
-    }
+    beside = {"t": wet, "u": np.zeros_like(wet), "v": np.zeros_like(wet)}
+    beside["u"][..., :-1], beside["v"][:, :-1] = open_faces(wet).values()
     for point, (north, east) in points.items():
-        y, x = 10000 * (j + north), 10000 * (i + east)
-        lat = 40 + (x * np.sin(turn) + y * np.cos(turn)) / degree
-        lon = 5 + (x * np.cos(turn) - y * np.sin(turn)) / degree / np.cos(np.radians(40))
+        lon, lat = positions(j + north, i + east, 10_000, turn_deg, 5, 40)
         dataset[f"glam{point}"], dataset[f"gphi{point}"] = (dims, lon[None]), (dims, lat[None])
         dataset[f"e1{point}"] = dataset[f"e2{point}"] = dims, np.full((1, rows, columns), 1e4)
         if point in beside:

@@ -44,17 +44,6 @@ def test_drifters_are_reproducible_from_their_key():
     assert (run(1)[0] != run(2)[0]).any()
 
 
-def test_drifters_that_left_the_grid_do_not_return(getkey):
-    water, flow = uniform(1.0, 0.0)
-    found = simulate_drifters(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
-    assert set(found.cell[3]) == {25, 26}
-    assert set(found.cell[4]) == {-1, 26}
-    assert (found.cell[5:] == -1).all()
-    x = np.asarray(found.x)
-    assert (x[5] == x[6]).all()
-    assert not found.share(81)[5:].any()
-
-
 def test_disturbed_drifters_are_turned(getkey):
     water, flow = uniform(1.8, 2.4, dx=1000.0, dy=500.0)
     found = simulate_drifters(getkey(), water, flow, [36, 37], 500.0, 6, drifters=4000, rho=0.5)
@@ -74,7 +63,11 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     found = compare(water, chain, drifted)
     assert found.hours.tolist() == [1, 12, 24]
     assert found.total_variation[0] == pytest.approx(0, abs=1e-12)
-    # At last all have left.
+    # At last all have left, and stay where they left.
+    x = np.asarray(drifted.x)
+    assert (drifted.cell[40:] == -1).all()
+    assert (x[40:] == x[-1]).all()
+    assert not drifted.share(water.cells)[40:].any()
     assert (found.total_variation[1:] == 0).all()
     assert np.isnan(found.transport[2])
 

@@ -28,11 +28,6 @@ def test_cells_are_numbered_row_by_row():
     assert grid.tolist() == [[0, -7, 2], [-7, 4, 6]]
 
 
-def test_pieces_are_connected_at_corners_too():
-    wet = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 0], [1, 1, 0, 1]], bool)
-    assert still(4, 4, wet).piece.tolist() == [0, 1, 0, 1, 2, 2, 3]
-
-
 def test_neighbors_and_boundary():
     wet = np.ones((4, 4), bool)
     wet[3, 3] = False
@@ -99,14 +94,6 @@ def test_landing_is_the_nearest_cell_of_the_same_water(currents):
         assert gone[cell] == (expected if inside else -1)
 
 
-def test_a_strip_of_land_is_not_crossed():
-    east = np.full((1, 5), 2.0)
-    water = still(1, 5, [[[True, True, False, True, True]]])
-    flow = Flow.of(sea(east, 0 * east, [[[True, True, False, True, True]]], dx=1.0, dy=1.0))
-    right, _ = np.asarray(flow_map(water, flow, DriftStep(1.0)))
-    assert water.landing((water.column + right)[None], np.zeros((1, 4)))[0].tolist() == [1, 1, 3, 3]
-
-
 @pytest.mark.parametrize("angle_deg", [0, 30, 90, -135])
 @pytest.mark.parametrize(("method", "steps"), [("euler", 1), ("euler", 3), ("rk4", 3)])
 def test_a_current_to_the_east_goes_east_on_a_rotated_grid(angle_deg, method, steps):
@@ -147,15 +134,6 @@ def test_solid_body_rotation():
     # Backwards it comes back.
     back = advect(flow, *found, -5 * 3600.0, method="rk4", steps=8)
     np.testing.assert_allclose(back, [x, y], atol=1e-4)
-
-
-def test_euler_is_one_step_of_the_current_at_the_centre():
-    currents = rotation(7)
-    water, flow = Water.of(currents), Flow.of(currents)
-    right, up = np.asarray(flow_map(water, flow, DriftStep(600.0)))
-    u, v = (currents[name].values[0, 0][water.row, water.column] for name in "uv")
-    np.testing.assert_allclose(right, u * 0.6, rtol=1e-12)
-    np.testing.assert_allclose(up, v * 0.6, rtol=1e-12)
 
 
 def test_time_is_interpolated_between_records():

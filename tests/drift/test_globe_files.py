@@ -21,20 +21,15 @@ def flat(lon, u=None):
     return products.regular(values=(u, -0.25), lon=lon, lat=LAT, time=products.hours(count=1))
 
 
-def opened(tmp_path, dataset, **options):
-    dataset.to_netcdf(tmp_path / "globe.nc")
-    return open_currents(tmp_path / "globe.nc", **options)
-
-
 ROUND = np.arange(0, 360, 30.0)
 STRETCHED = np.array([0, 20, 42, 66, 92, 120, 150, 182, 216, 252, 288, 324.0])
 
 
 @pytest.mark.parametrize("lon", [ROUND, ROUND - 180, np.roll(ROUND, 5), ROUND + 13.7, STRETCHED])
 @pytest.mark.parametrize("again", [0, 1, 2])
-def test_a_grid_without_a_gap_goes_round_the_earth(tmp_path, lon, again):
+def test_a_grid_without_a_gap_goes_round_the_earth(lon, again):
     whole = np.concatenate([lon, lon[:again] + (360 if again == 1 else 0)])
-    found = opened(tmp_path, flat(whole))
+    found = open_currents(flat(whole))
     assert found.sizes["x"] == COLUMNS
     water = Water.of(found)
     assert water.wraps
@@ -55,32 +50,32 @@ def test_four_repeated_columns_are_found():
     assert overlapping_columns(lon, lat) == 4
 
 
-def test_packed_longitudes_go_round_the_earth(tmp_path):
+def test_packed_longitudes_go_round_the_earth():
     lon = np.arange(0, 360.1, 1 / 12).astype(np.float32)
     u = np.zeros((ROWS, lon.size))
-    found = opened(tmp_path, flat(lon, u))
+    found = open_currents(flat(lon, u))
     assert Water.of(found).wraps
     assert found.sizes["x"] == 12 * 360
 
 
 @pytest.mark.parametrize("lon", [ROUND[:-1], ROUND[:-2], ROUND / 2, np.arange(COLUMNS) * 0.01])
-def test_a_grid_with_a_gap_does_not_go_round(tmp_path, lon):
-    found = opened(tmp_path, flat(lon))
+def test_a_grid_with_a_gap_does_not_go_round(lon):
+    found = open_currents(flat(lon))
     assert not Water.of(found).wraps
     assert "Earth" not in found.attrs["notes"]
 
 
-def test_more_than_a_turn_is_refused_unless_it_repeats(tmp_path):
+def test_more_than_a_turn_is_refused_unless_it_repeats():
     with pytest.raises(ValueError, match="expected less than a turn, got 0 to 370"):
-        opened(tmp_path, flat([*ROUND, 370]))
+        open_currents(flat([*ROUND, 370]))
 
 
-def test_a_part_of_the_globe_across_its_seam_is_in_order(tmp_path):
-    found = opened(tmp_path, flat(ROUND), bounds=(145, -60, -85, 70))
+def test_a_part_of_the_globe_across_its_seam_is_in_order():
+    found = open_currents(flat(ROUND), bounds=(145, -60, -85, 70))
     np.testing.assert_allclose(found.lon[0], [150, -180, -150, -120, -90])
     np.testing.assert_allclose(found.u[0, 0, 1], 0.001 * (found.lon[1] % 360) + 1)
     assert not Water.of(found).wraps
-    whole = opened(tmp_path, flat(ROUND), bounds=(-180, -60, 180, 30))
+    whole = open_currents(flat(ROUND), bounds=(-180, -60, 180, 30))
     assert Water.of(whole).wraps
 
 
@@ -105,8 +100,8 @@ def native(again):
 
 
 @pytest.mark.parametrize("again", [1, 2, 3])
-def test_sides_of_cells_are_averaged_across_the_seam(tmp_path, again):
-    found = opened(tmp_path, native(again))
+def test_sides_of_cells_are_averaged_across_the_seam(again):
+    found = open_currents(native(again))
     assert found.sizes["x"] == COLUMNS
     assert Water.of(found).wraps
     assert "left out" in found.attrs["notes"]
@@ -118,8 +113,8 @@ def test_sides_of_cells_are_averaged_across_the_seam(tmp_path, again):
     assert float(np.ptp(found.dx.values[1])) < 1e-6
 
 
-def test_bounds_cut_a_curved_grid(tmp_path):
-    found = opened(tmp_path, native(2), bounds=(80, -90, 190, 90))
+def test_bounds_cut_a_curved_grid():
+    found = open_currents(native(2), bounds=(80, -90, 190, 90))
     np.testing.assert_allclose(found.lon[0], [90, 120, 150, -180], atol=1e-9)
     np.testing.assert_allclose(found.u[0, 0, 0], [0.25, 0.35, 0.45, 0.55], atol=1e-9)
     assert not Water.of(found).wraps

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from seas import water_and_flow
 
 from jaxcell import drift
@@ -13,13 +12,8 @@ from jaxcell.base.certificate import Outcome
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 
 
-@pytest.fixture(scope="module")
-def surface():
-    return water_and_flow(drift.open_currents(GYRES, time=1))
-
-
-def test_each_eddy_of_the_surface_gathers_drifters(surface):
-    water, flow = surface
+def test_each_eddy_of_the_surface_gathers_drifters():
+    water, flow = water_and_flow(drift.open_currents(GYRES, time=1))
     step = drift.crossing_time(water, flow)
     found = drift.long_term_behaviour(drift.drift_map(water, flow, drift.DriftStep(step)), step)
     # One in the western basin and two in the eastern one, and water that leads to any of them.
@@ -36,15 +30,10 @@ def test_each_eddy_of_the_surface_gathers_drifters(surface):
 
 def test_voyages_pass_an_eddy_that_almost_traps_drifters():
     currents = drift.open_currents(GYRES, time=1)
-    layers = range(currents.sizes["layer"])
-    waters = [drift.Water.of(currents, layer) for layer in layers]
-    flows = [drift.Flow.of(currents, layer) for layer in layers]
-    step = np.mean([drift.crossing_time(*one) for one in zip(waters, flows, strict=True)])
-    maps = [
-        drift.drift_map(*one, drift.DriftStep(float(step)))
-        for one in zip(waters, flows, strict=True)
-    ]
-    sea = drift.Sea.of(waters, maps)
+    layers = [water_and_flow(currents.isel(layer=[k])) for k in range(currents.sizes["layer"])]
+    step = drift.DriftStep(float(np.mean([drift.crossing_time(*layer) for layer in layers])))
+    maps = [drift.drift_map(*layer, step) for layer in layers]
+    sea = drift.Sea.of([water for water, _ in layers], maps)
     for goal in (120, 400):
         voyage = drift.discounted_voyage(sea, goal)
         assert voyage.certificate.outcome is Outcome.CONVERGED

@@ -1,6 +1,5 @@
 """Land, sea without data, and the edge of the grid, and the rules for drifters there."""
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -59,6 +58,18 @@ def test_squares_that_hold_land_are_land():
         x, y = LON[column], LAT[row]
         holds = land.intersects(shapely.box(x - dx, y - dy, x + dx, y + dy))
         assert currents.land.values[0, row, column] == holds
+
+
+@pytest.mark.parametrize("axis", ["row", "column"])
+def test_land_of_one_row_or_column_is_that_of_the_whole_grid(axis):
+    bounds, part = (-130, LAT[30] - 1e-3, -110, LAT[30] + 1e-3), (slice(30, 31), slice(None))
+    if axis == "column":
+        bounds, part = (LON[40] - 1e-3, 30, LON[40] + 1e-3, 40), (slice(None), slice(40, 41))
+    whole = currents_where(SEEN[0])
+    land = currents_where(SEEN[0], bounds=bounds).land.values[0]
+    np.testing.assert_array_equal(land, whole.land.values[0][part])
+    assert land.any()
+    assert gaps(whole)[part].any()
 
 
 @pytest.mark.parametrize("suffix", ["geojson", "shp"])
@@ -150,18 +161,16 @@ def test_coasts_are_cut_to_a_box_across_the_antimeridian():
     assert not any((cut[1:] & cut[:-1]).any() for cut in along)
 
 
-def strait(east=0.3, gap=True, coast="hold"):
+def strait(gap=True, coast="hold", diffusivity=0.0):
     """A sea whose water goes to the East, into a gap in the upper rows, and off the grid."""
     wet = np.ones((4, 6), bool)
-    wet[2:, 4] = False
-    wet[0, 3] = False
-    land = np.zeros_like(wet)
-    land[0, 3] = True
-    if not gap:
-        land[2:, 4] = True
-    currents = sea(np.full(wet.shape, east), np.zeros(wet.shape), wet)
+    wet[2:, 4] = wet[0, 3] = False
+    land = ~wet
+    land[2:, 4] = not gap
+    currents = sea(np.full(wet.shape, 0.3), np.zeros(wet.shape), wet)
     currents["land"] = ("layer", "y", "x"), land[None]
-    return drift.Water.of(currents, coast=coast), drift.Flow.of(currents, coast=coast), currents
+    flow = drift.Flow.of(currents, coast=coast, diffusivity=diffusivity)
+    return drift.Water.of(currents, coast=coast), flow
 
 
 @pytest.mark.parametrize("coast", ["hold", "slip", "strand"])
@@ -170,8 +179,7 @@ def strait(east=0.3, gap=True, coast="hold"):
 def test_the_ways_out_sum_to_what_leaves(coast, spread, diffusivity):
     if diffusivity and spread != "sampled":
         return
-    water, _, currents = strait(coast=coast)
-    flow = drift.Flow.of(currents, diffusivity=diffusivity, coast=coast)
+    water, flow = strait(coast=coast, diffusivity=diffusivity)
     step = drift.DriftStep(3000, spread=spread, edge="exit", method="rk4")
     chain = drift.drift_maps(water, flow, step)
     shares = drift.exit_shares(water, flow, step, chain)
@@ -183,7 +191,7 @@ def test_the_ways_out_sum_to_what_leaves(coast, spread, diffusivity):
 
 
 def test_the_ways_out_are_those_of_points_that_are_followed_one_by_one():
-    water, flow, _ = strait(coast="strand")
+    water, flow = strait(coast="strand")
     step = drift.DriftStep(2500, spread="sampled", edge="exit", method="rk4", samples=3)
     shares = drift.exit_shares(water, flow, step, drift.drift_maps(water, flow, step))
     counts = np.zeros_like(shares)
@@ -205,8 +213,7 @@ def test_the_ways_out_are_those_of_points_that_are_followed_one_by_one():
 
 @pytest.mark.parametrize("coast", ["hold", "strand"])
 def test_the_probabilities_of_the_ways_out_solve_the_equations_of_the_chain(coast):
-    water, _, currents = strait(coast=coast)
-    flow = drift.Flow.of(currents, diffusivity=20.0, coast=coast)
+    water, flow = strait(coast=coast, diffusivity=20.0)
     step = drift.METHODS["drifters"].lasting(3000)
     layer = drift.Layer.of(water, flow, step)
     matrix, out = layer.behaviour.chain.to_scipy().toarray(), layer.exits
@@ -223,7 +230,7 @@ def test_the_probabilities_of_the_ways_out_solve_the_equations_of_the_chain(coas
 
 def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_large(monkeypatch):
     monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_TABLE", 1)
-    water, flow, _ = strait()
+    water, flow = strait()
     still = np.asarray(flow.rate).copy()
     still[:, :, :, :2] = 0  # groups in the West
     flow = drift.Flow(jax.device_put(still), flow.time)
@@ -246,7 +253,7 @@ def test_an_unknown_probability_of_leaving_does_not_read_as_none():
 
 
 def test_without_gaps_drifters_that_cannot_cross_a_coast_stay():
-    water, flow, _ = strait(gap=False)
+    water, flow = strait(gap=False)
     step = drift.METHODS["drifters"].lasting(3000)
     shares = drift.exit_shares(water, flow, step, drift.drift_maps(water, flow, step))
     assert not shares[0].any()
@@ -257,8 +264,7 @@ def test_without_gaps_drifters_that_cannot_cross_a_coast_stay():
 @pytest.mark.parametrize("diffusivity", [0.0, 20.0])
 @pytest.mark.parametrize("coast", ["hold", "slip", "strand"])
 def test_simulated_drifters_leave_as_the_map_says(coast, diffusivity):
-    water, flow, _ = strait(coast=coast)
-    flow = dataclasses.replace(flow, diffusivity=diffusivity)
+    water, flow = strait(coast=coast, diffusivity=diffusivity)
     chain = drift.drift_maps(water, flow, drift.METHODS["drifters"].lasting(2000))
     moved = drift.simulate_drifters(
         jax.random.key(0), water, flow, np.ones(water.cells, bool), 2000, 8, drifters=5000
@@ -291,7 +297,7 @@ def test_water_slips_along_both_sides_of_a_corner_and_round_the_earth():
 
 
 def test_water_goes_on_into_sea_without_data():
-    _, flow, _ = strait()
+    _, flow = strait()
     np.testing.assert_allclose(np.asarray(flow.rate)[0, 0, 2:, 4], 0.3 / 1000)
 
 
@@ -325,7 +331,7 @@ def test_gaps_connect_water_and_land_parts_it(seed):
 
 
 def test_closed_edges_and_unknown_rules_at_the_coast_are_refused():
-    water, flow, _ = strait(coast="strand")
+    water, flow = strait(coast="strand")
     with pytest.raises(ValueError, match="coast: expected the edge 'exit' with 'strand'"):
         drift.drift_map(water, flow, drift.DriftStep(3000))
     with pytest.raises(ValueError, match="coast: expected 'hold', 'slip' or 'strand'"):

@@ -2,10 +2,8 @@
 
 import re
 
-import croco
 import numpy as np
 import pytest
-import xarray as xr
 from drift import products
 from drift.products import refused
 
@@ -23,12 +21,12 @@ def height(s, stretching, depth=DEPTH):
     return depth * (HC * s + depth * stretching) / (HC + depth)
 
 
-HEIGHTS = height(*croco.stretched(LEVELS, THETA))
+HEIGHTS = height(*products.stretched(LEVELS, THETA))
 
 
-def write(tmp_path, part=slice(None), **options):
+def s_levels(part=slice(None), wet=SEA, **options):
     options = {"u": SPEED, "v": 0.0, "levels": LEVELS, "depth": DEPTH, "theta": THETA} | options
-    return croco.write(tmp_path / "croco.nc", SEA, part=part, **options)
+    return products.croco(wet, part=part, **options)
 
 
 @pytest.mark.parametrize(
@@ -42,8 +40,8 @@ def write(tmp_path, part=slice(None), **options):
         (slice(None, None, 2), (1, 25)),
     ],
 )
-def test_depths_within_the_levels_are_interpolated(tmp_path, part, depths):
-    currents = open_currents(write(tmp_path, part), depths=depths)
+def test_depths_within_the_levels_are_interpolated(part, depths):
+    currents = open_currents(s_levels(part), depths=depths)
     expected = np.interp(-np.sort(np.array(depths, float)), HEIGHTS[part], SPEED[part])
     np.testing.assert_allclose(currents.u[0, :, 1, 1], expected, atol=1e-12)
 
@@ -61,7 +59,7 @@ BEYOND = {
 
 
 @pytest.mark.parametrize("case", BEYOND)
-def test_depths_beyond_the_levels_are_refused(tmp_path, case):
+def test_depths_beyond_the_levels_are_refused(case):
     part, depths, nearest, layer, has = BEYOND[case]
     depth = depths or 0
     message = (
@@ -69,43 +67,38 @@ def test_depths_beyond_the_levels_are_refused(tmp_path, case):
         "nearest level of the file at row 0, column 0; expected a layer "
         f"({layer:.3g} m there) at most; s_rho has {has}"
     )
-    refused(write(tmp_path, part), re.escape(message), depths=depths)
+    refused(s_levels(part), re.escape(message), depths=depths)
 
 
-def test_cells_in_which_the_levels_reach_count_only(tmp_path):
+def test_cells_in_which_the_levels_reach_count_only():
     """The upper half reaches 20 m where the sea is deep, and elsewhere the bed is above that."""
     wet = SEA.copy()
     wet[0, 0] = False
     depth = np.where(np.arange(4) < 2, 15.0, 2000.0)
-    options = {"u": SPEED, "v": 0.0, "levels": LEVELS, "theta": THETA, "part": slice(16, None)}
-    path = croco.write(tmp_path / "croco.nc", wet, depth=depth, **options)
-    currents = open_currents(path, depths=20)
+    currents = open_currents(s_levels(slice(16, None), wet, depth=depth), depths=20)
     np.testing.assert_array_equal(currents.water[0], (depth > 20) & wet)
-    shelf = croco.write(tmp_path / "croco.nc", wet, depth=np.minimum(depth, 30), **options)
+    shelf = s_levels(slice(16, None), wet, depth=np.minimum(depth, 30))
     refused(shelf, r"depths: 20 m below .* at row 0, column 2", depths=20)
 
 
 @pytest.mark.parametrize(("levels", "theta"), [(3, 0.1), (5, 10.0), (40, 10.0)])
-def test_a_whole_file_reaches_from_the_surface_to_the_bed(tmp_path, levels, theta):
+def test_a_whole_file_reaches_from_the_surface_to_the_bed(levels, theta):
     """It does so for last layers of any thickness."""
     speed = 0.01 * np.arange(1, levels + 1)
-    path = write(tmp_path, levels=levels, theta=theta, u=speed)
-    currents = open_currents(path, depths=(0, DEPTH))
+    currents = open_currents(s_levels(levels=levels, theta=theta, u=speed), depths=(0, DEPTH))
     np.testing.assert_allclose(currents.u[0, :, 1, 1], speed[[-1, 0]], atol=1e-12)
 
 
 @pytest.mark.parametrize(("level", "is_read"), [(0, False), (20, False), (31, True)])
-def test_a_single_level_must_be_that_of_the_surface(tmp_path, level, is_read):
-    with xr.open_dataset(write(tmp_path), decode_times=False) as whole:
-        scalar = whole.assign_coords(s_rho=whole.sc_r).isel(s_rho=level)
-        scalar.to_netcdf(tmp_path / "one.nc")
+def test_a_single_level_must_be_that_of_the_surface(level, is_read):
+    whole = s_levels()
+    alone = whole.assign_coords(s_rho=whole.sc_r).isel(s_rho=level)
     if is_read:
-        currents = open_currents(tmp_path / "one.nc")
-        np.testing.assert_allclose(currents.u[0, 0, 1, 1], SPEED[level])
+        np.testing.assert_allclose(open_currents(alone).u[0, 0, 1, 1], SPEED[level])
         return
     s = (level + 0.5 - LEVELS) / LEVELS
     message = f"s_rho: u has a single level, and it is not that of the surface: {s:g}"
-    refused(tmp_path / "one.nc", re.escape(message))
+    refused(alone, re.escape(message))
 
 
 def fixed(depth, **attributes):
@@ -120,32 +113,32 @@ def fixed(depth, **attributes):
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("first", [0.0, 0.5])
 @pytest.mark.parametrize("positive", ["down", "up", "Down", None])
-def test_the_surface_is_nearest_to_0(tmp_path, sign, order, first, positive):
+def test_the_surface_is_nearest_to_0(sign, order, first, positive):
     depth = sign * np.array([first, 5.0, 10.0])[::order]
     attributes = {} if positive is None else {"positive": positive}
-    fixed(depth, **attributes).to_netcdf(tmp_path / "sea.nc")
-    currents = open_currents(tmp_path / "sea.nc")
+    file = fixed(depth, **attributes)
+    currents = open_currents(file)
     np.testing.assert_array_equal(currents.depth, [first, 5, 10])
     np.testing.assert_allclose(currents.u[0, :, 1, 1], [0.5 - 0.01 * first, 0.45, 0.4])
     odd = positive is not None and (sign > 0) == (positive == "up")
     assert ("taken as below the surface" in currents.attrs["notes"]) == odd
-    deep = open_currents(tmp_path / "sea.nc", depths=10)
-    np.testing.assert_allclose(deep.u, 0.4)
+    np.testing.assert_allclose(open_currents(file, depths=10).u, 0.4)
 
 
-def test_depths_on_both_sides_of_0_need_a_direction(tmp_path):
+def test_depths_on_both_sides_of_0_need_a_direction():
     depth = np.array([0.5, -5.0, -10.0])
-    fixed(depth, positive="up").to_netcdf(tmp_path / "up.nc")
-    np.testing.assert_array_equal(open_currents(tmp_path / "up.nc").depth, [-0.5, 5, 10])
-    fixed(depth).to_netcdf(tmp_path / "sea.nc")
-    refused(tmp_path / "sea.nc", r"depth: expected depths on one side of 0, got")
+    up = open_currents(fixed(depth, positive="up"))
+    np.testing.assert_array_equal(up.depth, [-0.5, 5, 10])
+    refused(fixed(depth), r"depth: expected depths on one side of 0, got")
 
 
 @pytest.mark.parametrize(("level", "depth"), [(0, 0.0), (2, 10.0)])
-def test_a_depth_may_be_a_scalar_coordinate(tmp_path, level, depth):
-    fixed(np.array([0.0, -5, -10])).isel(depth=level).to_netcdf(tmp_path / "sea.nc")
+@pytest.mark.parametrize("written", [False, True])
+def test_a_depth_may_be_a_scalar_coordinate(tmp_path, level, depth, written):
+    file = fixed(np.array([0.0, -5, -10])).isel(depth=level)
+    file = products.write(tmp_path, file) if written else file
     for depths in (None, depth):
-        currents = open_currents(tmp_path / "sea.nc", depths=depths)
+        currents = open_currents(file, depths=depths)
         assert currents.depth.values.tolist() == [depth]
         np.testing.assert_allclose(currents.u, 0.5 - 0.01 * depth)
-    refused(tmp_path / "sea.nc", r"depths: uo has a single level, at .* by depth; got 3", depths=3)
+    refused(file, r"depths: uo has a single level, at .* by depth; got 3", depths=3)

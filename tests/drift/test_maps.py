@@ -66,15 +66,6 @@ def test_the_map_of_a_large_sea_is_that_of_single_cells(globe, spread, edge):
     )
 
 
-def test_a_turned_current_reaches_three_cells():
-    currents = sea(np.full((5, 5), 2.0), np.zeros((5, 5)), dx=1.0, dy=1.0)
-    chain = drift_map(Water.of(currents), Flow.of(currents), DriftStep(1.0, rho=0.6, edge="exit"))
-    # From the middle: two to the East, or sqrt(2) to the East and as far to either side.
-    row = chain.to_scipy().toarray()[12]
-    reached = {int(cell): round(row[cell], 12) for cell in np.flatnonzero(row)}
-    assert reached == {14: 0.6, 8: 0.2, 18: 0.2}
-
-
 def test_a_period_is_the_product_of_its_records():
     random = np.random.default_rng(3)
     east, north = random.normal(size=(2, 3, 6, 7))

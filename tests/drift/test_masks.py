@@ -1,28 +1,27 @@
 """Masks of water and land, by names, flags and standard names."""
 
-import croco
 import numpy as np
 import pytest
 from drift import products
-from drift.products import refused, write
+from drift.products import refused
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
 from jaxcell.drift import open_currents
 
 
-WET = croco.island()
+WET = products.island()
 FLAGS = {"flag_values": np.array([0, 1], "i4"), "flag_meanings": "land water"}
 
 
 @pytest.mark.parametrize("standard_name", ["land_binary_mask", "sea_binary_mask", None])
-def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
-    mask = croco.AGRIF | ({"standard_name": standard_name} if standard_name else {})
-    path = croco.write(tmp_path / "croco.nc", WET, mask=mask)
-    currents = open_currents(path)
+def test_in_a_file_of_croco_1_is_water(standard_name):
+    mask = products.AGRIF | ({"standard_name": standard_name} if standard_name else {})
+    currents = open_currents(products.croco(WET, mask=mask))
     np.testing.assert_array_equal(currents.water[0], WET)
     for name, speed, axis in (("u", 0.3, 1), ("v", -0.2, 0)):
-        expected = croco.centres(WET, speed, axis)
+        expected = products.to_centres(speed * products.open_faces(WET)[name], axis)
+        expected = np.where(WET, expected, np.nan)
         np.testing.assert_allclose(currents[name][0, 0], expected, atol=1e-12)
     assert "mask_rho: 1 is water, by its name" in currents.attrs["notes"]
 
@@ -57,12 +56,12 @@ MASKS = {
 
 @pytest.mark.parametrize("case", MASKS)
 @pytest.mark.parametrize("lost", [False, True])
-def test_masks_are_known_by_attributes(tmp_path, case, lost):
+def test_masks_are_known_by_attributes(case, lost):
     """They are known even if land has a velocity, so that only the mask tells it."""
     on_land, on_water, attributes = MASKS[case]
     values = np.where(WET, float(on_water), on_land)
     dataset = regular(WET if lost else np.ones_like(WET), values=values, **attributes)
-    currents = open_currents(write(tmp_path, dataset))
+    currents = open_currents(dataset)
     np.testing.assert_array_equal(currents.water[0], WET)
     assert f"{attributes.get('name', 'm')}: " in currents.attrs["notes"]
 
@@ -72,17 +71,17 @@ def test_masks_are_known_by_attributes(tmp_path, case, lost):
     [{}, {"flag_meanings": "good bad", "flag_values": np.array([0, 1], "i4")},
      {"flag_meanings": "land water"}, {"option_0": "land"}],
 )  # fmt: skip
-def test_variables_without_a_meaning_are_no_mask(tmp_path, attributes):
+def test_variables_without_a_meaning_are_no_mask(attributes):
     dataset = regular(WET, values=np.where(WET, 0.0, 1.0), **attributes)
-    np.testing.assert_array_equal(open_currents(write(tmp_path, dataset)).water[0], WET)
+    np.testing.assert_array_equal(open_currents(dataset).water[0], WET)
 
 
-def exchanged(file):
-    file["mask_rho"][:] = 1 - file["mask_rho"][:]
+def exchanged(wet):
+    file = products.croco(wet)
+    return file.assign(mask_rho=1 - file.mask_rho)
 
 
-def test_a_mask_against_all_the_data_is_refused(tmp_path):
-    path = croco.write(tmp_path / "croco.nc", WET, change=exchanged)
+def test_a_mask_against_all_the_data_is_refused():
     land = (~WET).sum()
     # Every water cell has a water cell beside it, and so a current through that side.
     message = (
@@ -90,42 +89,34 @@ def test_a_mask_against_all_the_data_is_refused(tmp_path):
         rf"{WET.sum()} of the {WET.sum()} that are land have; are land and water exchanged\? "
         r"\(1 is water, by its name\)"
     )
-    refused(path, message)
+    refused(exchanged(WET), message)
     dataset = regular(WET, values=1.0 * WET, standard_name="land_binary_mask")
     message = rf"m: none of the {land} .* {WET.sum()} of .*by the standard name land_bin"
-    refused(write(tmp_path, dataset), message)
+    refused(dataset, message)
 
 
-def test_masks_of_the_sides_against_all_the_data_are_refused(tmp_path):
-    def closed(file):
-        for name, dims in croco.SIDES.items():
-            is_open = file[name][0, 0] != 0
-            file.createVariable(f"mask_{name}", "f8", dims)[:] = ~is_open
-
-    path = croco.write(tmp_path / "croco.nc", WET, change=closed)
-    refused(path, r"mask_rho, mask_u, mask_v: none of the .* exchanged\?")
+def test_masks_of_the_sides_against_all_the_data_are_refused():
+    file = products.croco(WET)
+    for name, is_open in products.open_faces(WET).items():
+        file[f"mask_{name}"] = products.FACES[name], 1.0 * ~is_open
+    refused(file, r"mask_rho, mask_u, mask_v: none of the .* exchanged\?")
 
 
-def test_a_sea_at_rest_and_a_sea_with_some_current_are_read(tmp_path):
-    still = open_currents(croco.write(tmp_path / "still.nc", WET, u=0.0, v=0.0))
+def test_a_sea_at_rest_and_a_sea_with_some_current_are_read():
+    still = open_currents(products.croco(WET, u=0.0, v=0.0))
     np.testing.assert_array_equal(still.water[0], WET)
-
-    def garbage(file):
-        for name in ("u", "v"):
-            values = file[name][:]
-            values[values == 0] = 0.7
-            values[..., 3, :] = 0
-            file[name][:] = values
-
-    part = open_currents(croco.write(tmp_path / "garbage.nc", WET, change=garbage))
-    np.testing.assert_array_equal(part.water[0], WET)
+    garbage = products.croco(WET)
+    for name in ("u", "v"):
+        values = garbage[name].values
+        values[values == 0] = 0.7
+        values[..., 3, :] = 0
+    np.testing.assert_array_equal(open_currents(garbage).water[0], WET)
 
 
 @given(arrays(bool, (4, 5)))
-def test_right_masks_are_read_and_exchanged_masks_refused(tmp_path_factory, wet):
+def test_right_masks_are_read_and_exchanged_masks_refused(wet):
     """Only for masks whose water and land have neighbours of their kind, and so a current."""
     if not (wet[:, 1:] & wet[:, :-1]).any() or wet.all():
         return
-    path = tmp_path_factory.getbasetemp() / "croco.nc"
-    np.testing.assert_array_equal(open_currents(croco.write(path, wet)).water[0], wet)
-    refused(croco.write(path, wet, change=exchanged), r"are land and water exchanged\?")
+    np.testing.assert_array_equal(open_currents(products.croco(wet)).water[0], wet)
+    refused(exchanged(wet), r"are land and water exchanged\?")

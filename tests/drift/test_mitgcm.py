@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from drift import products
-from drift.products import refused, write
+from drift.products import refused
 
 from jaxcell.drift import Water, open_currents
 
@@ -44,21 +44,14 @@ def sides(layout):
 
 
 @pytest.mark.parametrize("layout", ["diagnostics", "ecco", "mnc"])
-def test_velocities_on_western_and_southern_sides_are_averaged_to_centres(layout, tmp_path):
+def test_velocities_on_western_and_southern_sides_are_averaged_to_centres(layout):
     file, u, v, wet = sides(layout)
-    currents = open_currents(write(tmp_path, file))
+    currents = open_currents(file)
     np.testing.assert_array_equal(currents.water.values[0], wet)
     assert float(currents.depth[0]) == 5.0
     for name, values, axis in (("u", u, 1), ("v", v, 0)):
-        count = wet.shape[axis]
-        inner = values.take(range(1, count), axis)
-        beside = np.moveaxis(wet, axis, 0)
-        open_side = np.moveaxis(beside[1:] & beside[:-1], 0, axis)
-        flow = np.where(open_side, inner, 0.0)
-        expected = np.zeros(wet.shape)
-        for k in range(count):
-            two = [flow.take(j, axis) for j in (k - 1, k) if 0 <= j < count - 1]
-            np.moveaxis(expected, axis, 0)[k] = np.mean(two, axis=0)
+        inner = values.take(range(1, wet.shape[axis]), axis)
+        expected = products.to_centres(inner * products.open_faces(wet)[name], axis)
         got = currents[name].values[0, 0]
         # The grid is turned by the angle between its centres, which is not quite 0 at the edge.
         np.testing.assert_allclose(got[wet], expected[wet], atol=1e-3)
@@ -90,10 +83,7 @@ def llc():
     return xr.Dataset({"UVEL": (dims[0], values), "VVEL": (dims[1], values), **place})
 
 
-def schism(names):
-    dims = ("time", "nSCHISM_hgrid_node", "nSCHISM_vgrid_layers")
-    values = np.zeros((1, 5, 2))
-    return xr.Dataset(dict.fromkeys(names, (dims, values)))
+UNSTRUCTURED = r"on an unstructured grid \(.*griddata"
 
 
 def unknown():
@@ -104,19 +94,21 @@ def unknown():
     ("made", "message"),
     [
         (llc(), r"UVEL: on 13 faces \(tile\).*dataset.isel\(tile=0\).*EVEL and NVEL"),
-        (schism(["hvel_x"]), "on an unstructured grid .*griddata"),
-        (schism(["u", "v"]), "on an unstructured grid .*griddata"),
+        (products.fvcom(), UNSTRUCTURED),
+        (products.schism(), UNSTRUCTURED),
+        (products.schism().drop_vars("SCHISM_hgrid"), UNSTRUCTURED),
+        (products.schism().rename(hvel="u").assign(v=lambda d: d.u), UNSTRUCTURED),
         (unknown(), r"no velocity found; the file has a, b; .*--variables U V"),
     ],
 )
-def test_other_layouts_are_refused_with_a_way_out(made, message, tmp_path):
-    refused(write(tmp_path, made), message)
+def test_other_layouts_are_refused_with_a_way_out(made, message):
+    refused(made, message)
 
 
-def test_positions_in_metres_are_refused(tmp_path):
+def test_positions_in_metres_are_refused():
     file, *_ = sides("diagnostics")
     file["XC"].attrs["units"] = "m"
-    refused(write(tmp_path, file), "expected longitudes and latitudes of its cells")
+    refused(file, "expected longitudes and latitudes of its cells")
 
 
 @pytest.mark.parametrize("turned", [False, True])

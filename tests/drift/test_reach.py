@@ -1,6 +1,9 @@
+import dataclasses
+
 import networkx as nx
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
 from small_seas import random_layers, random_sea
@@ -8,7 +11,7 @@ from small_seas import random_layers, random_sea
 from jaxcell.drift.reachability import reachable, reachable_at_depth, reachable_by_layer
 from jaxcell.drift.sea import Sea
 from jaxcell.examples import water
-from jaxcell.mapping import Chain
+from jaxcell.mapping import Chain, ChainSequence
 
 
 seeds = st.integers(0, 2**32 - 1)
@@ -29,14 +32,8 @@ def test_layers_are_combined_in_order(seed):
         assert sea.layer[z] == layer
         assert sea.above[z] == number.get((layer - 1, row, column), -1)
         assert sea.below[z] == number.get((layer + 1, row, column), -1)
-    blocks = sea.drift.to_scipy().toarray()
-    start = 0
-    for chain in chains:
-        some = slice(start, start + chain.cells)
-        np.testing.assert_array_equal(blocks[some, some], chain.to_scipy().toarray())
-        blocks[some, some] = 0
-        start += chain.cells
-    assert not blocks.any()
+    blocks = scipy.sparse.block_diag([chain.to_scipy() for chain in chains])
+    np.testing.assert_array_equal(sea.drift.to_scipy().toarray(), blocks.toarray())
 
 
 @given(matrices(), st.data())
@@ -88,8 +85,12 @@ def test_starts_that_are_not_at_the_surface_are_refused(search, off):
         (lambda w, c: (w, c[:2]), "got 2 for 3 layers"),
         (lambda w, c: (w, [c[0], c[0], c[2]]), "that of layer 1 has"),
         (lambda w, c: ([w[0], water(np.ones((2, 2), bool))], c[:2]), "layer 1 has"),
+        (lambda w, c: ([w[0], dataclasses.replace(w[1], wraps=True)], c[:2]),
+         "layers 0 and 1: only one of them goes round the Earth"),
+        (lambda w, c: (w[:2], [c[0], ChainSequence.of([c[1], c[1]])]),
+         r"as many phases in each layer, got \[1, 2\]"),
     ],
-)
+)  # fmt: skip
 def test_layers_of_different_seas_are_refused(layers, message):
     with pytest.raises(ValueError, match=message):
         Sea.of(*layers(*random_layers(0)))

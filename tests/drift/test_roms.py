@@ -4,7 +4,8 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from drift.products import refused, write
+from drift import products
+from drift.products import RHO, refused, write
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -49,27 +50,22 @@ def native(x, y, turn_deg=0.0, transform=2, dry=DRY):
     """
     shape = (RECORDS, LEVELS, ROWS, COLUMNS)
     x, y = (np.broadcast_to(a, shape).copy() for a in (x, y))
-    turn = np.radians(turn_deg)
-    j, i = np.indices((ROWS, COLUMNS))
-    degree = np.pi / 180 * 6371000
-    lat = 43.5 + 4000 * (i * np.sin(turn) + j * np.cos(turn)) / degree
-    lon = -124 + 4000 * (i * np.cos(turn) - j * np.sin(turn)) / degree / np.cos(np.radians(43.5))
-    wet = ~dry
-    mask_u, mask_v = wet[:, 1:] & wet[:, :-1], wet[1:] & wet[:-1]
-    rho, moving = ("eta_rho", "xi_rho"), ("ocean_time", "s_rho")
+    lon, lat = products.positions(*np.indices((ROWS, COLUMNS)), 4000, turn_deg, -124, 43.5)
+    wet, moving = ~dry, ("ocean_time", "s_rho")
+    mask_u, mask_v = products.open_faces(wet).values()
     cells = {
         "lon_rho": lon, "lat_rho": lat, "h": SEA_BED, "mask_rho": 1.0 * wet,
-        "angle": np.full(lon.shape, turn),
+        "angle": np.full(lon.shape, np.radians(turn_deg)),
         "pm": np.full(lon.shape, 1 / 4000), "pn": np.full(lon.shape, 1 / 4100),
     }  # fmt: skip
     return xr.Dataset(
         {
-            **{name: (rho, values) for name, values in cells.items()},
+            **{name: (RHO, values) for name, values in cells.items()},
             "mask_u": (("eta_u", "xi_u"), 1.0 * mask_u),
             "mask_v": (("eta_v", "xi_v"), 1.0 * mask_v),
             "u": ((*moving, "eta_u", "xi_u"), np.where(mask_u, x[..., 1:], 0.77)),
             "v": ((*moving, "eta_v", "xi_v"), np.where(mask_v, y[..., 1:, :], -0.55)),
-            "zeta": (("ocean_time", *rho), np.where(wet, ZETA, 9.0)),
+            "zeta": (("ocean_time", *RHO), np.where(wet, ZETA, 9.0)),
             "Cs_r": ("s_rho", STRETCHING),
             "hc": CRITICAL_DEPTH,
             "Vtransform": transform,
@@ -129,10 +125,8 @@ def test_centres_have_the_mean_of_two_sides(data):
     along = to_centres(flow, is_open, -1)
     across = to_centres(np.swapaxes(flow, 1, 2), np.swapaxes(is_open, 1, 2), -2)
     np.testing.assert_array_equal(along, np.swapaxes(across, 1, 2))
-    for k, j, i in np.ndindex(levels, rows, sides + 1):
-        beside = [n for n in (i - 1, i) if 0 <= n < sides]
-        counted = [flow[k, j, n] if is_open[k, j, n] else 0.0 for n in beside]
-        np.testing.assert_allclose(along[k, j, i], np.mean(counted), rtol=1e-12, atol=1e-300)
+    expected = products.to_centres(np.where(is_open, flow, 0), 2)
+    np.testing.assert_allclose(along, expected, rtol=1e-12, atol=1e-300)
 
 
 @pytest.mark.parametrize("transform", [1, 2])
@@ -274,32 +268,23 @@ def test_surface_files_are_read(tmp_path):
 
 
 @given(st.data())
-def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
+def test_a_block_is_a_part_of_the_whole(data):
     """It holds along the edges too, where the sides of cells outside count."""
-    path = tmp_path_factory.getbasetemp() / "block.nc"
-    if not path.exists():
-        rng = np.random.default_rng(3)
-        dataset = native(0.0, 0.0, 20)
-        for name in ("u", "v"):
-            dataset[name] = dataset[name].dims, rng.uniform(-1, 1, dataset[name].shape)
-        write(path.parent, dataset, path.name)
-    whole = open_currents(path, depths=(0, 8))
-    corners = data.draw(st.tuples(st.integers(1, 5), st.integers(1, 7), st.integers(0, 3)))
-    j, i, size = corners
-    lon, lat = whole.lon.values, whole.lat.values
-    bounds = (lon[j, i] - 0.02 * size, lat[j, i] - 0.02 * size - 1e-3, lon[j, i] + 1e-3,
-              lat[j, i] + 1e-3)  # fmt: skip
-    inside = (lon >= bounds[0]) & (lon <= bounds[2]) & (lat >= bounds[1]) & (lat <= bounds[3])
-    if size == 0:
-        bounds = (lon[j, i] - 1e-3, bounds[1], bounds[2], bounds[3])
-        inside = np.indices(lon.shape)[0] * COLUMNS + np.indices(lon.shape)[1] == j * COLUMNS + i
+    dataset, random = native(0.0, 0.0, 20), np.random.default_rng(3)
+    for name in ("u", "v"):
+        dataset[name] = dataset[name].dims, random.uniform(-1, 1, dataset[name].shape)
+    whole = open_currents(dataset, depths=(0, 8))
+    # Two cells at corners of the bounds, or one cell.
+    (j, b), (i, a) = (data.draw(st.tuples(*2 * [st.integers(0, n - 1)])) for n in (ROWS, COLUMNS))
+    lon, lat = (values.values for values in (whole.lon, whole.lat))
+    corners = np.array([(lon[j, i], lat[j, i]), (lon[b, a], lat[b, a])])
+    (west, south), (east, north) = corners.min(axis=0) - 1e-3, corners.max(axis=0) + 1e-3
+    inside = (lon >= west) & (lon <= east) & (lat >= south) & (lat <= north)
     rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-    part = whole.isel(
-        y=slice(rows[0], rows[-1] + 1), x=slice(columns[0], columns[-1] + 1)
-    )  # fmt: skip
+    part = whole.isel(y=slice(rows[0], rows[-1] + 1), x=slice(columns[0], columns[-1] + 1))
     if not part.water.any(("y", "x")).all():
         return
-    found = open_currents(path, depths=(0, 8), bounds=bounds)
+    found = open_currents(dataset, depths=(0, 8), bounds=(west, south, east, north))
     for name in whole.variables:
         np.testing.assert_array_equal(found[name], part[name], err_msg=name)
 

@@ -2,7 +2,6 @@
 
 import tracemalloc
 
-import croco
 import netCDF4
 import numpy as np
 import pytest
@@ -95,31 +94,22 @@ def test_one_record_at_a_time_is_read(tmp_path):
     assert peak < 50e6
 
 
-def native(folder, **options):
-    """A file of CROCO, and the same in two files, one for variables that do not change in time."""
-    path = croco.write(folder / "whole.nc", croco.island(), turn_deg=20.0, **options)
-    with xr.open_dataset(path, decode_times=False, mask_and_scale=False) as whole:
-        fixed = [name for name, one in whole.data_vars.items()
-                 if {"eta_rho", "xi_rho"} == set(one.dims)]  # fmt: skip
-        grid = write(folder, whole[fixed], "grid.nc")
-        moving = write(folder, whole.drop_vars(fixed), "his.nc")
-    return path, moving, grid
-
-
 def test_the_grid_of_croco_may_be_in_another_file(tmp_path):
-    whole, moving, grid = native(tmp_path)
+    whole = products.croco(products.island(), turn_deg=20.0)
+    fixed = [name for name, one in whole.data_vars.items() if one.dims == products.RHO]
+    grid = write(tmp_path, whole[fixed], "grid.nc", format="NETCDF3_64BIT_OFFSET")
+    moving = write(tmp_path, whole.drop_vars(fixed), "his.nc", format="NETCDF3_64BIT_OFFSET")
     expected = open_currents(whole, depths=(0, 10))
     currents = open_currents(moving, grid=grid, depths=(0, 10))
     xr.testing.assert_equal(currents, expected)
     assert "lon_rho, lat_rho: from grid.nc" in currents.attrs["notes"]
     refused(moving, r"u: no variable gives the longitudes .* grid$")
-    with xr.open_dataset(grid) as dataset:
-        write(tmp_path, dataset.isel(xi_rho=slice(1, None)), "short.nc")
-        write(tmp_path, dataset.assign(angle=np.radians(90) + dataset.angle), "wrong.nc")
+    short = write(tmp_path, whole[fixed].isel(xi_rho=slice(1, None)), "short.nc")
+    wrong = whole[fixed].assign(angle=np.radians(90) + whole.angle)
     with pytest.raises(ValueError, match=r"short.nc: xi_rho: expected the length 9 of .*his.nc"):
-        open_currents(moving, grid=tmp_path / "short.nc")
-    with pytest.raises(ValueError, match=r"wrong.nc: angle: expected the angle from East"):
-        open_currents(moving, grid=tmp_path / "wrong.nc")
+        open_currents(moving, grid=short)
+    with pytest.raises(ValueError, match=r"dataset: angle: expected the angle from East"):
+        open_currents(moving, grid=wrong)
 
 
 def moved(dataset):

@@ -198,13 +198,6 @@ def test_reached_cells_are_reached_at_some_phase(tidal_sea):
         np.testing.assert_array_equal(found, met)
 
 
-def test_layers_of_different_phases_are_refused():
-    waters = [water(np.ones((1, 1), bool), depth) for depth in (0.0, 5.0)]
-    still = Chain(np.zeros((1, 1), np.int32), np.ones((1, 1)))
-    with pytest.raises(ValueError, match=r"as many phases in each layer, got \[1, 2\]"):
-        drift.Sea.of(waters, [still, ChainSequence.of([still, still])])
-
-
 def test_the_mean_replaces_too_many_phases(monkeypatch):
     monkeypatch.setattr(drift.SeaDrift, "largest", 100)
     found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))

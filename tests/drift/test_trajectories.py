@@ -313,17 +313,11 @@ def test_a_track_has_no_move_longer_than_itself(every):
     assert list(zip(moves.begin.tolist(), moves.end.tolist(), strict=True)) == expected
 
 
-def known_trajectories():
-    lon, lat, hours = (np.concatenate(rows).astype(float) for rows in (LON, LAT, HOURS))
-    owner = np.repeat(np.arange(3), [4, 2, 3])
-    return drift.Trajectories(lon, lat, 3600.0 * hours, owner, since="2020-01-01")
-
-
 @pytest.mark.parametrize("suffix", ["nc", "parquet"])
 def test_written_trajectories_are_read_again(suffix, tmp_path):
     if suffix == "parquet":
         pytest.importorskip("pyarrow")
-    seen = known_trajectories()
+    seen = drift.open_trajectories(parcels())
     drift.save_trajectories(seen, tmp_path / f"seen.{suffix}")
     again = drift.open_trajectories(tmp_path / f"seen.{suffix}")
     for name in ("lon", "lat", "time", "drifter"):
@@ -333,7 +327,7 @@ def test_written_trajectories_are_read_again(suffix, tmp_path):
 
 def test_written_trajectories_have_the_convention_of_trajan():
     """The rules by which TrajAn 0.10 finds a contiguous ragged array."""
-    dataset = known_trajectories().dataset()
+    dataset = drift.open_trajectories(parcels()).dataset()
     role = [name for name, v in dataset.variables.items() if "cf_role" in v.attrs]
     assert role == ["trajectory"]
     assert dataset["trajectory"].dims == ("trajectory",)
@@ -349,7 +343,7 @@ def test_tables_of_parcels_are_read(tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
     pa = pytest.importorskip("pyarrow")
     # In the order of time, with more columns, as Parcels 4 writes them.
-    seen = known_trajectories()
+    seen = drift.open_trajectories(parcels())
     order = np.argsort(seen.time, kind="stable")
     units = {"units": SINCE, "calendar": "standard"}
     fields = [
@@ -376,4 +370,4 @@ def test_bad_tables_and_names_are_refused(tmp_path):
     with pytest.raises(ValueError, match="cannot be read as Parquet"):
         drift.open_trajectories(path)
     with pytest.raises(ValueError, match=r"ends in \.nc or \.parquet"):
-        drift.save_trajectories(known_trajectories(), tmp_path / "seen.csv")
+        drift.save_trajectories(drift.open_trajectories(parcels()), tmp_path / "seen.csv")

@@ -29,7 +29,7 @@ _METRES_PER_SECOND = {
 
 @dataclasses.dataclass(frozen=True)
 class Component:
-    """A component of the velocity on a block of cells."""
+    """A reader of one component of the velocity, on a block of cells."""
 
     file: OceanFile
     name: str
@@ -41,7 +41,7 @@ class Component:
     """The rows and columns of the values to read. Values on cell faces are averaged, so they extend
     one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The indices of the cells of the block among the computed centres, along the averaged axis."
+    "The indices that select the block from the averaged centres, along the averaged axis."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float
@@ -100,7 +100,7 @@ def component(
     grid: OceanGrid,
     places: Int[np.ndarray, " levels"] | None,
 ) -> Component:
-    """Prepare to read a velocity component on a block of cells."""
+    """Build the reader of a velocity component on a block of cells."""
     factor = metres_per_second(file, name)
     dims, rho = (axes.y, axes.x), axes.rho
     cells = [grid.rows, grid.columns]

@@ -190,8 +190,7 @@ class FieldReader:
             land, by = dry, "the depth of the sea bed"
         else:
             coast = self.coast or read_land()
-            some = unknown.any(axis=0)
-            land, by = coast.within(self.grid.lon, self.grid.lat, some), coast.name
+            land, by = coast.within(self.grid, unknown.any(axis=0)), coast.name
         land = ~water & (bed | self.grid.closed[:, None] | (unknown & land))
         gaps = ~(water | land)
         if not gaps.any():

@@ -1,4 +1,4 @@
-"""The cells of a file: their positions, sizes and angles, and the choice of a block of them."""
+"""The cells of a file: their positions, sizes and angles, and the choice of a block."""
 
 import dataclasses
 from collections.abc import Sequence

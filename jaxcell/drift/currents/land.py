@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float
 
 from ...base.bundled import bundled
 from ...base.optional_modules import import_module
+from .grid import OceanGrid
 from .netcdf import error_line
-from .sphere import wrapped
+from .sphere import EARTH_RADIUS, turned
 
 
 _BUNDLED = "Natural Earth 1:10 million"
@@ -32,30 +33,26 @@ class Land:
     polygons: np.ndarray
     "The polygons, as objects of shapely, in degrees."
 
-    def within(
-        self,
-        lon: Float[np.ndarray, "y x"],
-        lat: Float[np.ndarray, "y x"],
-        some: Bool[np.ndarray, "y x"],
-    ) -> Bool[np.ndarray, "y x"]:
-        """Return a mask of the squares of a grid that contain land, among those in the mask `some`.
+    def within(self, grid: OceanGrid, chosen: Bool[np.ndarray, "y x"]) -> Bool[np.ndarray, "y x"]:
+        """Mark the squares of a grid that contain land, among the `chosen` squares.
 
         A square that is partly land counts as land, because its velocity is rarely known. Squares
-        without a position count as land too. `lon` and `lat` are the centres in degrees.
+        without a position count as land too.
         """
-        marks = some & ~np.isfinite(lon + lat)
-        centre = np.nonzero(some & ~marks)
-        tree = shapely.STRtree(shapely.points(lon[centre], lat[centre]))
+        marks = chosen & ~np.isfinite(grid.lon + grid.lat)
+        centre = np.nonzero(chosen & ~marks)
+        tree = shapely.STRtree(shapely.points(grid.lon[centre], grid.lat[centre]))
         inland = np.unique(tree.query(self.polygons, predicate="contains")[1])
         marks[tuple(index[inland] for index in centre)] = True
-        row, column = np.nonzero(some & ~marks)
-        across, along = (
-            np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column] / 2
-            for axis in (1, 0)
-        )
-        middle = np.stack([lon, lat], axis=-1)[row, column]
-        corners = [middle + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
+        at = row, column = np.nonzero(chosen & ~marks)
+        lon, lat, angle = grid.lon[at], grid.lat[at], np.nan_to_num(grid.angle[at])
+        degrees = np.stack([1 / np.cos(np.radians(lat)), np.ones_like(lat)])  # for equal lengths
+        corners = []
+        for i, j in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)):
+            metres = np.stack(turned(i * grid.dx[at], j * grid.dy[at], angle))
+            away = np.nan_to_num(metres * degrees / np.radians(EARTH_RADIUS))
+            corners.append(np.stack([lon, lat]) + away.clip(-_MOST, _MOST))
+        tree = shapely.STRtree(shapely.polygons(np.stack(corners).transpose(2, 0, 1)))
         holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
         marks[row[holds], column[holds]] = True
         return marks
@@ -63,7 +60,7 @@ class Land:
     def coasts(
         self, west: float, south: float, east: float, north: float
     ) -> Iterator[Float[np.ndarray, "points 2"]]:
-        """Return the lines of the coast within a box of longitude and latitude, in degrees.
+        """Yield the lines of the coast within a box of longitude and latitude, in degrees.
 
         Longitudes of the box may exceed 180 degrees.
         """
@@ -97,7 +94,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read land from a file, or from the cache if the `version`, its time and size, is equal."""
+    """Read land from a file, once for each `version` of it, which is its time and size."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any
@@ -140,14 +137,3 @@ def _bundled_polygons() -> np.ndarray:
         offsets = arrays["rings"], arrays["polygons"]
     corners = np.cumsum(steps, axis=0) * _DIGITS
     return shapely.from_ragged_array(shapely.GeometryType.POLYGON, corners, offsets)
-
-
-def _steps(
-    values: Float[np.ndarray, "y x"], axis: int, *, turn: bool = False
-) -> Float[np.ndarray, "y x"]:
-    """Return the mean step from each centre to its neighbours along an axis, in degrees."""
-    steps = np.diff(values, axis=axis)
-    steps = wrapped(steps) if turn else steps
-    first, last = steps.take([0], axis), steps.take([-1], axis)
-    mean = (np.concatenate([first, steps], axis) + np.concatenate([steps, last], axis)) / 2
-    return np.nan_to_num(mean).clip(-2 * _MOST, 2 * _MOST)

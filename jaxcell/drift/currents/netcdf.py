@@ -59,7 +59,7 @@ class OceanFile:
         return str({**variable.encoding, **variable.attrs}.get("coordinates", "")).split()
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
-        """Raise if float64 arrays of some sizes together exceed 4 GiB or the free memory."""
+        """Raise if `arrays` float64 arrays of these `sizes` exceed 4 GiB or the free memory."""
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
@@ -153,7 +153,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
 
 
 def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Find coordinates and variables of text that are too long for xarray to read; return sizes."""
+    """Return the sizes of coordinates and text variables that are too long for xarray to load."""
     with netCDF4.Dataset(path) as file:
         return {
             name: size

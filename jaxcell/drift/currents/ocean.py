@@ -62,16 +62,16 @@ def open_currents(
 
     **Arguments:**
 
-    - `path`: a NetCDF file, version 3 or 4; several files, with consecutive records or with u and
-        v; a pattern of names such as `"2016_*.nc"`; a Zarr store; an OPeNDAP address; or an open
-        dataset.
+    - `path`: a NetCDF file, version 3 or 4; several files, with consecutive records, or one for
+        u and one for v; a pattern of names such as `"2016_*.nc"`; a Zarr store; an OPeNDAP address;
+        or an open dataset.
     - `grid`: a second source of positions, masks and depths, if `path` lacks them.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
         its midnight), a slice of indices, or a pair of the first and the last record, as indices or
-        moments, both included; by default all records. A moment selects the nearest record (the
-        later of two), within half the time between records. Moments are dates of the calendar of
-        the file. If its years have 360 days, or no leap days, days are counted from the beginning
-        of the year of the first record, which `notes` mentions.
+        moments, both included; by default all records. A moment selects the nearest record, or
+        the later of two equally near records, within half the time between records. Moments are
+        dates of the calendar of the file. If its years have 360 days, or no leap days, days are
+        counted from the beginning of the year of the first record, which `notes` mentions.
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
         levels follow the sea bed, any depth is possible, by default 0. The velocity of the highest

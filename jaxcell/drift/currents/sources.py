@@ -60,7 +60,9 @@ def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) ->
 
 def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
     if isinstance(source, xr.Dataset):
-        return OceanFile(source_name(source), source.reset_coords())
+        # The names of scalar coordinates, such as a depth, are written to attributes as in a file.
+        variables, attributes = xr.conventions.encode_dataset_coordinates(source)
+        return OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes))
     files = [_opened_alone(path, stack) for path in _paths(source)]
     if len(files) == 1:
         return files[0]

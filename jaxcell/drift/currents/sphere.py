@@ -210,7 +210,7 @@ def on_sphere(
 def turned(
     x: Float[np.ndarray, "*any"], y: Float[np.ndarray, "*any"], angle: Float[np.ndarray, "..."]
 ) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
-    """Turn vectors counter-clockwise by an angle in radians, as from the axes of a grid to East."""
+    """Turn vectors counter-clockwise by an angle in radians, for example from a grid to East."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 

@@ -50,7 +50,7 @@ def read_surface(
 
 
 def _names(file: OceanFile, role: Push) -> list[str]:
-    """Find the variables of a role towards the East and North, from standard names or names."""
+    """Find the eastward and northward variables of a role by standard name, or else by name."""
     variables = file.dataset.data_vars.items()
     by_standard = {str(v.attrs.get("standard_name")): str(name) for name, v in variables}
     for row in table(role):

@@ -52,7 +52,7 @@ def choose_velocity(
     names are along the axes of the grid if they are on cell faces, or if their standard names are
     those of velocities along x and y; otherwise they are towards the East and North.
 
-    **Returns:** the file, with dimensions named by the points of the grid; and the velocity.
+    **Returns:** the file, with dimensions of ROMS if it is from NEMO or MITgcm; and the velocity.
     """
     if variables is not None:
         pair = _as_asked(file, variables)

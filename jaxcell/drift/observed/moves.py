@@ -27,7 +27,7 @@ class CountedMoves:
     """Observed moves of drifters from cell to cell."""
 
     water: Water
-    "The cells from which enough moves begin."
+    "The cells from which enough moves begin, as [`count_moves`][] requires."
     begin: Int[np.ndarray, "moves"]
     "The cell in which each move begins."
     end: Int[np.ndarray, "moves"]
@@ -35,7 +35,7 @@ class CountedMoves:
     drifter: Int[np.ndarray, "moves"]
     "The drifter of each move."
     lag: float | int
-    "Seconds per move."
+    "The duration of each move, in seconds."
 
     @functools.cached_property
     def count(self) -> Int[np.ndarray, "cells"]:

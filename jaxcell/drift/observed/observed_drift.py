@@ -68,7 +68,7 @@ class ObservedDrift(SeaLayers):
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     after: float | int | None = None
-    "The time of the distribution in seconds, or `None` for the long run."
+    "The time at which drifters are counted in cells, in seconds; `None` for the long run."
 
     @classmethod
     def of(
@@ -87,7 +87,8 @@ class ObservedDrift(SeaLayers):
         **Arguments:**
 
         - `seen`, `moves`: the trajectories, and their moves from [`jaxcell.drift.count_moves`][].
-        - `after`: the time of the distribution in seconds; by default the long run.
+        - `after`: the time at which drifters are counted in cells, in seconds; by default the
+            long run.
         - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
         - `say`: a function that is called with the name of each stage of the computation.
@@ -119,7 +120,7 @@ class ObservedDrift(SeaLayers):
 
     @property
     def when(self) -> str:
-        """The time of the distribution of drifters, in words."""
+        """The time `after`, in words."""
         return "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
 
     drifters = from_part("seen.drifters", "", "drifters that were observed", kind="count")

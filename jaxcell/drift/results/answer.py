@@ -21,14 +21,14 @@ _NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Compose the first lines of the answer: drifters at the surface, or in the first layer."""
+    """Compose the first lines of the answer, which are about drifters in the first layer."""
     lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_groups(drift), _reach(drift), _diffusion(drift)]
     return tuple(line for line in lines if line is not None)
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Explain which current is assumed at times after the records; `None` if there are none."""
+    """Explain which current is assumed after the records; `None` if they last long enough."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -104,7 +104,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Describe the number of groups and the time to them, for this step and for other steps."""
+    """Describe the number of groups and the time to reach them, for this and other steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"

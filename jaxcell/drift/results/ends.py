@@ -114,21 +114,21 @@ class Ends(Result):
     @_probability("exit", "probability of leaving by it, mean", listed=True)
     def mean_leaving_by_way(self) -> Float[np.ndarray, "exits"] | None:
         by_way = [layer.mean_by_way for layer in self._layers]
-        return self._mean(by_way) if self._tells_ways else None
+        return self._mean(by_way) if self._knows_exits else None
 
     @derived("", "squares of land or sea bed", kind="count")
     def land_squares(self) -> int | None:
         count = sum(int(layer.water.land.sum()) for layer in self._layers)
-        return count if self._tells_ways else None
+        return count if self._knows_exits else None
 
     @derived("", "squares of sea without data", kind="count")
     def gap_squares(self) -> int | None:
         count = sum(int(layer.water.gaps.sum()) for layer in self._layers)
-        return count if self._tells_ways else None
+        return count if self._knows_exits else None
 
     @property
-    def _tells_ways(self) -> bool:
-        """True if the probability of leaving is known for each exit, as it is in a current."""
+    def _knows_exits(self) -> bool:
+        """True if leaving is known for each exit, because the current is known."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
@@ -136,7 +136,7 @@ class Ends(Result):
         return None if by_way is None else float(by_way[ways].sum())
 
     def _mean(self, of_layers: npt.ArrayLike) -> Any:
-        """Average numbers of the layers, weighted by the cells of each layer."""
+        """Average numbers of the layers, weighted by the numbers of their cells."""
         return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 
@@ -183,33 +183,34 @@ class LayerEnds(Ends):
         return ends if ends.certificate.outcome is Outcome.CONVERGED else None
 
     @functools.cached_property
-    def exits(self) -> Float[np.ndarray, "ways states"]:
+    def exits(self) -> Float[np.ndarray, "exits states"]:
         """The probability of leaving the map in a step through each exit.
 
-        A layer without a current has one exit.
+        If the current is unknown, as for observed drifters, all exits count as one.
         """
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property
     def leaving(self) -> Float[np.ndarray, "cells"]:
         """The probability of ending off the map from each cell; NaN if unknown."""
-        if self._solvable(self._possible_ways):
+        if self._solvable(self._possible_exits):
             return self.leaving_by_way.sum(axis=0)
         return self._leaving_by(self.exits.sum(axis=0, keepdims=True))[0]
 
     @functools.cached_property
-    def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
+    def leaving_by_way(self) -> Float[np.ndarray, "exits cells"]:
         """The probability of finally leaving the map through each exit, from each cell.
 
-        It is NaN for several exits of large maps, because each exit takes seconds.
+        On large maps with several exits it is NaN unless it is surely 0, because each exit takes a
+        solve of seconds.
         """
-        if self._solvable(self._possible_ways):
+        if self._solvable(self._possible_exits):
             return self._leaving_by(self.exits)
         possible = np.any(self.exits, axis=1)[:, None]
         return np.where(possible & (self.begins.sure_to_leave != 0), np.nan, 0.0)
 
     @property
-    def _possible_ways(self) -> int:
+    def _possible_exits(self) -> int:
         return int(np.count_nonzero(self.exits.any(axis=1)))
 
     def _solvable(self, ends: int) -> bool:
@@ -218,8 +219,8 @@ class LayerEnds(Ends):
         return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
 
     def _leaving_by(
-        self, exits: Float[np.ndarray, "ways states"]
-    ) -> Float[np.ndarray, "ways cells"]:
+        self, exits: Float[np.ndarray, "exits states"]
+    ) -> Float[np.ndarray, "exits cells"]:
         """Compute the probability of leaving through each exit; NaN if it is inaccurate."""
         behaviour, cells = self.behaviour, self.water.cells
         possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
@@ -240,7 +241,7 @@ class LayerEnds(Ends):
         return np.asarray(solved.value)[1:, :cells]
 
     @functools.cached_property
-    def mean_by_way(self) -> Float[np.ndarray, "ways"]:
+    def mean_by_way(self) -> Float[np.ndarray, "exits"]:
         """The mean of `leaving_by_way` over the cells; NaN if unknown."""
         by_cell = self.leaving_by_way.mean(axis=1)
         behaviour, cells = self.behaviour, self.water.cells

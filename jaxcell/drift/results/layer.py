@@ -145,7 +145,7 @@ class Layer(LayerEnds, Compared):
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
 
     @functools.cached_property
-    def exits(self) -> Float[np.ndarray, "ways states"]:
+    def exits(self) -> Float[np.ndarray, "exits states"]:
         """The probability of leaving the map in a step through each of the `EXITS`."""
         return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 

@@ -187,7 +187,7 @@ class SeaLayers(Ends):
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """The groups that each transient group may end in, -1 for off the map, layer by layer."""
+        """For each transient group of all layers, its possible ends; -1 stands for off the map."""
         return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")

@@ -38,8 +38,8 @@ def ftle(
 
     **Returns:** the exponents, per second.
 
-    A flow along x that is faster by 0.01 cells per second in every next column stretches a line by
-    a tenth in ten seconds, in one step of Euler's method:
+    A flow along x whose speed grows by 0.01 cells per second from column to column stretches a line
+    by a tenth in ten seconds, in one step of Euler's method:
 
         >>> import jax.numpy as jnp, numpy as np
         >>> from jaxcell import drift, examples

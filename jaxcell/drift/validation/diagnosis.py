@@ -31,7 +31,7 @@ class Diagnosis:
     pieces: Int[np.ndarray, "pieces"]
     "Number of cells of each connected piece of water."
     whole_pieces: int
-    "Number of persistent groups that are a whole connected piece of water, whatever the flow."
+    "Number of persistent groups that fill a whole connected piece of water."
     locked: int
     "Number of the other persistent groups that are a single cell from which water flows away."
     ashore: int

@@ -175,7 +175,7 @@ def distances_by_cell(
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values after some steps, for starts in each cell at phase 0."""
+    """Compute the expected values after some steps, for a start in each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):
@@ -197,7 +197,7 @@ def nearest_step(
     quarter of the time of interest. The choice minimizes the largest total variation after 6 hours,
     24 hours and the time of interest. In a periodic flow there is a map per phase, and durations
     are changed to fit the period; otherwise the map is made from the mean of the records. For more
-    than 100,000 cells at all phases no duration is tried; it is twice the crossing time.
+    than 100,000 cells at all phases the duration is twice the crossing time, without a search.
 
     **Arguments:**
 
@@ -252,7 +252,7 @@ def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return the times of a comparison: the time of interest, and 6 and 24 hours if it is later."""
+    """Return 6 and 24 hours, if they are earlier than the time of interest, and that time."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 
@@ -263,9 +263,9 @@ def nearest_maps(
     step: DriftStep,
     hours: float | int | None = None,
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
-    """Choose the step as [`nearest_step`][] does, with the map of each layer and its distance.
+    """Choose the step as [`nearest_step`][] does; return it with maps and distances of the layers.
 
-    Maps are made from the flows in `by`, and drifters move by those in `flows`. For more than
+    Maps are made from the flows in `by`, and drifters move with the flows in `flows`. For more than
     `MOST_CELLS` cells at all phases no duration is tried, and `None` is returned for the maps.
     """
     crossing = max(map(crossing_time, waters, by))

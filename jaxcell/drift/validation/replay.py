@@ -26,7 +26,7 @@ class Sampling:
     part: int = 64
     "The side, in cells, of the square blocks of the grid that are sampled as a whole."
     moves: int = 100_000_000
-    "The largest number of Runge-Kutta steps of all drifters."
+    "The largest number of Runge-Kutta steps of all drifters together."
 
 
 SAMPLING = Sampling()
@@ -94,7 +94,7 @@ class Replay:
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters, or of those in `among`, in each cell at a time."""
+        """Compute the share of the drifters in each cell at a time; `among` selects drifters."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 

@@ -35,7 +35,7 @@ class RecordTimes:
     """The times of the records of a file."""
 
     values: Shaped[np.ndarray, " records"]
-    "The time of each record, in order."
+    "The time of each record, as datetime64."
     start: cftime.datetime | None = None
     """The beginning of the year of the first record, from which days are counted in a non-standard
     calendar; `None` in the standard calendar."""
