@@ -146,9 +146,12 @@ def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
     branches = max(tide.image.shape[1] for tide in tides)
     images, probabilities, start = [], [], 0
     for tide in tides:
-        unused = ((0, 0), (0, branches - tide.image.shape[1]), (0, 0))
-        images.append(np.pad(tide.image, unused) + np.int32(start))
-        probabilities.append(np.pad(tide.probability, unused))
+        image = np.tile(np.arange(tide.cells, dtype=np.int32), (tide.phases, branches, 1))
+        probability = np.zeros(image.shape)
+        used = tide.image.shape[1]
+        image[:, :used], probability[:, :used] = tide.image, tide.probability
+        images.append(image + start)
+        probabilities.append(probability)
         start += tide.cells
     arrays = (np.concatenate(layers, axis=2) for layers in (images, probabilities))
     return ChainSequence(*map(jax.device_put, arrays))
