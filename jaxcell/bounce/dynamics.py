@@ -159,7 +159,7 @@ def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
 
 
 def check_cell(cell: int, size: int, name: str = "start") -> int:
-    """Return a cell, or raise `ValueError` if it does not exist; `name` is the argument."""
+    """Return a cell, or raise `ValueError` about the argument `name` if it does not exist."""
     if not 0 <= cell < size:
         raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {size - 1}")
     return int(cell)
@@ -194,7 +194,7 @@ def motion_violations(
     bumped: Bool[np.ndarray, "times-1 robots"],
     turn: Int[np.ndarray, "times-1"] | None = None,
 ) -> Bool[np.ndarray, "times-1 robots"]:
-    """Find the moves that break a rule: a bump turns a robot in place; otherwise it goes straight.
+    """Find the moves that break the rules: a bump turns a robot in place, and a step is straight.
 
     `turn` is the number of directions by which robots turn at a bump, or `None` if it is unknown.
     """

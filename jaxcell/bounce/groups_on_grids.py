@@ -228,9 +228,9 @@ def _pull(
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
     """Count the mappings from places to their groups, layer by layer from the last to the first.
 
-    `lead` contains the counts for the first layer, to which the last layer leads. If places of the
-    first layer are `wanted`, the count ends at a layer from which no place leads to a wanted place.
-    Returns the counts of the layer where the count ends, and the longest transient of each cycle.
+    `lead` contains the counts of the first layer, which follows the last layer. If places of the
+    first layer are `wanted`, the count stops at a layer from which no place leads to a wanted one.
+    Returns the counts of the layer that was counted last, and the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

@@ -113,7 +113,7 @@ def rasterise(
 def _crossings(
     environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
 ) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """Find the crossings of walls with the middles of rows: the row, and the next column right."""
+    """Find where walls cross the middle of a row: the row, and the first centre not to the left."""
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )
@@ -130,5 +130,5 @@ def _crossings(
 
 
 def cutting_bytes(squares: float, positions: float | int) -> float:
-    """Estimate the bytes of a grid and its positions while a cell space is made, as measured."""
+    """Estimate the bytes of a grid and its positions while a cell space is created."""
     return 6 * squares + 16 * positions

@@ -15,7 +15,7 @@ ERRORS = 9
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability that the observation of a simulated robot differs from the observation of the robot."
+"Probability that the observation of a particle differs from the observation of the robot."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
