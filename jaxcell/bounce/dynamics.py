@@ -58,12 +58,13 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 
 
 def bounce_shift(
-    bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int
+    bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int, name: str = "bounce"
 ) -> Int[np.ndarray, "..."]:
     """Convert bouncing angles to numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
-    turn. **Returns:** numbers from 0 to `directions - 1`.
+    turn; `name` is the name of the angles in errors. **Returns:** numbers from 0 to `directions -
+    1`.
 
     Of eight directions, three make 135 degrees:
 
@@ -80,7 +81,7 @@ def bounce_shift(
     if wrong.any():
         degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
         raise ValueError(
-            f"bounce: {degrees:g} deg is not a whole number of the {directions} directions, "
+            f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
             f"which are {360 / directions:g} deg apart"
         )
     return np.asarray(whole.astype(np.int64) % directions, np.int32)

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from ..base.memory import check
 
 
@@ -122,9 +123,8 @@ def _crossings(
     same = ring[1:] == ring[:-1]
     (xa, ya), (xb, yb) = points[:-1][same].T, points[1:][same].T
     low, high = (np.clip(np.ceil(f(ya, yb)), 0, rows).astype(int) for f in (np.minimum, np.maximum))
-    count = high - low
-    wall = np.repeat(np.arange(count.size), count)
-    row = np.arange(wall.size) - np.repeat(np.cumsum(count) - count - low, count)
+    wall, number = copies(high - low)
+    row = low[wall] + number
     x = xa[wall] + (row - ya[wall]) * ((xb - xa)[wall] / (yb - ya)[wall])
     return row, np.ceil(x).astype(int)
 

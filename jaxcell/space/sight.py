@@ -5,6 +5,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Num
 
+from ..base.copies import copies
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
 from .segments import cross
@@ -129,9 +130,7 @@ class _Scene:
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
         """List the parts of all targets: the index of the pair, and the corners from the viewer."""
-        count = self.first[target + 1] - self.first[target]
-        pair = np.repeat(np.arange(len(target)), count)
-        within = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
+        pair, within = copies(self.first[target + 1] - self.first[target])
         part = self.part[self.first[target][pair] + within]
         return pair, part - self.centre[viewer[pair], None]
 

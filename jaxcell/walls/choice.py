@@ -99,8 +99,6 @@ def draw_places(
     The third result is the wall of each place. The places of an empty set have no meaning.
     """
     robot = np.repeat(np.arange(robots), count)
-    order = np.argsort(state.robot, kind="stable")
-    state = state.take(order)
     number = np.bincount(state.robot, minlength=robots)
     weight = np.cumsum(state.end - state.begin + 1e-3)
     bounds = np.r_[0.0, weight][np.r_[0, np.cumsum(number)]]

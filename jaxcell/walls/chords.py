@@ -6,8 +6,9 @@ import functools
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.copies import copies
 from .boundary import Boundary
-from .meeting import Met, Pairs, Rows, copies
+from .meeting import Met, Pairs, Rows
 
 
 # The largest width in radians of a group of slices, which is halved down to single slices.

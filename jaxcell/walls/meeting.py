@@ -5,15 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from .boundary import ROUNDING, Boundary
-
-
-def copies(
-    count: Int[np.ndarray, "originals"],
-) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
-    """Repeat each index `count` times, and return the index and the number of each copy."""
-    index = np.repeat(np.arange(count.size), count)
-    return index, np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
 
 
 class Rows(NamedTuple):

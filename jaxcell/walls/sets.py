@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from .boundary import Boundary
 from .chords import Chords
-from .meeting import copies
 
 
 # The length by which bounds are moved outward, in metres, far more than any rounding error.

@@ -79,7 +79,7 @@ class Localization(Result):
 
     @derived("", "whether the truth is among the candidates", kind="flag")
     def truth_is_a_candidate(self) -> bool:
-        return bool(np.isin(self.path[-1], self.candidates))
+        return bool(np.isin(self.end, self.candidates))
 
 
 def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:

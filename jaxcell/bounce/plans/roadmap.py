@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.copies import copies
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.steps import Steps
-from ...walls.meeting import copies
 from ..dynamics import bounce_shift
 from ..straight_runs import Runs
 
@@ -194,10 +194,7 @@ def different_shifts(
     """Convert angles to numbers of directions. Raises `ValueError` for equal angles, and for 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
-    try:
-        shifts = bounce_shift(bounces, directions)
-    except ValueError as error:
-        raise ValueError(str(error).replace("bounce:", "bounces:", 1)) from None
+    shifts = bounce_shift(bounces, directions, "bounces")
     seen: dict[int, float] = {}
     for bounce, shift in zip(np.rad2deg(bounces).tolist(), shifts.tolist(), strict=True):
         if shift == 0:

@@ -11,6 +11,7 @@ from ...base.quantities import PROBABILITY, Checks, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
 from ..dynamics import bounce_shift
+from ..localization.localize import Localization
 from ..localization.result import Candidates
 
 
@@ -93,13 +94,7 @@ class Slipped(Candidates):
     def start(self) -> int:
         return int(self.truth[0])
 
-    @derived("", "observations, 1 for a bump")
-    def word(self) -> str:
-        return "".join(map(str, self.observations.tolist()))
-
-    @derived("", "bumps", kind="count")
-    def bumps(self) -> int:
-        return int(self.observations.sum())
+    word, bumps = Localization.word, Localization.bumps
 
     @derived("", "cell at the end", kind="index")
     def end(self) -> int:
@@ -109,9 +104,7 @@ class Slipped(Candidates):
     def is_nowhere(self) -> bool:
         return bool(self.nowhere[-1] > NOWHERE)
 
-    @derived("", "whether the truth is among the candidates", kind="flag")
-    def truth_is_a_candidate(self) -> bool:
-        return bool(np.isin(self.end, self.candidates))
+    truth_is_a_candidate = Localization.truth_is_a_candidate
 
     def checks(self) -> Checks:
         total = self.belief.sum(axis=1) + self.nowhere
