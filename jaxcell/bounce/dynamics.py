@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 import operator
+from collections.abc import Callable
 from typing import Annotated, Any, TypeAlias
 
 import jax
@@ -172,11 +173,7 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     `path` is the name of the attribute that contains the cells of the robots, and `dims` are its
     dimensions.
     """
-    visited = operator.attrgetter(path)
-
-    def centre(result: Any) -> tuple[Any, Any, Any]:
-        return result.cells.centre(visited(result))
-
+    visited, centre = operator.attrgetter(path), _centres(path)
     return (
         derived("time", "mappings since the start", "mappings", kind="coordinate")(
             lambda result: np.arange(len(visited(result)), dtype=np.int32)
@@ -187,6 +184,24 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
             lambda result: centre(result)[2]
         ),
     )
+
+
+def candidate_poses(path: str) -> tuple[Any, Any, Any]:
+    """Describe x, y and the heading of candidates as quantities of a result.
+
+    `path` is the name of the attribute that contains the cells of the candidates.
+    """
+    centre = _centres(path)
+    return (
+        derived("candidate", "x", "m")(lambda result: centre(result)[0]),
+        derived("candidate", "y", "m")(lambda result: centre(result)[1]),
+        derived("candidate", "heading", "degree")(lambda result: np.rad2deg(centre(result)[2])),
+    )
+
+
+def _centres(path: str) -> Callable[[Any], tuple[Any, Any, Any]]:
+    cells = operator.attrgetter(path)
+    return lambda result: result.cells.centre(cells(result))
 
 
 def motion_violations(
