@@ -189,9 +189,9 @@ def test_bad_targets_are_refused(target, message):
     [
         (30, 45, 0.8, "bounce: 30 deg is not a whole number"),
         (45, 30, 0.8, "error: 30 deg is not a whole number of the 8 directions, .* 45 deg apart"),
-        (45, -45, 0.8, "error: -45 deg is not"),
+        (45, -45, 0.8, "error: expected 0 to 135 deg, .* got -45 deg"),
         (45, np.nan, 0.8, "error: nan deg is not"),
-        (45, 180, 0.8, r"error: \+-180 deg are 9 turns, more than the 8 .* at most 135 deg"),
+        (45, 180, 0.8, "error: expected 0 to 135 deg, so that all turns differ, got 180 deg"),
         (45, 45, 0.0, "reliability: expected more than 0 and at most 1, got 0"),
         (45, 45, -0.5, "reliability: .* got -0.5"),
         (45, 45, 1.01, "reliability: .* got 1.01"),
