@@ -66,8 +66,8 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    """For each group, the slot (a wall of a leading direction) that represents the group, or the
-    equal group of the leading directions."""
+    """For each group, the slot (a wall of a leading direction) that represents the group. A group
+    of other directions has the slot of its equal group of the leading directions."""
     number: Int[np.ndarray, "groups"]
     """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
     place[s]]`."""
