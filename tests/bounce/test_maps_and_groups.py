@@ -9,7 +9,6 @@ from hypothesis.extra import numpy as hnp
 from oracles.simple_maps import simple_map_groups
 from random_rooms import grids
 
-from jaxcell import bundled
 from jaxcell.bounce import (
     Walls,
     bounce_groups,
@@ -243,14 +242,3 @@ def test_a_grid_without_a_free_square_is_refused():
     free[1] = False
     with pytest.raises(ValueError, match=r"free: expected a free square .*, got none in number 1"):
         grid_groups(free, math.radians(90), 8)
-
-
-@pytest.mark.parametrize(("name", "cell", "directions"), [("lab_a", 1.0, 8), ("cafe", 0.5, 12)])
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_walls_of_a_map_determine_its_groups(name, cell, directions, motion):
-    cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
-    shift = np.arange(directions)
-    totals = wall_groups(Walls.of(Steps.of(cells, motion)), shift)
-    for turn in shift.tolist():
-        image = bounce_map(cells, 2 * math.pi * turn / directions, motion=motion).image
-        assert totals_at(totals, 0, turn) == totals_of_cells(image)
