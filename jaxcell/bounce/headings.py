@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -32,7 +31,13 @@ class Headings:
     @classmethod
     def of(cls, way: Int[np.ndarray, "directions"], shift: int) -> "Headings":
         """Find the cycles of a robot that turns by `shift` directions at a bump."""
-        return _headings(way.tobytes(), way.dtype.str, shift)
+        cycles = math.gcd(shift, way.size)
+        first: dict[bytes, int] = {}
+        # Corresponding directions of two cycles differ by the same number.
+        rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
+        like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
+        cycle = np.arange(way.size) % cycles
+        return cls(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])
 
     def spread(
         self, leads: Bool[np.ndarray, "slots"], lowest: Int[np.ndarray, "slots"], positions: int
@@ -73,15 +78,3 @@ class SpreadGroups:
     place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
-
-
-@functools.lru_cache(maxsize=1024)
-def _headings(ways: bytes, kind: str, shift: int) -> Headings:
-    way = np.frombuffer(ways, kind)
-    cycles = math.gcd(shift, way.size)
-    first: dict[bytes, int] = {}
-    # Corresponding directions of two cycles differ by the same number.
-    rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
-    like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
-    cycle = np.arange(way.size) % cycles
-    return Headings(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])
