@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
-from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ..mapping import PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
@@ -75,9 +75,7 @@ class CoveragePolicy(Result):
     def groups_in_all(self) -> int:
         return sum(int(one.count) for one in self.groups)
 
-    @derived("", "duality gap, relative", kind="residual")
-    def duality_gap(self) -> float:
-        return float(self.certificate.residual)
+    duality_gap = from_part("certificate.residual", "", "duality gap, relative", kind="residual")
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
     def bounce_deg(self) -> Float[np.ndarray, "angles"]:

@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 import operator
+from collections.abc import Callable
 from typing import Annotated, Any, TypeAlias
 
 import jax
@@ -58,12 +59,13 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 
 
 def bounce_shift(
-    bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int
+    bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int, name: str = "bounce"
 ) -> Int[np.ndarray, "..."]:
     """Convert bouncing angles to numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
-    turn. **Returns:** numbers from 0 to `directions - 1`.
+    turn; `name` is the name of the angles in errors. **Returns:** numbers from 0 to `directions -
+    1`.
 
     Of eight directions, three make 135 degrees:
 
@@ -80,7 +82,7 @@ def bounce_shift(
     if wrong.any():
         degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
         raise ValueError(
-            f"bounce: {degrees:g} deg is not a whole number of the {directions} directions, "
+            f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
             f"which are {360 / directions:g} deg apart"
         )
     return np.asarray(whole.astype(np.int64) % directions, np.int32)
@@ -159,7 +161,7 @@ def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
 
 
 def check_cell(cell: int, size: int, name: str = "start") -> int:
-    """Return a cell, or raise `ValueError` if it does not exist; `name` is the argument."""
+    """Return a cell, or raise `ValueError` about the argument `name` if it does not exist."""
     if not 0 <= cell < size:
         raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {size - 1}")
     return int(cell)
@@ -171,11 +173,7 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     `path` is the name of the attribute that contains the cells of the robots, and `dims` are its
     dimensions.
     """
-    visited = operator.attrgetter(path)
-
-    def centre(result: Any) -> tuple[Any, Any, Any]:
-        return result.cells.centre(visited(result))
-
+    visited, centre = operator.attrgetter(path), _centres(path)
     return (
         derived("time", "mappings since the start", "mappings", kind="coordinate")(
             lambda result: np.arange(len(visited(result)), dtype=np.int32)
@@ -188,13 +186,31 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     )
 
 
+def candidate_poses(path: str) -> tuple[Any, Any, Any]:
+    """Describe x, y and the heading of candidates as quantities of a result.
+
+    `path` is the name of the attribute that contains the cells of the candidates.
+    """
+    centre = _centres(path)
+    return (
+        derived("candidate", "x", "m")(lambda result: centre(result)[0]),
+        derived("candidate", "y", "m")(lambda result: centre(result)[1]),
+        derived("candidate", "heading", "degree")(lambda result: np.rad2deg(centre(result)[2])),
+    )
+
+
+def _centres(path: str) -> Callable[[Any], tuple[Any, Any, Any]]:
+    cells = operator.attrgetter(path)
+    return lambda result: result.cells.centre(cells(result))
+
+
 def motion_violations(
     cells: CellSpace,
     path: Int[np.ndarray, "times robots"],
     bumped: Bool[np.ndarray, "times-1 robots"],
     turn: Int[np.ndarray, "times-1"] | None = None,
 ) -> Bool[np.ndarray, "times-1 robots"]:
-    """Find the moves that break a rule: a bump turns a robot in place; otherwise it goes straight.
+    """Find the moves that break the rules: a bump turns a robot in place, and a step is straight.
 
     `turn` is the number of directions by which robots turn at a bump, or `None` if it is unknown.
     """

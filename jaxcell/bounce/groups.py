@@ -51,8 +51,8 @@ def bounce_groups(
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][].
 
-    **Returns:** the result of [`jaxcell.mapping.periodic_groups`][] for that map, but many times
-    faster (the rows `groups` of the benchmarks).
+    **Returns:** the same groups as [`jaxcell.mapping.periodic_groups`][] of that map, which takes
+    many times as long (see the rows `groups` of the benchmarks).
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 

@@ -166,13 +166,12 @@ def _measure(
 
     lead = np.zeros(live.size, np.int64)
     lead[at] = 1 - into
-    none = np.zeros(live.size, bool)
-    around, transient = _pull(tables, layer, turn, groups, lead, none)
+    around, _ = _pull(tables, layer, turn, groups, lead)
     # A place whose first return is periodic may reach its group before that return.
     weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
     leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
-    _, later = _pull(tables, layer, turn, groups, lead, live & ~periodic)
+    _, transient = _pull(tables, layer, turn, groups, lead)
 
     period = np.bincount(leader[at], mappings[at], live.size + 1)[:-1].astype(np.int64)
     leads = (period > 0).reshape(cycles, slots)
@@ -181,7 +180,7 @@ def _measure(
     return np.stack(
         [
             leads.sum(axis=1),
-            np.maximum(transient, later),
+            transient,
             np.where(leads, period, np.iinfo(np.int64).max).min(axis=1),
             period.max(axis=1),
             period.sum(axis=1),
@@ -200,22 +199,12 @@ def _once_around(
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
     mappings = np.zeros(slot.size, np.int64)
-    merged = []
     following, length = tables.next.ravel(), tables.length.ravel()
-    for bumps, there in enumerate(turn, 1):
+    for there in turn:
         run = there[cycle] * slots + slot
         slot = following[run]
         mappings += 1 + length[run]
-        # Orbits that have met stay together, so each is followed once; most meet soon.
-        if bumps in (4, 8, 16, 32, 64, 128):
-            place, which = np.unique(cycle * slots + slot, return_inverse=True)
-            merged.append((which, mappings))
-            cycle, slot = np.divmod(place, slots)
-            mappings = np.zeros(slot.size, np.int64)
-    image = cycle * slots + slot
-    for which, before in reversed(merged):
-        image, mappings = image[which], before + mappings[which]
-    return image, mappings
+    return cycle * slots + slot, mappings
 
 
 def _pull(
@@ -224,25 +213,17 @@ def _pull(
     turn: Int[np.ndarray, "order cycles"],
     groups: list[tuple[np.ndarray, np.ndarray]],
     lead: Int[np.ndarray, "places"],
-    wanted: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
     """Count the mappings from places to their groups, layer by layer from the last to the first.
 
-    `lead` contains the counts for the first layer, to which the last layer leads. If places of the
-    first layer are `wanted`, the count ends at a layer from which no place leads to a wanted place.
-    Returns the counts of the layer where the count ends, and the longest transient of each cycle.
+    `lead` contains the counts of the first layer, which follows the last layer. Returns the counts
+    of the first layer after one round, and the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]
     longest = np.zeros(cycles, np.int64)
-    all_layers = not wanted.any()
     for j in reversed(range(len(layer))):
-        to = tables.next[turn[j]] + base
-        if not all_layers:
-            wanted = wanted[to.ravel()]
-            if not wanted.any():
-                break
-        lead = lead[to]
+        lead = lead[tables.next[turn[j]] + base]
         lead += tables.length[turn[j]]
         np.maximum(lead, 0, out=lead)
         lead += 1

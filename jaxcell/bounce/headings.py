@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -32,7 +31,13 @@ class Headings:
     @classmethod
     def of(cls, way: Int[np.ndarray, "directions"], shift: int) -> "Headings":
         """Find the cycles of a robot that turns by `shift` directions at a bump."""
-        return _headings(way.tobytes(), way.dtype.str, shift)
+        cycles = math.gcd(shift, way.size)
+        first: dict[bytes, int] = {}
+        # Corresponding directions of two cycles differ by the same number.
+        rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
+        like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
+        cycle = np.arange(way.size) % cycles
+        return cls(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])
 
     def spread(
         self, leads: Bool[np.ndarray, "slots"], lowest: Int[np.ndarray, "slots"], positions: int
@@ -66,22 +71,10 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    """For each group, the slot (a wall of a leading direction) that represents the group, or the
-    equal group of the leading directions."""
+    """For each group, the slot (a wall of a leading direction) that represents the group. A group
+    of other directions has the slot of its equal group of the leading directions."""
     number: Int[np.ndarray, "groups"]
     """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
     place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
-
-
-@functools.lru_cache(maxsize=1024)
-def _headings(ways: bytes, kind: str, shift: int) -> Headings:
-    way = np.frombuffer(ways, kind)
-    cycles = math.gcd(shift, way.size)
-    first: dict[bytes, int] = {}
-    # Corresponding directions of two cycles differ by the same number.
-    rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
-    like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
-    cycle = np.arange(way.size) % cycles
-    return Headings(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])

@@ -108,7 +108,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow the orbits of many joint states. The result has the batch axes `steps, lanes`."""
+    """Follow the orbits of joint states, one per lane. The result has the axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

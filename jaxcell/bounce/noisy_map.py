@@ -61,19 +61,12 @@ def noisy_turns(
         >>> turns.tolist(), chance.round(6).tolist()
         ([2, 3, 1], [0.8, 0.1, 0.1])
     """
-    shift = int(bounce_shift(bounce, directions))
-    spacing = 360 / directions
-    bins = error * directions / (2 * math.pi)
-    if not (math.isfinite(bins) and bins >= 0 and abs(bins - round(bins)) < 1e-6):
+    shift, _ = int(bounce_shift(bounce, directions)), bounce_shift(error, directions, "error")
+    bins, most = round(error * directions / (2 * math.pi)), (directions - 1) // 2
+    if not 0 <= bins <= most:
         raise ValueError(
-            f"error: {math.degrees(error):g} deg is not a whole number of the {directions} "
-            f"directions, which are {spacing:g} deg apart"
-        )
-    bins = round(bins)
-    if 2 * bins + 1 > directions:
-        raise ValueError(
-            f"error: +-{math.degrees(error):g} deg are {2 * bins + 1} turns, more than the "
-            f"{directions} directions; expected at most {spacing * ((directions - 1) // 2):g} deg"
+            f"error: expected 0 to {360 / directions * most:g} deg, so that all turns differ, got "
+            f"{math.degrees(error):g} deg"
         )
     if not 0 < reliability <= 1:
         raise ValueError(f"reliability: expected more than 0 and at most 1, got {reliability:g}")

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
+from ..base.copies import copies
 from ..space import CellSpace
 from ..space.steps import Steps
-from ..walls.meeting import copies
 
 
 AT_ONCE = 2**20

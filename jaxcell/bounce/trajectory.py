@@ -3,7 +3,7 @@ import enum
 import functools
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -27,6 +27,14 @@ class TeamOutcome(enum.Enum):
     )
     STUCK = "every turn of one robot by one direction leads to a joint state that was there before"
     OUT_OF_PARTS = "the trajectory has as many parts as are allowed"
+
+
+def _steps_to(percent: int) -> Any:
+    def steps(team: Any) -> float:
+        enough = np.flatnonzero(100 * team.covered >= percent * team.cells.positions)
+        return float(enough[0]) if enough.size else math.inf
+
+    return derived("", f"steps to cover {percent} %", kind="time")(steps)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,17 +91,7 @@ class TeamTrajectory(Result):
 
     parts = from_part("part_begin.size", "", "parts", kind="count")
 
-    @derived("", "steps to cover 50 %", kind="time")
-    def steps_to_50_percent(self) -> float:
-        return self._steps_to(50)
-
-    @derived("", "steps to cover 90 %", kind="time")
-    def steps_to_90_percent(self) -> float:
-        return self._steps_to(90)
-
-    @derived("", "steps to cover 100 %", kind="time")
-    def steps_to_100_percent(self) -> float:
-        return self._steps_to(100)
+    steps_to_50_percent, steps_to_90_percent, steps_to_100_percent = map(_steps_to, (50, 90, 100))
 
     @derived("", "bumps", kind="count")
     def bumps(self) -> int:
@@ -154,10 +152,6 @@ class TeamTrajectory(Result):
             "parts_that_begin_otherwise": (int(np.count_nonzero(~alone)), 0),
             "covered_minus_visited": (int(error), 0),
         }
-
-    def _steps_to(self, percent: int) -> float:
-        enough = np.flatnonzero(100 * self.covered >= percent * self.cells.positions)
-        return float(enough[0]) if enough.size else math.inf
 
     @functools.cached_property
     def _first_visits(self) -> Int[np.ndarray, "2 positions"]:

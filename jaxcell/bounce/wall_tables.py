@@ -3,7 +3,6 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
-from ..mapping.section import bucket
 from ..space import CELL_BY_CELL, Motion
 from ..space.steps import Steps
 from .straight_runs import Runs
@@ -39,7 +38,7 @@ class Walls:
         grid = runs.square // steps.free[0].size
         count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
         first = np.cumsum(count, axis=1) - count
-        slots = bucket(int(count.max(initial=0)) + 1)
+        slots = int(count.max(initial=0)) + 1
         slot = np.arange(way.size) - runs.begin[way] - first[way, grid]
         behind = np.full((grids, ways, slots), -1, np.int32)
         behind[grid, way, slot] = runs.behind

@@ -110,9 +110,8 @@ class CellSpace:
     ) -> "CellSpace":
         """Create the cell space of a grid.
 
-        Squares that are not free are obstacles; row 0 is lowest.
-
-        The side of a square and the lower left corner of the grid are in metres.
+        Squares that are not free are obstacles, and row 0 is lowest. The side of a square and the
+        lower left corner of the grid are in metres.
         """
         return cls(None, float(cell), directions, origin, np.array(free))
 

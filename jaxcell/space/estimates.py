@@ -51,7 +51,7 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of groups that are found at walls, with the runs between walls."""
+    """Estimate the bytes to find the periodic groups at walls, with the runs between walls."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
@@ -81,7 +81,7 @@ def images(extent: Extent, angles: int, motion: Motion) -> float | int:
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of groups that are found at walls, and of the cells of one direction."""
+    """Estimate the bytes to find the groups at walls, and then of the cells of one direction."""
     return section(extent, motion) + 50 * extent.positions
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from ..base.memory import check
 
 
@@ -113,7 +114,7 @@ def rasterise(
 def _crossings(
     environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
 ) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """Find the crossings of walls with the middles of rows: the row, and the next column right."""
+    """Find where walls cross the middle of a row: the row, and the first centre not to the left."""
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )
@@ -122,13 +123,12 @@ def _crossings(
     same = ring[1:] == ring[:-1]
     (xa, ya), (xb, yb) = points[:-1][same].T, points[1:][same].T
     low, high = (np.clip(np.ceil(f(ya, yb)), 0, rows).astype(int) for f in (np.minimum, np.maximum))
-    count = high - low
-    wall = np.repeat(np.arange(count.size), count)
-    row = np.arange(wall.size) - np.repeat(np.cumsum(count) - count - low, count)
+    wall, number = copies(high - low)
+    row = low[wall] + number
     x = xa[wall] + (row - ya[wall]) * ((xb - xa)[wall] / (yb - ya)[wall])
     return row, np.ceil(x).astype(int)
 
 
 def cutting_bytes(squares: float, positions: float | int) -> float:
-    """Estimate the bytes of a grid and its positions while a cell space is made, as measured."""
+    """Estimate the bytes of a grid and its positions while a cell space is created."""
     return 6 * squares + 16 * positions

@@ -5,6 +5,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Num
 
+from ..base.copies import copies
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
 from .segments import cross
@@ -15,7 +16,7 @@ from .workspace import edges, polygons
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
 """The `part` for [`visible_cells`][] with which a visible centre is enough. A centre does not count
-as visible by a ray that only grazes a corner."""
+if it is visible only along a ray that grazes a corner."""
 
 
 def visible_cells(
@@ -129,9 +130,7 @@ class _Scene:
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
         """List the parts of all targets: the index of the pair, and the corners from the viewer."""
-        count = self.first[target + 1] - self.first[target]
-        pair = np.repeat(np.arange(len(target)), count)
-        within = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
+        pair, within = copies(self.first[target + 1] - self.first[target])
         part = self.part[self.first[target][pair] + within]
         return pair, part - self.centre[viewer[pair], None]
 
@@ -143,7 +142,7 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _of_all(
     part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Return a mask of the pairs all of whose parts are true; `part` is the pair of each part."""
+    """Return a mask of the pairs whose parts are all true; `part` has the pair of each part."""
     return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
 
 
@@ -167,12 +166,12 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """Yield a few viewers at a time, with the viewer and the ends of the wall of each shadow.
+    """Yield a few viewers at a time, with their shadows.
 
-    The far walls of an obstacle cast its shadow: the walls whose free side is away from the viewer.
-    The near walls would fail for a viewer on one of them. A wall whose line passes through the
-    viewer hides nothing. The viewer of a shadow is an index into the few viewers, and the ends of
-    the wall are relative to it.
+    A shadow is the index of its viewer among them, and the ends of the wall that casts the shadow,
+    relative to the viewer. The far walls of an obstacle, whose free side is away from the viewer,
+    cast shadows, because the near walls cast none for a viewer on one of them. A wall whose line
+    passes through the viewer hides nothing.
     """
     tree = shapely.STRtree(shapely.linestrings(scene.walls[:, 1:]))
     points = shapely.points(scene.centre)
@@ -204,7 +203,7 @@ def _hidden(
     """Return a mask of the targets whose free part is partly in a shadow.
 
     A shadow lies behind the segment from `a` to `b`, relative to the viewer of index `row`. The
-    centre of a target is at `place - origin` relative to its viewer; a target of -1 is none.
+    centre of a target is at `place - origin` relative to its viewer; -1 stands for no target.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):

@@ -15,7 +15,7 @@ ERRORS = 9
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability that the observation of a simulated robot differs from the observation of the robot."
+"Probability that the observation of a particle differs from the observation of the robot."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
@@ -125,7 +125,7 @@ def to_wall(
     ux: Float[Any, "*batch"],
     uy: Float[Any, "*batch"],
 ) -> Float[Any, "*batch"]:
-    """Compute the distance to a wall along the unit vector `(ux, uy)`; `inf` if it is not met."""
+    """Compute the distance to a wall along unit vectors `(ux, uy)`; `inf` if the ray misses it."""
     xp = place.__array_namespace__()
     wide, high = wall[1, 0] - wall[0, 0], wall[1, 1] - wall[0, 1]
     x, y = wall[0, 0] - place[..., 0], wall[0, 1] - place[..., 1]
@@ -145,8 +145,9 @@ def incidence_slope(
 ) -> Float[Any, "*batch"]:
     """Compute the tangent of the angle of incidence at the wall ahead, from two parallel rays.
 
-    It is positive if the wall is on the left of the robot, and 0 for a head-on bump. `ahead` is the
-    distance to the wall in metres, and `ahead_of(place, heading)` computes it from other places.
+    The tangent is positive if the wall is on the left of the robot, and 0 for a head-on bump.
+    `ahead` is the distance to the wall in metres, and `ahead_of(place, heading)` computes this
+    distance from other places.
     """
     xp = place.__array_namespace__()
     left = place + _BESIDE * _unit(xp, heading + math.pi / 2)

@@ -1,7 +1,6 @@
 """Compute the ends of steps from all squares of a map, for one class of directions at a time."""
 
 import dataclasses
-import functools
 import math
 from collections.abc import Callable
 
@@ -15,8 +14,6 @@ from .segments import displacement
 from .stencils import line_places, stencil
 
 
-# The numbers of all squares along lines are kept for grids up to this size.
-_SMALL = 2**16
 # Squares along the side of a block that is tested as a whole.
 _BLOCK = 32
 
@@ -118,21 +115,13 @@ class Steps:
 
     def places(self, way: int, square: Int[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"]:
         """Number squares along the lines of repeated steps of `way`; see [`line_places`][]."""
-        grid, (up, across) = self.free.shape[1:], self.offset[way].tolist()
-        if self.free[0].size > _SMALL:
-            return line_places(square, grid, (up, across))
-        which, square = np.divmod(square, self.free[0].size)
-        return _listed(grid, (up, across))[square] + which * (self.free[0].size * sum(grid))
+        up, across = self.offset[way].tolist()
+        return line_places(square, self.free.shape[1:], (up, across))
 
     def hop(self, way: int) -> int:
         """Return the number of the square at the end of a step minus the number at its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
-
-
-@functools.lru_cache(maxsize=64)
-def _listed(grid: tuple[int, int], step: tuple[int, int]) -> Int[np.ndarray, "squares"]:
-    return line_places(np.arange(grid[0] * grid[1]), grid, step)
 
 
 def _blocked_steps(

@@ -116,6 +116,8 @@ def bump_gains(
 
     Returns the turn according to this formula, and the largest turn.
     """
+    if not np.any(bump_turn):
+        return np.zeros(heading.shape), np.zeros(heading.shape)
     into = np.arctan2(-boundary.normal[wall, 1], -boundary.normal[wall, 0])
     incidence = np.remainder(into - heading + np.pi, 2 * np.pi) - np.pi
     gain = bump_turn * np.sin(2 * incidence)

@@ -37,8 +37,8 @@ def choose_angles(
 
     `draws` places are drawn from the set of each robot. The set is updated with the run to the next
     bump from each of these places, and this repeats for `ahead` bumps. The chosen angle minimizes
-    the mean of the sizes over the places, or the largest size. The sets in `state` are those after
-    a bump and before the turn, and `angles` are in radians.
+    the mean of the sizes over the places, or the largest size. `state` contains the sets after a
+    bump and before the turn, and `angles` are in radians.
 
     The size of a set is its extent times the length of all its stretches. The extent alone does not
     change while a set is spread over the room, and the length alone does not favour a single piece.
@@ -99,8 +99,6 @@ def draw_places(
     The third result is the wall of each place. The places of an empty set have no meaning.
     """
     robot = np.repeat(np.arange(robots), count)
-    order = np.argsort(state.robot, kind="stable")
-    state = state.take(order)
     number = np.bincount(state.robot, minlength=robots)
     weight = np.cumsum(state.end - state.begin + 1e-3)
     bounds = np.r_[0.0, weight][np.r_[0, np.cumsum(number)]]

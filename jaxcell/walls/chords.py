@@ -6,8 +6,9 @@ import functools
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.copies import copies
 from .boundary import Boundary
-from .meeting import Met, Pairs, Rows, copies
+from .meeting import Met, Pairs, Rows
 
 
 # The largest width in radians of a group of slices, which is halved down to single slices.
@@ -73,20 +74,8 @@ class Chords:
             _followed(boundary, group, level, slices, width, displacement, gap)
             for group in range(-(-slices // 2**level))
         ]
-        stretches = Rows(*map(np.concatenate, zip(*(rows for rows, _, _ in parts), strict=True)))
-        met = [
-            np.concatenate(arrays, axis=-1)
-            for arrays in zip(*(met[1:] for _, _, met in parts), strict=True)
-        ]
-        return cls(
-            boundary,
-            slices,
-            width,
-            displacement,
-            *stretches,
-            np.concatenate([hit for _, hit, _ in parts]),
-            *met,
-        )
+        arrays = (np.concatenate(of_groups, axis=-1) for of_groups in zip(*parts, strict=True))
+        return cls(boundary, slices, width, displacement, *arrays)
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
@@ -102,8 +91,11 @@ def _followed(
     width: float,
     displacement: float,
     gap: float,
-) -> "tuple[Rows, Int[np.ndarray, 'rows'], Met]":
-    """Find the runs from all walls with the headings of a group of `2**level` slices."""
+) -> tuple[np.ndarray, ...]:
+    """Find the runs from all walls with the headings of a group of `2**level` slices.
+
+    Returns the arrays of [`Chords`][] in their order.
+    """
     walls = np.arange(len(boundary.length))
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
     pairs = Pairs(np.repeat(walls, walls.size), np.tile(walls, walls.size))
@@ -120,8 +112,8 @@ def _followed(
     rows, pairs = _cut_at_corners(boundary, rows, pairs, low, high, gap)
     low, high = _ends(rows.slice, 0, slices, width)
     met = Met.of(boundary, rows, pairs, low, high, displacement, apart=True)
-    kept = Met(*(part[..., met.keep] for part in met))
-    return rows.take(pairs.row[met.keep]), pairs.wall[met.keep], kept
+    hit, *bounds = (part[..., met.keep] for part in (pairs.wall, *met[1:]))
+    return *rows.take(pairs.row[met.keep]), hit, *bounds
 
 
 def _ends(

@@ -39,7 +39,7 @@ class Errors:
     """The largest distance, in metres, that a robot counts after it has met a wall and before it
     feels the bump."""
     turn: float = 0.0
-    "The largest error of the turn at a bump, in radians, without the turn that the bump causes."
+    "The largest error of the robot's own turn at a bump, in radians; see `bump_turn`."
     bump_turn: float = 0.0
     """The angle in radians by which a bump at 45 degrees of incidence turns the robot toward the
     wall; see [`jaxcell.space.Slip`][]."""

@@ -6,10 +6,10 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from .boundary import run_to_wall
 from .choice import choose_angles
 from .filter import WallFilter
-from .meeting import copies
 from .sets import WallSet
 
 

@@ -5,15 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from .boundary import ROUNDING, Boundary
-
-
-def copies(
-    count: Int[np.ndarray, "originals"],
-) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
-    """Repeat each index `count` times, and return the index and the number of each copy."""
-    index = np.repeat(np.arange(count.size), count)
-    return index, np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
 
 
 class Rows(NamedTuple):
@@ -36,7 +29,7 @@ class Pairs(NamedTuple):
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Copy the walls of `source[k]`, one of the old `rows`, to each new row `k`."""
+        """Give each new row `k` the walls of the old row `source[k]`, of `rows` old rows."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         new, number = copies(np.diff(first)[source])
         return Pairs(new, self.wall[first[source][new] + number])
@@ -199,8 +192,8 @@ def _behind(
     """Check for each wall whether the nearest wall that blocks its row is nearer on every ray.
 
     The difference of the lengths of two runs has the sign of a function that is linear in the
-    place, and in the heading a combination of its values at the two ends of the slice. Therefore
-    the four corners of the stretch and the slice decide.
+    place. Within the slice, the function is a sum of its values at the two ends, with weights that
+    are not negative. Therefore the four corners of the stretch and the slice decide.
     """
     row, _ = pairs
     behind = np.zeros(row.size, bool)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.copies import copies
 from .boundary import Boundary
 from .chords import Chords
-from .meeting import copies
 
 
 # The length by which bounds are moved outward, in metres, far more than any rounding error.
@@ -118,7 +118,7 @@ def _leaving(
 
 
 def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
-    """Add each corner that a set contains to the other wall too, because it belongs to both."""
+    """Add each corner that a set contains on one wall to the other wall of the corner."""
     length = boundary.length[state.wall]
     begins = state.take(state.begin <= 2 * OUTWARD)
     ends = state.take(state.end >= length - 2 * OUTWARD)
@@ -153,7 +153,7 @@ def turned(
     count: Int[np.ndarray, "stretches"],
     slices: int,
 ) -> WallSet:
-    """Turn robots counter-clockwise by `first`, `first + 1`, ... slices, `count` numbers in all."""
+    """Make `count` copies of each stretch, turned left by `first`, `first + 1`, ... slices."""
     copy, number = copies(count)
     after = (state.slice + first)[copy] + number
     return state.take(copy)._replace(slice=after % slices).joined()
@@ -162,8 +162,8 @@ def turned(
 def arrivals(chords: Chords, least: float) -> WallSet:
     """Compute the set of one robot after a first run of at least `least` metres from anywhere.
 
-    They are the places from which a run in the opposite direction could have this length. The
-    number of slices must be even.
+    The set contains the places from which a run in the opposite direction could have this length.
+    The number of slices must be even.
     """
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from random_rooms import grids
 
-from jaxcell import bundled, space
+from jaxcell import bundled
 from jaxcell.automata import equivalence
 from jaxcell.bounce import (
     AdaptivelyLocalized,
@@ -19,12 +19,8 @@ from jaxcell.verify import compare_policy
 
 
 ROOMS = grids(9, (4, 5)) | grids(15, (4, 5))
+LAB = CellSpace.load(bundled("lab_a"))
 ANGLES = st.lists(st.integers(1, 7), min_size=1, max_size=2, unique=True)
-
-
-def lab(name):
-    room = space.Workspace.load(bundled(f"maps/{name}.json"))
-    return CellSpace.of(room, cell=1.0, directions=8)
 
 
 @settings(max_examples=15)
@@ -75,7 +71,7 @@ def test_a_policy_localizes_as_far_as_its_angles_distinguish_cells(free, shifts,
 )
 def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, fixed):
     # With one angle, the filters of these maps leave up to four cells (Alam 2018, Table 2.2).
-    cells = lab(name)
+    cells = CellSpace.load(bundled(name))
     result = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT)
     assert (result.classes, result.largest_uncertainty, result.localized_to_one) == (152, 1, 1.0)
     assert (result.worst_bumps, result.optimal, result.fixed_bumps) == (worst, True, fixed)
@@ -89,37 +85,21 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
 
 
 def test_a_policy_of_one_angle_remarks_that_cells_stay_indistinguishable():
-    result = localization_policy(lab("lab_a"), [math.radians(45)], motion=ENDPOINT)
+    result = localization_policy(LAB, [math.radians(45)], motion=ENDPOINT)
     assert (result.classes, result.largest_uncertainty, result.answered) == (94, 4, False)
     assert "no choice" in result.remarks[0].lower()
-    known = localization_policy(lab("lab_a"), [math.radians(45)], "class", motion=ENDPOINT)
+    known = localization_policy(LAB, [math.radians(45)], "class", motion=ENDPOINT)
     assert known.answered
     assert known.worst_bumps == result.worst_bumps
 
 
 def test_a_search_that_ends_at_its_limit_remarks_the_bounds():
-    cells = lab("lab_a")
-    cut = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT, limit=100)
+    cut = localization_policy(LAB, np.radians([45, 135]), motion=ENDPOINT, limit=100)
     assert not cut.optimal
     assert cut.searched == 1
     assert cut.least <= 11 <= cut.worst_bumps
     assert f"needs {cut.worst_bumps} bumps at worst, and none needs less than" in cut.remarks[0]
     assert compare_policy(cut)[-1].agrees
-
-
-def test_angles_that_are_no_turns_are_refused():
-    cells = lab("lab_a")
-    for bounces, message in (
-        ([50], "bounces: 50 deg is not a whole number of the 8 directions"),
-        ([45, 405], "bounces: 45 and 405 deg are the same turn"),
-        ([360], "bounces: 360 deg leaves the robot at its wall for good"),
-        ([], "bounces: expected a list of at least one angle"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            localization_policy(cells, np.radians(bounces))
-    policy = localization_policy(cells, np.radians([45, 135]))
-    with pytest.raises(ValueError, match="start: cell 152 does not exist; cells are 0 to 151"):
-        policy.drive(152)
 
 
 def test_a_fixed_sequence_that_has_to_stop_early_is_remarked():
@@ -186,3 +166,6 @@ def test_a_start_that_does_not_exist_is_refused():
     simple_map = bounce_map(CellSpace.of_grid(np.ones((2, 2), bool), 4), math.pi / 2)
     with pytest.raises(ValueError, match="start: cell 16 does not exist; cells are 0 to 15"):
         localize(simple_map, localization_filter(simple_map), 16)
+    policy = localization_policy(LAB, np.radians([45, 135]), limit=100)
+    with pytest.raises(ValueError, match="start: cell 152 does not exist; cells are 0 to 151"):
+        policy.drive(152)

@@ -9,7 +9,6 @@ from hypothesis.extra import numpy as hnp
 from oracles.simple_maps import simple_map_groups
 from random_rooms import grids
 
-from jaxcell import bundled
 from jaxcell.bounce import (
     Walls,
     bounce_groups,
@@ -98,22 +97,16 @@ def test_groups_from_walls_are_those_of_all_cells(cells, motion):
         np.testing.assert_array_equal(summary.transient[i], longest)
         on_group = np.bincount(group[step == 0], minlength=slots)
         np.testing.assert_array_equal(summary.period[i], on_group)
+    totals = summary.totals()
+    for name, total in vars(wall_groups(Walls.of(Steps.of(cells, motion)), np.arange(24))).items():
+        np.testing.assert_array_equal(getattr(totals, name), total[0], err_msg=name)
+    alone = group_summary(cells, angles[1], motion=motion).totals()
+    assert totals_at(alone) == totals_at(totals, 1)
 
 
 def assert_same_groups(groups, expected):
     for name in ("group", "step", "period", "count"):
         np.testing.assert_array_equal(getattr(groups, name), getattr(expected, name), err_msg=name)
-
-
-def test_totals_of_a_summary_are_those_of_walls():
-    cells = CellSpace.of_grid(np.eye(7) == 0, 24)
-    turns = np.array([0, 1, 6, 9])
-    angles = 2 * math.pi * turns / 24
-    summary = vars(group_summary(cells, angles).totals())
-    for name, total in vars(wall_groups(Walls.of(Steps.of(cells, Motion())), turns)).items():
-        np.testing.assert_array_equal(summary[name], total[0], err_msg=name)
-    alone = vars(group_summary(cells, angles[1]).totals())
-    assert alone == {name: total[1] for name, total in summary.items()}
 
 
 @given(GRIDS, st.integers(0, 7))
@@ -244,23 +237,8 @@ def test_filter_of_a_closed_cell_turns_on_the_spot():
     assert sizes.tolist() == [[1, 12, 6, 4, 3, 2]]
 
 
-def test_angles_steps_and_grids_that_do_not_fit_are_refused():
+def test_a_grid_without_a_free_square_is_refused():
     free = np.ones((2, 3, 4), bool)
-    with pytest.raises(ValueError, match=r"bounce: 10 deg is not a whole number of the 8"):
-        grid_groups(free, math.radians(10), 8)
-    with pytest.raises(ValueError, match=r"step: expected at least one cell, 1 m, got 0.5"):
-        grid_groups(free, math.radians(90), 8, motion=Motion(0.5))
     free[1] = False
     with pytest.raises(ValueError, match=r"free: expected a free square .*, got none in number 1"):
         grid_groups(free, math.radians(90), 8)
-
-
-@pytest.mark.parametrize(("name", "cell", "directions"), [("lab_a", 1.0, 8), ("cafe", 0.5, 12)])
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_walls_of_a_map_determine_its_groups(name, cell, directions, motion):
-    cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
-    shift = np.arange(directions)
-    totals = wall_groups(Walls.of(Steps.of(cells, motion)), shift)
-    for turn in shift.tolist():
-        image = bounce_map(cells, 2 * math.pi * turn / directions, motion=motion).image
-        assert totals_at(totals, 0, turn) == totals_of_cells(image)

@@ -32,17 +32,13 @@ def test_running_the_script_again_gives_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_map_loads_in_one_piece(name):
+def test_every_map_is_in_the_readme_and_loads_in_one_piece(name):
+    assert f"`{name}`" in (MAPS / "README.md").read_text()
     room = load(name)
     assert room.pieces == 1
     assert room.name
     assert room.cell is not None
     assert free_cells(room) > 0
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_map_is_named_in_the_readme(name):
-    assert f"`{name}`" in (MAPS / "README.md").read_text()
 
 
 @pytest.mark.parametrize(

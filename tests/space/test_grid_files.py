@@ -206,59 +206,53 @@ def test_a_map_server_map_is_read(tmp_path):
     assert room.pieces == 2
 
 
+def transparent_palette():
+    """An opaque and a transparent white pixel."""
+    image = Image.fromarray(np.array([[0, 1]], np.uint8)).convert("P")
+    image.putpalette([255, 255, 255, 255, 255, 255])
+    image.info["transparency"] = 1
+    return image
+
+
+# Opaque black is occupied, opaque white free, and a transparent white pixel unknown.
+ALPHA = np.array([[[0, 255], [255, 255], [255, 0], [255, 60]]], np.uint8)
+
+
 @pytest.mark.parametrize(
-    "image",
+    ("image", "free"),
     [
-        pytest.param(lambda v: v, id="grey"),
-        pytest.param(lambda v: np.stack([v] * 3, axis=2), id="RGB"),
-        pytest.param(lambda v: v.astype(np.uint16) * 257, id="16 bits"),
-        pytest.param(lambda v: Image.fromarray(v).convert("P"), id="palette"),
-        pytest.param(lambda v: Image.fromarray(SHADES_FREE), id="one bit"),
+        pytest.param(SHADES, SHADES_FREE, id="grey"),
+        pytest.param(np.stack([SHADES] * 3, axis=2), SHADES_FREE, id="RGB"),
+        pytest.param(SHADES.astype(np.uint16) * 257, SHADES_FREE, id="16 bits"),
+        pytest.param(Image.fromarray(SHADES).convert("P"), SHADES_FREE, id="palette"),
+        pytest.param(Image.fromarray(SHADES_FREE), SHADES_FREE, id="one bit"),
+        pytest.param(
+            np.array([[[255, 255, 106], [255, 255, 105], [255, 0, 0]]], np.uint8),
+            [[True, False, False]],
+            id="colours",
+        ),
+        pytest.param(transparent_palette(), [[True, False]], id="transparent palette"),
+        pytest.param(ALPHA, [[False, True, False, True]], id="LA"),
+        pytest.param(ALPHA[..., [0, 0, 0, 1]], [[False, True, False, True]], id="RGBA"),
+        *(
+            (content, [[0, 1, 1], [0, 0, 1]])
+            for content in (
+                b"P2\n# a remark\n3 2\n255\n0 254 254\n0 0 254\n",
+                b"P5\n3 2\n255\n\x00\xfe\xfe\x00\x00\xfe",
+                b"P5 3 2 65535 \x00\x00\xfe\x00\xfe\x00\x00\x00\x00\x00\xfe\x00",
+                b"P5\n3 2\n100\n\x00\x63\x63\x00\x00\x63",
+            )
+        ),
     ],
 )
-def test_png_images_of_all_kinds_are_read(tmp_path, image):
-    path = save_map(tmp_path, image(SHADES), "map.png")
-    assert np.array_equal(free_pixels(path), SHADES_FREE)
-
-
-def test_channels_of_colours_and_of_a_transparent_palette_are_averaged(tmp_path):
-    colours = np.array([[[255, 255, 106], [255, 255, 105], [255, 0, 0]]], np.uint8)
-    path = save_map(tmp_path, colours, "map.png")
-    assert free_pixels(path).tolist() == [[True, False, False]]
-    palette = Image.fromarray(np.array([[0, 1]], np.uint8)).convert("P")
-    palette.putpalette([255, 255, 255, 255, 255, 255])
-    palette.info["transparency"] = 1
-    path = save_map(tmp_path, palette, "map.png")
-    assert free_pixels(path).tolist() == [[True, False]]
-
-
-@pytest.mark.parametrize("mode", ["RGBA", "LA"])
-def test_alpha_is_averaged_as_map_server_does(tmp_path, mode):
-    """Opaque black is occupied, opaque white free, and a transparent white pixel unknown."""
-    channels = [(0, 255), (255, 255), (255, 0), (255, 60)]
-    pixels = [[(*[grey] * (3 if mode == "RGBA" else 1), alpha) for grey, alpha in channels]]
-    image = Image.fromarray(np.array(pixels, np.uint8), mode=None)
-    assert image.mode == mode
+def test_channels_of_images_are_averaged_as_map_server_does(tmp_path, image, free):
     path = save_map(tmp_path, image, "map.png")
-    assert free_pixels(path).tolist() == [[False, True, False, True]]
+    np.testing.assert_array_equal(free_pixels(path), free)
 
 
 @pytest.mark.parametrize("negate", [1, True, "True"])
 def test_negated_shades_are_read(tmp_path, negate):
     assert np.array_equal(free_pixels(save_map(tmp_path, 255 - SHADES, negate=negate)), SHADES_FREE)
-
-
-@pytest.mark.parametrize(
-    "image",
-    [
-        b"P2\n# a remark\n3 2\n255\n0 254 254\n0 0 254\n",
-        b"P5\n3 2\n255\n\x00\xfe\xfe\x00\x00\xfe",
-        b"P5 3 2 65535 \x00\x00\xfe\x00\xfe\x00\x00\x00\x00\x00\xfe\x00",
-        b"P5\n3 2\n100\n\x00\x63\x63\x00\x00\x63",
-    ],
-)
-def test_pgm_images_of_all_kinds_are_read(tmp_path, image):
-    assert free_pixels(save_map(tmp_path, image)).tolist() == [[0, 1, 1], [0, 0, 1]]
 
 
 @given(

@@ -101,11 +101,15 @@ def test_chosen_angles_are_as_good_as_each_fixed_angle_and_better_two_bumps_ahea
     assert chosen[2, 2] < chosen[1, 2]
 
 
-def test_robots_come_home_from_anywhere():
-    errors = walls.Errors(run=0.01, distance=0.02, turn=np.radians(0.5))
-    filter = walls.WallFilter.of(HALL, errors=errors)
+def homing_to_the_end_of_the_hall(**errors):
+    filter = walls.WallFilter.of(HALL, errors=walls.Errors(**errors))
     angles = tuple(np.radians([70.0, 100.0, 135.0]).tolist())
-    homing = walls.Homing(filter, (5.5, 1.0), 1.2, angles)
+    return filter, angles, walls.Homing(filter, (5.5, 1.0), 1.2, angles)
+
+
+def test_robots_come_home_from_anywhere():
+    errors = {"run": 0.01, "distance": 0.02, "turn": np.radians(0.5)}
+    filter, angles, homing = homing_to_the_end_of_the_hall(**errors)
     trial = walls.drive_anywhere(HALL, filter, angles, robots=12, bumps=40, goal=homing, seed=5)
     home = trial.arrived.any(axis=1)
     assert home.mean() > 0.9
@@ -116,9 +120,7 @@ def test_robots_come_home_from_anywhere():
 
 def test_expected_bumps_to_the_goal_are_those_of_simulated_robots():
     """Robots that know their places choose by the table of expected bumps."""
-    filter = walls.WallFilter.of(HALL, errors=walls.Errors(distance=0.05))
-    angles = tuple(np.radians([70.0, 100.0, 135.0]).tolist())
-    homing = walls.Homing(filter, (5.5, 1.0), 1.2, angles)
+    filter, angles, homing = homing_to_the_end_of_the_hall(distance=0.05)
     rng = np.random.default_rng(6)
     wall, ends = homing.parts
     robots = 400

@@ -64,58 +64,36 @@ def test_a_robot_of_known_heading_is_never_lost(name, bounce, headings, step):
     followed(filter, runs, angle, np.floor(runs.length / step) * step)
 
 
-@pytest.mark.parametrize(("name", "bounce"), [("lab_b", 135), ("complex", 100)])
-def test_a_robot_of_unknown_heading_is_localized(name, bounce):
-    workspace, angle = load(name), np.radians(bounce)
-    runs = drive(workspace, 12, 16, angle, seed=2)
-    filter = walls.WallFilter.of(workspace, errors=walls.Errors(distance=0.05))
-    states = followed(filter, runs, angle, runs.length)
-    assert np.median(filter.extent(states[-1], 12)) < 1.0
-
-
 @pytest.mark.parametrize("name", ["lab_b", "complex"])
 @pytest.mark.parametrize(
-    ("headings", "errors"),
+    ("bounce", "headings", "errors", "extent"),
     [
-        (None, NOISE),
-        (None, dataclasses.replace(NOISE, displacement=0.03)),
-        (8, walls.Errors(late=0.04)),
-        (8, walls.Errors(heading=np.radians(3))),
+        (135, None, NOISE, 2.0),
+        (100, None, walls.Errors(distance=0.05), 1.0),
+        (135, None, dataclasses.replace(NOISE, displacement=0.03), np.inf),
+        (135, 8, walls.Errors(late=0.04), np.inf),
+        (135, 8, walls.Errors(heading=np.radians(3)), np.inf),
     ],
 )
-def test_errors_at_their_bounds_lose_no_robot(name, headings, errors):
-    workspace, angle = load(name), np.radians(135)
+def test_robots_with_errors_at_their_bounds_are_localized_and_never_lost(
+    name, bounce, headings, errors, extent
+):
+    workspace, angle = load(name), np.radians(bounce)
     runs = drive(workspace, 15, 15, angle, seed=3, headings=headings, errors=errors)
     filter = walls.WallFilter.of(workspace, headings=headings, errors=errors)
     late = np.random.default_rng(5).choice([0.0, errors.late], runs.observed.shape)
     states = followed(filter, runs, angle, runs.observed + late)
-    if errors == NOISE:
-        assert np.median(filter.extent(states[-1], 15)) < 2.0
+    assert np.median(filter.extent(states[-1], 15)) < extent
     if errors.heading:
         assert filter.first.sum() == 8 * 8
 
 
-def test_a_run_that_begins_beside_the_wall_loses_no_robot():
-    """A robot backs off by 3 cm before it turns, and starts its next run there."""
-    workspace, angle, back = load("complex"), np.radians(135), 0.03
-    rng = np.random.default_rng(4)
-    place = rays.anywhere(workspace.free_space, 15, rng)
-    heading = rng.uniform(0, 2 * np.pi, 15)
-    room, at = rays.Rays(workspace.free_space), np.full(15, rays.INSIDE)
-    filter = walls.WallFilter.of(workspace, errors=walls.Errors(displacement=back))
-    state = None
-    for _ in range(12):
-        length, bump, _ = room.run(place, at, heading)
-        state = filter.observe(state, length)
-        assert walls.contains(filter.boundary, state, filter.slice_of(heading), bump).all()
-        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        place = bump - np.minimum(back, length)[:, None] * ahead
-        at = np.where(length > back, rays.INSIDE, at)
-        heading, state = heading + angle, filter.turn(state, angle)
+def drive_on(filter, seed, *, back=0.0, bump_turn=0.0):
+    """Drive robots of unknown heading, and check at each bump which sets contain the robot.
 
-
-def drive_with_bump_turns(filter, bump_turn, seed):
-    """Drive robots that each bump turns, and check at each bump which sets contain the robot."""
+    Robots that back off before they turn start the next run there. Bumps turn robots by up to
+    `bump_turn` toward the wall.
+    """
     workspace, angle = load("complex"), np.radians(135)
     rng = np.random.default_rng(seed)
     place = rays.anywhere(workspace.free_space, 20, rng)
@@ -123,11 +101,13 @@ def drive_with_bump_turns(filter, bump_turn, seed):
     room, at = rays.Rays(workspace.free_space), np.full(20, rays.INSIDE)
     state, inside = None, []
     for _ in range(12):
-        length, place, at = room.run(place, at, heading)
+        length, bump, met = room.run(place, at, heading)
         state = filter.observe(state, length)
-        inside.append(walls.contains(filter.boundary, state, filter.slice_of(heading), place))
+        inside.append(walls.contains(filter.boundary, state, filter.slice_of(heading), bump))
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        tangent, normal = (vectors[at % room.walls] for vectors in (room.along, room.normal))
+        place = bump - np.minimum(back, length)[:, None] * ahead
+        at = np.where(length > back, rays.INSIDE, at) if back else met
+        tangent, normal = (vectors[met % room.walls] for vectors in (room.along, room.normal))
         # A heading to the left of the normal of the wall turns to the right, and vice versa.
         sine, cosine = (ahead * tangent).sum(axis=1), -(ahead * normal).sum(axis=1)
         gain = -bump_turn * 2 * sine * cosine
@@ -135,13 +115,17 @@ def drive_with_bump_turns(filter, bump_turn, seed):
     return np.array(inside)
 
 
+def test_a_run_that_begins_beside_the_wall_loses_no_robot():
+    filter = walls.WallFilter.of(load("complex"), errors=walls.Errors(displacement=0.03))
+    assert drive_on(filter, seed=4, back=0.03).all()
+
+
 def test_a_known_turn_by_bumps_loses_no_robot_and_an_unknown_one_does():
     workspace, bump_turn = load("complex"), np.radians(4)
-    errors = walls.Errors(bump_turn=bump_turn)
-    filter = walls.WallFilter.of(workspace, errors=errors)
-    assert drive_with_bump_turns(filter, bump_turn, seed=8).all()
+    filter = walls.WallFilter.of(workspace, errors=walls.Errors(bump_turn=bump_turn))
+    assert drive_on(filter, seed=8, bump_turn=bump_turn).all()
     ignorant = walls.WallFilter.of(workspace)
-    assert not drive_with_bump_turns(ignorant, bump_turn, seed=8).all()
+    assert not drive_on(ignorant, seed=8, bump_turn=bump_turn).all()
 
 
 def test_the_turn_by_a_bump_is_that_of_a_robot_that_slips():

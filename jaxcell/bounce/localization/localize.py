@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -9,6 +9,16 @@ from ...automata import Filter, Policy, subset_construction
 from ...base.quantities import Result, derived, quantity
 from ...mapping import SimpleMap
 from ..dynamics import check_cell
+
+
+Observations: TypeAlias = Annotated[
+    Int[np.ndarray, "steps"],
+    quantity("move", "observation of the robot", values="0: it moved, 1: it bumped"),
+]
+Candidates: TypeAlias = Annotated[
+    Int[np.ndarray, "candidates"],
+    quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+]
 
 
 def localization_filter(
@@ -42,20 +52,14 @@ def localization_filter(
 class Localization(Result):
     """A run of a robot from an unknown cell until its filter is in a knowledge cycle."""
 
-    observations: Annotated[
-        Int[np.ndarray, "steps"],
-        quantity("move", "observation of the robot", values="0: it moved, 1: it bumped"),
-    ]
+    observations: Observations
     path: Annotated[
         Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="index")
     ]
     states: Annotated[
         Int[np.ndarray, "steps+1"], quantity("time", "state of the filter", kind="index")
     ]
-    candidates: Annotated[
-        Int[np.ndarray, "candidates"],
-        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
-    ]
+    candidates: Candidates
 
     @derived("", "cell at the start", kind="index")
     def start(self) -> int:
@@ -79,7 +83,7 @@ class Localization(Result):
 
     @derived("", "whether the truth is among the candidates", kind="flag")
     def truth_is_a_candidate(self) -> bool:
-        return bool(np.isin(self.path[-1], self.candidates))
+        return bool(np.isin(self.end, self.candidates))
 
 
 def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:

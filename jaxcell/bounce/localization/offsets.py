@@ -21,13 +21,13 @@ import shapely
 from jaxtyping import Bool, Float
 
 from ...automata import Filter
-from ...base.quantities import derived, from_part
+from ...base.quantities import derived
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..joint import squares_of
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
-from .result import LocalizationFilter
+from .result import LocalizationFilter, RunOnMap
 
 
 LIMIT = 64
@@ -126,17 +126,12 @@ class OffsetLocalized(LocalizationFilter):
         return self.cells.size * self.offset_classes
 
     @functools.cached_property
-    def shares(self) -> Shares:
+    def off_centre(self) -> Shares:
         """The shares of robots, started anywhere, that the filter loses or places wrongly."""
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
-    lost_share = from_part(
-        "shares.lost", "", "off-centre starts that the filter loses", kind="share"
-    )
-    wrong_share = from_part(
-        "shares.wrong", "", "off-centre starts that are localized wrongly", kind="share"
-    )
+    lost_share, wrong_share = RunOnMap.lost_share, RunOnMap.wrong_share
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
         """Convert the filter: the members of its states become cells instead of configurations."""

@@ -57,9 +57,9 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    """A sequence of angles for all starts and observations; the first bump is not included. With
-    the goal `"position"`, one place is left after at least one bump of the sequence, but not always
-    after the last bump."""
+    """One sequence of turns at successive bumps, for all starts and observations. The robot bumps
+    once more after the last turn, and is then localized. With the goal `"position"`, one place is
+    left at some bump of the sequence, but not always at the last bump."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property

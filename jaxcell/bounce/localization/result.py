@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from ...automata import Filter, Policy, Smallest, minimize
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
-from ..dynamics import bounce_shift, robots_over_time
+from ..dynamics import bounce_shift, candidate_poses, robots_over_time
 from ..group_results import BounceGroups
 from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
@@ -134,40 +134,16 @@ class LocalizationFilter(States):
         }
 
 
-class Candidates(Result):
-    """The possible cells of a robot at the end of a run."""
-
-    cells: CellSpace
-
-    @property
-    def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        """The possible cells of the robot at the end."""
-        raise NotImplementedError
-
-    @derived("candidate", "x", "m")
-    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.cells_left)[0]
-
-    @derived("candidate", "y", "m")
-    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.cells_left)[1]
-
-    @derived("candidate", "heading", "degree")
-    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
-        return np.rad2deg(self.cells.centre(self.cells_left)[2])
-
-
-class RunOnMap(Candidates):
+class RunOnMap(Result):
     """The run of a simulated robot on a map, with its possible cells."""
 
+    cells: CellSpace
     run: Localization
     may_lose: ClassVar[bool] = False
     """True if the possible cells may miss the cell of the robot, for example with a filter of
     another map."""
 
-    @property
-    def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        return self.run.candidates
+    candidate_x, candidate_y, candidate_theta_deg = candidate_poses("run.candidates")
 
     @property
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
@@ -217,11 +193,14 @@ class RunOnMap(Candidates):
         return np.array([cells.size for cells in self.beliefs], np.int32)
 
     def checks(self) -> Checks:
-        beliefs = self.beliefs
+        beliefs, left = self.beliefs, self.run.candidates
         lost = sum(not np.isin(z, cells) for z, cells in zip(self.run.path, beliefs, strict=True))
         return {
             **super().checks(),
-            "candidates_not_of_the_last_state": (np.setxor1d(self.cells_left, beliefs[-1]).size, 0),
+            "candidates_not_of_the_last_state": (
+                np.setxor1d(left, beliefs[-1]).size,
+                0,
+            ),
             "states_without_the_robot": (lost, math.inf if self.may_lose else 0),
         }
 

@@ -68,17 +68,12 @@ class AllPlans:
         return read_plan(self.cells, self.roadmap, routes, start, goal)
 
     def costs(self, goals: _Goals | None = None) -> Shaped[np.ndarray, "cells goals"]:
-        """Compute the costs of the plans from all cells to goals; -1 if there is no path.
-
-        By default all cells are goals.
-        """
+        """Compute the costs of plans from all cells to goals (by default all); -1 for no path."""
         goals, entries, of = self._goals(goals)
         return costs(self.roadmap, self._routes(entries).cost[of], goals)
 
     def actions(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
-        """Find the first action of the plan from each cell to goals.
-
-        By default all cells are goals.
+        """Find the first action of the plan from each cell to goals (by default all cells).
 
         An action is 0 for a step forward, `k + 1` for a bump with angle `k`, and -1 if the cell is
         the goal or has no path to it.
@@ -93,10 +88,7 @@ class AllPlans:
         return result
 
     def angles_used(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
-        """Count the different angles of the plan from each cell to goals; -1 if there is no path.
-
-        By default all cells are goals.
-        """
+        """Count the different angles of each plan to goals (by default all); -1 for no path."""
         goals, entries, of = self._goals(goals)
         routes = self._routes(entries)
         used = np.where(routes.cost < 0, -1, _angles_used(self.roadmap, routes, entries))

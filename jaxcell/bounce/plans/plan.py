@@ -229,10 +229,7 @@ def replay(
         if (action != 0) != (ahead == position):
             wrong = "cannot go forward" if action == 0 else "does not bump, so it cannot turn"
             raise ValueError(f"actions[{i}]: in cell {path[-1]} the robot {wrong}")
-        try:
-            direction += bounce_shift(action, cells.directions).item()
-        except ValueError as error:
-            raise ValueError(f"actions[{i}]: {error}") from None
+        direction += bounce_shift(action, cells.directions, f"actions[{i}]").item()
         direction, position = direction % cells.directions, ahead
         path.append(direction * cells.positions + position)
     return np.array(path, np.int32)

@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.copies import copies
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.steps import Steps
-from ...walls.meeting import copies
 from ..dynamics import bounce_shift
 from ..straight_runs import Runs
 
@@ -25,10 +25,10 @@ class Roadmap:
     is on the *line* of one wall: a robot in the cell runs to that wall, and no two cells of a line
     are equally far from it. So a wall and a length identify a cell, and a run follows the line.
 
-    The cells that a robot can turn into at a bump are the *entries*. After a bump a robot comes to
-    a cell through the last entry on the line up to this cell. So a plan to the cell is a plan to
-    that entry and the rest of the line, and the routes from each wall to each entry determine the
-    routes between all pairs of cells.
+    The cells that a robot can turn into at a bump are the *entries*. A robot that reaches a cell
+    after a bump has passed the last entry that is on the line of the cell and not beyond the cell.
+    So a plan to the cell is a plan to that entry and a run along the line, and the routes from each
+    wall to each entry determine the routes between all pairs of cells.
 
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
@@ -49,7 +49,7 @@ class Roadmap:
     bounces: Float[np.ndarray, "angles"]
     "The angles, in radians."
     keep: int | float
-    "Cost of a step, and of a bump with the same angle as the bump before."
+    "Cost of a step, and of a bump with the same angle as the previous bump."
     change: int | float
     "Cost of a bump with another angle."
     method: Method
@@ -126,7 +126,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """The index of the last entry on the line of each cell up to it, or -1 if there is none."""
+        """For each cell, the index of the last entry on its line that is not beyond it, or -1."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -168,7 +168,7 @@ class Roadmap:
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List all pairs of a cell and a goal on its run. Goals are indices in `goals`."""
+        """List all pairs of a cell and a goal on its run, as a cell and an index into `goals`."""
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column, number = copies(self.place[goals] - first + 1)
         return self.order[first[column] + number], column
@@ -194,10 +194,7 @@ def different_shifts(
     """Convert angles to numbers of directions. Raises `ValueError` for equal angles, and for 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
-    try:
-        shifts = bounce_shift(bounces, directions)
-    except ValueError as error:
-        raise ValueError(str(error).replace("bounce:", "bounces:", 1)) from None
+    shifts = bounce_shift(bounces, directions, "bounces")
     seen: dict[int, float] = {}
     for bounce, shift in zip(np.rad2deg(bounces).tolist(), shifts.tolist(), strict=True):
         if shift == 0:

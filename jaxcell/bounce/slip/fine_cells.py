@@ -240,9 +240,9 @@ def _spread(
     """Choose the share, at most 1, of a fine direction from which headings are drawn.
 
     If headings were drawn from a whole fine direction but drifted by a small part of it, too many
-    of them would leave it. With this share, the variance of the changes equals the variance of the
-    drift, or, if that is larger, the variance of the sideways displacement in squares by headings
-    of one fine direction.
+    of them would leave it. The share is the smallest for which the variance of the changes is at
+    least the variance of the drift, both in fine directions, and at least the variance of the
+    sideways displacement, in squares, of headings that are uniform in one fine direction.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.

@@ -7,11 +7,11 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
-from ...base.quantities import PROBABILITY, Checks, derived, from_part, quantity
+from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
-from ..dynamics import bounce_shift
-from ..localization.result import Candidates
+from ..dynamics import bounce_shift, candidate_poses
+from ..localization.localize import Candidates, Localization, Observations
 
 
 _Times: TypeAlias = Int[np.ndarray, "times"]
@@ -19,7 +19,7 @@ _Shares: TypeAlias = Float[np.ndarray, "times positions"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Slipped(Candidates):
+class Slipped(Result):
     """A run of a robot that slips from an unknown cell, with its belief."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
@@ -33,10 +33,7 @@ class Slipped(Candidates):
     "The map of the fine cells, which updates the belief."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
-    observations: Annotated[
-        Int[np.ndarray, "steps"],
-        quantity("move", "observation of the robot", values="0: it moved, 1: it bumped"),
-    ]
+    observations: Observations
     turned_by: Annotated[
         _Times,
         quantity("time", "number of the angle that the robot has just turned by", kind="index"),
@@ -61,17 +58,12 @@ class Slipped(Candidates):
         quantity("time position", "probability of each position, by the whole run", kind="share"),
     ]
     path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
-    candidates: Annotated[
-        Int[np.ndarray, "candidates"],
-        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
-    ]
+    candidates: Candidates
     candidate_probability: Annotated[
         Float[np.ndarray, "candidates"], quantity("candidate", "probability", kind="share")
     ]
 
-    @property
-    def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        return self.candidates
+    candidate_x, candidate_y, candidate_theta_deg = candidate_poses("candidates")
 
     @property
     def answered(self) -> bool:
@@ -93,13 +85,7 @@ class Slipped(Candidates):
     def start(self) -> int:
         return int(self.truth[0])
 
-    @derived("", "observations, 1 for a bump")
-    def word(self) -> str:
-        return "".join(map(str, self.observations.tolist()))
-
-    @derived("", "bumps", kind="count")
-    def bumps(self) -> int:
-        return int(self.observations.sum())
+    word, bumps = Localization.word, Localization.bumps
 
     @derived("", "cell at the end", kind="index")
     def end(self) -> int:
@@ -109,9 +95,7 @@ class Slipped(Candidates):
     def is_nowhere(self) -> bool:
         return bool(self.nowhere[-1] > NOWHERE)
 
-    @derived("", "whether the truth is among the candidates", kind="flag")
-    def truth_is_a_candidate(self) -> bool:
-        return bool(np.isin(self.end, self.candidates))
+    truth_is_a_candidate = Localization.truth_is_a_candidate
 
     def checks(self) -> Checks:
         total = self.belief.sum(axis=1) + self.nowhere

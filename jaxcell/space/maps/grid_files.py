@@ -240,7 +240,7 @@ def _grid_of(
 
 
 def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
-    """Return a mask of the pixels that map_server takes as free, with row 0 at the top."""
+    """Return a mask of the pixels that are free for map_server, with row 0 at the top."""
     pixels, full = _pixels(path)
     channels = pixels.shape[2]
     # The table has an entry per possible sum of the channels, by the arithmetic of map_server.

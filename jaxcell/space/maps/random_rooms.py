@@ -52,7 +52,7 @@ def place(seed: int, environment: str, run: int) -> Placement:
     - E3: a square, a rectangle and a rectilinear obstacle (an L),
     - E4: a square of random size.
 
-    The source gives no sizes of obstacles. Here they have the sizes in
+    The dissertation gives no sizes of obstacles. Here they have the sizes in
     `data/maps/room_200x125.json`, and sides of 10 to 50 in E4. Random obstacles are at least one
     cell away from the boundary. The placement depends on the seed and its number `run`, from 0.
     """
