@@ -39,7 +39,7 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over a time, with Runge-Kutta steps. [`flow`][] returns it."""
+    """The map of a vector field over some time, with Runge-Kutta steps. [`flow`][] returns it."""
 
     field: Field
     dt: float
@@ -67,7 +67,7 @@ class Flow:
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
-        """Take a number of steps from a point, each of `part * dt`."""
+        """Take a number of steps from a point, each of duration `part * dt`."""
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
@@ -121,7 +121,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Follow a point to its return to the surface, and return the new point and the time."""
+        """Follow a point until it returns to the surface. Returns the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -297,7 +297,10 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps:
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find the time of height 0, from `below` at 0 to `above` at `dt`, with the Illinois method."""
+    """Find the time at which `height` is 0 with the Illinois method.
+
+    The height is `below` at time 0, and `above` at time `dt`.
+    """
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

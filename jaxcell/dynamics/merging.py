@@ -1,4 +1,4 @@
-"""Merging of orbits that are on one attractor."""
+"""Find the orbits that are on the same attractor."""
 
 import itertools
 
@@ -17,7 +17,11 @@ _MIN_APART = 8
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Number the attractors of orbits in the order of their first orbits; -1 if an orbit leaves."""
+    """Return the attractor of each orbit, or -1 if the orbit leaves the box.
+
+    Attractors are numbered in the order of their first orbits. An orbit leaves if its last
+    `follow + 1` points are outside.
+    """
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
@@ -41,9 +45,9 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Label orbits, with equal labels for orbits that visit a common part of a cell.
+    """Label orbits, with equal labels for orbits that visit the same part of a cell.
 
-    Adjacent parts overlap by half.
+    A part is a cell divided by `parts` along each axis. Adjacent parts overlap by half.
     """
     orbits = len(place)
     bits = orbits.bit_length()
@@ -72,7 +76,10 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Find the halves of parts that orbits visit, and return the orbit and half of each visit."""
+    """List the visits of orbits to halves of parts of cells.
+
+    Returns the orbit of each visit, and for each axis the number of the half.
+    """
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

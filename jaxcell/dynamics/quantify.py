@@ -21,7 +21,7 @@ def basin_stability(
 
     **Arguments:** basins; a function that computes the density at points `[cells, axes]`, which
     need not be normalised, by default uniform; and the time within which starts must reach their
-    attractor, in mappings if the map has no time.
+    attractor, in mappings if a mapping has no duration.
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 
@@ -40,10 +40,10 @@ def basin_stability(
 
 
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
-    """Compute the mean, over each basin, of the time to the attractor per distance from it.
+    """Compute the time to the attractor divided by the distance from it, averaged over each basin.
 
-    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if the map
-    has no time) per length in the units of the box. Cells of the attractor count as 0. For mean
+    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if a mapping
+    has no duration) per length in the units of the box. Cells of the attractor count as 0. For mean
     times see `basins.mean_time`.
 
         >>> from jaxcell import dynamics, examples

@@ -242,9 +242,7 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values.
-
-        If no action leaves, it is the error of the values plus the mean of `low` and `high`."""
+        """Bound the error of the values; if no action leaves, after `(low + high) / 2` is added."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

@@ -228,7 +228,10 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the common number of cells of chains, one per `owner`; raise if the numbers differ."""
+    """Return the number of cells of all chains, or raise if the numbers differ.
+
+    `owner` is the owner of a chain, such as a robot or an action, for errors.
+    """
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

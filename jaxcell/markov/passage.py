@@ -74,9 +74,9 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Compute the probabilities, for each start, that a chain has not arrived at `there`.
 
-    `there` is the target. `value` are the current probabilities; at time 0 they are 1 outside the
-    target. Returns the probabilities after 0 to `steps - 1` further steps, and separately the
-    probabilities after `steps` steps.
+    `there` is the target. `value` contains the current probabilities, which are 1 outside the
+    target at time 0. Returns the probabilities after 0 to `steps - 1` further steps, and separately
+    the probabilities after `steps` steps.
     """
     leaving = chain.leaving
 

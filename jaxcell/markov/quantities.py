@@ -196,7 +196,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
 
 
 def _only_group(chain: Chain, what: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
-    """Return the group of an irreducible chain; raise `ValueError` for another or a large chain."""
+    """Return the group of an irreducible chain of at most `most` cells, or raise `ValueError`."""
     require_x64(what)
     if most is not None and chain.cells > most:
         raise ValueError(

@@ -43,7 +43,7 @@ class EdgeStates:
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
-    "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
+    "The period in mappings; 0 for chaos, and for a cycle of a flow, whose points do not return."
     multipliers: Complex[np.ndarray, "edges axes"]
     """The eigenvalues of the derivative of the map over one period, the largest first; NaN if the
     period is 0."""
@@ -172,7 +172,7 @@ def _cut(
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
     """Map both ends of each pair until they have separated.
 
-    Returns the orbit of their middle, and the ends."""
+    Returns the orbit of the midpoint of each pair, and the ends after the separation."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -194,7 +194,10 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Solve for points that return after a period, and return points, errors, and derivatives."""
+    """Find periodic points near `start` with Newton's method.
+
+    Returns the points, their errors, and the derivatives of the map over one period.
+    """
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -238,7 +241,10 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the index of the point of each orbit that returns nearest, and its distance in cells."""
+    """Find the point of each orbit that returns nearest to itself after a period.
+
+    Returns the index of the point, and the distance in cells.
+    """
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)
@@ -247,7 +253,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the indices of the edge states whose orbits meet no earlier edge state."""
+    """Return the indices of edge states, without those whose orbits meet an earlier edge state."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

@@ -148,7 +148,10 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells, after `level` halvings, that contain points; points outside are ignored."""
+    """Return the numbers of the cells that contain points, after `level` halvings.
+
+    Points outside the box are ignored.
+    """
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -196,7 +199,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield copies of points, moved by -1, 0 or 1 cell along each axis, after `level` halvings."""
+    """Yield all shifts of points by -1, 0 or 1 along each axis, in cells after `level` halvings."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):

@@ -1,4 +1,4 @@
-"""Outer images of boxes: boxes that contain the image of every point, or are meant to."""
+"""Outer images of boxes: boxes that contain the images of all points, with or without proof."""
 
 import dataclasses
 import functools
@@ -30,14 +30,14 @@ class OuterMap(Protocol):
     """A map from boxes to the lower and upper corners of boxes around their images."""
 
     proof: str
-    "The reason why images contain the images of all points; empty without a proof."
+    "The reason why outer images contain the images of all points; empty without a proof."
 
     def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
 
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Images from interval arithmetic, rounded outward, with proof; for maps without `while`.
+    """Proved outer images from interval arithmetic, for maps without a `while` loop.
 
     The images under a [`flow`][jaxcell.dynamics.flow] enclose its Runge-Kutta steps, but not the
     difference of these steps from the exact flow.
@@ -105,7 +105,7 @@ def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxe
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Images from samples of a map and a bound of its slopes, with proof if both are right.
+    """Outer images from samples of a map and bounds on its slopes, proved if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
     `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
@@ -116,11 +116,11 @@ class Samples:
     values: Float[np.ndarray, "samples axes"]
     "The images of the points."
     lipschitz: Float[np.ndarray, "axes axes"] | float
-    "The bound of each slope, or one bound for all slopes."
+    "The bound on each slope, or one bound on all slopes."
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check that neighbouring samples satisfy the bound of slopes."""
+        """Check that neighbouring samples satisfy the bounds on slopes."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(

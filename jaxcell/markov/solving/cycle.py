@@ -41,7 +41,7 @@ class Cycle:
     bounds: Int[np.ndarray, "bounds"]
     "The index in `order` of the first state of each block, and the number of states."
     rows: list[scipy.sparse.csr_array]
-    "The steps from the states of each block to all states, in this order."
+    "For each block, the matrix of steps from its states to all states, which are in `order`."
     again: Int[np.ndarray, "first"]
     "The indices in `order` of the states that begin a new round."
 
@@ -165,7 +165,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Find blocks that are as long as possible.
+    """Divide the states into blocks that are as long as possible.
 
     `after` is the first later state that each state leads to, or the number of states.
     """
