@@ -83,11 +83,6 @@ def test_images_of_any_integer_type(labs, dtype):
     assert lists(subset_construction(image.astype(dtype), observation)) == expected
 
 
-def test_map_of_one_cell():
-    result = subset_construction(np.array([0]), np.array([True]))
-    assert lists(result) == ([[-1, 0]], [[0]])
-
-
 @pytest.mark.parametrize(
     ("image", "message"),
     [

@@ -98,17 +98,6 @@ def test_bad_weights_are_refused(weights, message):
         limiting_distribution(chain, persistent_groups(chain), weights)
 
 
-def test_leaving_mass_is_not_normalised_away():
-    matrix = TWO_ENDS.copy()
-    matrix[1] = [0.25, 0, 0.25, 0, 0]
-    chain = Chain.from_scipy(matrix)
-    result = limiting_distribution(chain, persistent_groups(chain))
-    average = time_average(matrix)[:-1].mean(axis=0)
-    np.testing.assert_allclose(result.value, average[:-1], rtol=1e-12)
-    assert 0 < result.leaving == pytest.approx(average[-1])
-    assert float(result.value.sum()) == pytest.approx(1 - result.leaving)
-
-
 def test_chain_without_groups_leaves_with_probability_1():
     chain = Chain.from_scipy(np.array([[0.5, 0.25], [0, 0]]))
     groups = persistent_groups(chain)
