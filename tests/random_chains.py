@@ -35,6 +35,20 @@ def random_chain(cells, seed):
     return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
 
 
+def tide(seed, phases=4, cells=30):
+    """Draw a chain over the cells at each phase; some cells leave, and one skips a phase."""
+    random = np.random.default_rng(seed)
+    matrix = np.zeros((phases * cells, phases * cells))
+    for k in range(phases):
+        later = (k + 1) % phases * cells
+        for i in range(cells):
+            near = (i + random.integers(-1, 2, 2)) % cells
+            np.add.at(matrix[k * cells + i], later + near, random.dirichlet([1, 1]))
+    matrix[0, : 3 * cells] = np.roll(matrix[0], cells)[: 3 * cells]
+    matrix[::7] *= 0.9
+    return scipy.sparse.csr_array(matrix)
+
+
 def dense_solution(matrix, right, adjoint=False):
     """Solve `x = right + matrix x`, or with the transposed matrix."""
     dense = scipy.sparse.csr_array(matrix).toarray()

@@ -1,39 +1,14 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from random_chains import dense_solution, open_line, steps_on_open_line
+from random_chains import dense_solution, open_line, steps_on_open_line, tide
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.cycle import Cycle
 
 
-def tide(seed, phases=4, cells=30):
-    """Draw a chain over the cells at each phase; some cells leave, and one skips a phase."""
-    random = np.random.default_rng(seed)
-    matrix = np.zeros((phases * cells, phases * cells))
-    for k in range(phases):
-        later = (k + 1) % phases * cells
-        for i in range(cells):
-            near = (i + random.integers(-1, 2, 2)) % cells
-            np.add.at(matrix[k * cells + i], later + near, random.dirichlet([1, 1]))
-    matrix[0, : 3 * cells] = np.roll(matrix[0], cells)[: 3 * cells]
-    matrix[::7] *= 0.9
-    return scipy.sparse.csr_array(matrix)
-
-
 # Products are always too slow.
 BY_CYCLE = solve.Limits(trial=1, worthwhile=0, cycle=10)
-
-
-@pytest.mark.parametrize("adjoint", [False, True])
-def test_cycle_is_solved_in_rounds(adjoint, monkeypatch):
-    monkeypatch.setattr(solve, "LIMITS", BY_CYCLE)
-    matrix = tide(2)
-    right = np.random.default_rng(3).random((matrix.shape[0], 2))
-    result, products = solve.solve_transient(matrix, right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(matrix, right, adjoint))
-    # Without the cycle, a single product and a factorisation would solve it.
-    assert products > 1
 
 
 def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
