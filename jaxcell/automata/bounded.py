@@ -57,10 +57,7 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1.
-
-        The array is empty if the observation is impossible.
-        """
+        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)

@@ -181,10 +181,7 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """Compute the cost of matching attractor `was`, with its `orbit`, and attractor `k`.
-
-    Attractors with a cost above 1 do not match.
-    """
+    """Compute the cost of matching two attractors; attractors with a cost above 1 do not match."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]

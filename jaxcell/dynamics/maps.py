@@ -68,7 +68,7 @@ class Flow:
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
         """Take a number of steps from a point, each of duration `part * dt`."""
-        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
+        return _advance(lambda _, y: self.field(y, params), x, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
         """Take one step from a point."""
@@ -91,7 +91,7 @@ class Strobe:
         def field(t, y):  # type: ignore[no-untyped-def]
             return self.field(t, y, params)
 
-        return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+        return _advance(field, x, self.period / self.steps, self.steps)
 
     def velocity(self, x: Any, params: Any) -> Any:
         """Evaluate the field at a point, at phase 0."""
@@ -287,20 +287,17 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     return jnp.stack(ahead([a + 2 * b + 2 * c + d for a, b, c, d in slopes], dt / 6))
 
 
-def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps: Any) -> Any:
+def _advance(field: Callable[[Any, Any], Any], x: Any, dt: Any, steps: Any) -> Any:
     def step(k, components):  # type: ignore[no-untyped-def]
         y = jnp.stack(components)
-        return tuple(_rk4(field, y, t + dt * jnp.asarray(k, y.dtype), dt))
+        return tuple(_rk4(field, y, dt * jnp.asarray(k, y.dtype), dt))
 
     start = tuple(jnp.asarray(x))
     return jnp.stack(jax.lax.fori_loop(0, steps, step, start))
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find the time at which `height` is 0 with the Illinois method.
-
-    The height is `below` at time 0, and `above` at time `dt`.
-    """
+    """Find when `height` is 0 by the Illinois method; it is `below` at 0 and `above` at `dt`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

@@ -17,11 +17,7 @@ _MIN_APART = 8
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Return the attractor of each orbit, or -1 if the orbit leaves the box.
-
-    Attractors are numbered in the order of their first orbits. An orbit leaves if its last
-    `follow + 1` points are outside.
-    """
+    """Number the attractors of orbits in the order of their first orbits; -1 if an orbit leaves."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
@@ -76,10 +72,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """List the visits of orbits to halves of parts of cells.
-
-    Returns the orbit of each visit, and for each axis the number of the half.
-    """
+    """List the visits of orbits to halves of parts: the orbits, and the halves along each axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

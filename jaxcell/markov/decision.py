@@ -139,8 +139,7 @@ def value_iteration(
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> from jaxcell import examples, markov
-        >>> model = examples.line_model()
-        >>> best = markov.value_iteration(model, discount=0.5)
+        >>> best = markov.value_iteration(examples.line_model(), discount=0.5)
         >>> best.policy.tolist(), best.value.round(6).tolist()
         ([0, 0, 0], [0.25, 0.5, 1.0])
     """
@@ -166,8 +165,7 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import examples, markov
-        >>> model = examples.line_model()
-        >>> markov.policy_chain(model, jnp.array([0, 0, 1])).image.tolist()
+        >>> markov.policy_chain(examples.line_model(), jnp.array([0, 0, 1])).image.tolist()
         [[1, 2, 1]]
     """
     chosen = np.asarray(policy)

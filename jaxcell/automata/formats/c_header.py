@@ -40,11 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Format the template of a C table.
-
-    `entries` is the template field of its entries, and `bits` the bits per entry, by default the
-    template field `{entries}_bits`.
-    """
+    """Format the template of a C table, by default with the field `{entries}_bits` as its bits."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"

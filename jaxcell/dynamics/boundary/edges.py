@@ -170,9 +170,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map both ends of each pair until they have separated.
-
-    Returns the orbit of the midpoint of each pair, and the ends after the separation."""
+    """Map each pair of ends until they separate; return the orbit of the midpoint, and the ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -194,10 +192,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Find periodic points near `start` with Newton's method.
-
-    Returns the points, their errors, and the derivatives of the map over one period.
-    """
+    """Refine periodic points with Newton's method; return points, errors and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -216,10 +211,7 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refine a point of each state with Newton's method.
-
-    Returns points, periods and multipliers.
-    """
+    """Refine a point of each state with Newton's method; return points, periods and multipliers."""
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()
@@ -241,10 +233,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the point of each orbit that returns nearest to itself after a period.
-
-    Returns the index of the point, and the distance in cells.
-    """
+    """Find the index of the point of each orbit that returns nearest, and its distance in cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)

@@ -148,10 +148,7 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the numbers of the cells that contain points, after `level` halvings.
-
-    Points outside the box are ignored.
-    """
+    """Return the cells after `level` halvings that contain points; ignore points outside."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -232,10 +229,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Find the attractor that each point reaches, or -1.
-
-    `owner` is the attractor that contains each cell.
-    """
+    """Find the attractor that each point reaches, or -1; `owner` is the attractor of each cell."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -165,10 +165,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Divide the states into blocks that are as long as possible.
-
-    `after` is the first later state that each state leads to, or the number of states.
-    """
+    """Divide states into the longest blocks; `after` is the first later state after each state."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))
