@@ -76,7 +76,12 @@ def matrices(draw):
     """Draw a transition matrix with few edges, whose rows may sum to less than 1."""
     # There are few sizes, because JAX compiles once per size.
     cells = draw(st.sampled_from([6, 6, 1]))
-    matrix = np.zeros((cells, cells))
+    return drawn_rows(draw, cells, cells)
+
+
+def drawn_rows(draw, rows, cells):
+    """Draw rows of a transition matrix, each of one to three images or the sink."""
+    matrix = np.zeros((rows, cells))
     for row in matrix:
         images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
         for image in images:
@@ -84,6 +89,20 @@ def matrices(draw):
             if image < cells:
                 row[image] += 1 / len(images)
     return matrix
+
+
+def with_sink(matrix):
+    """Return the matrix with the sink as one more cell."""
+    whole = np.pad(matrix, (0, 1))
+    whole[:, -1] = 1 - whole.sum(axis=1)
+    return whole
+
+
+def arrival_law(matrix, start, there, steps):
+    """Compute the law of the first arrival from powers of the matrix without the target."""
+    among, into = matrix[~there][:, ~there], matrix[~there][:, there].sum(axis=1)
+    powers = (np.linalg.matrix_power(among, time) for time in range(steps))
+    return np.array([start[there].sum(), *(start[~there] @ power @ into for power in powers)])
 
 
 def reachable(matrix):

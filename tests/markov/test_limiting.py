@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from random_chains import birth_and_death, matrices, open_line
+from random_chains import birth_and_death, matrices, open_line, with_sink
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -14,11 +14,7 @@ from jaxcell.markov.solving import solve
 
 def time_average(matrix):
     """Compute the limit of the powers of the chain that rests in half of its steps."""
-    cells = len(matrix)
-    full = np.zeros((cells + 1, cells + 1))
-    full[:-1, :-1] = matrix
-    full[:, -1] = 1 - full.sum(axis=1)
-    full = (full + np.eye(cells + 1)) / 2
+    full = (with_sink(matrix) + np.eye(len(matrix) + 1)) / 2
     for _ in range(80):
         full = full @ full
         full /= full.sum(axis=1, keepdims=True)
