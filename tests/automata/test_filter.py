@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from jaxcell.automata import Filter, subset_construction
+from jaxcell.automata import Filter, minimize, subset_construction
 
 
 strings = st.text("01", max_size=12)
@@ -162,7 +162,8 @@ def test_metadata_is_a_json_object(labs):
     metadata = {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
     filter = filter_of(labs["a", 45], metadata=metadata)
     metadata["nested"].append(2)
-    assert filter.metadata == {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
+    for kept in (filter, minimize(filter)):
+        assert kept.metadata == {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
     for bad in ({"a": math.nan}, {"a": object()}):
         with pytest.raises(ValueError, match="metadata: expected a JSON object"):
             filter_of(labs["a", 45], metadata=bad)
@@ -203,3 +204,4 @@ def test_cycle_with_an_exit_is_no_knowledge_cycle():
     # Subset construction never makes such an automaton, but a caller can.
     filter = Filter(**parts([[1, -1], [0, 2], [2, -1]]))
     assert [cycle.states.tolist() for cycle in filter.cycles] == [[2]]
+    assert len(minimize(filter).transition) == 3
