@@ -42,7 +42,10 @@ _PART = 1 << 17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attractors:
-    """Attractors of a map, and the attractor of each periodic group."""
+    """Attractors of a map, and the attractor of each periodic group.
+
+    The fields without a docstring are those of [`Basins`][jaxcell.dynamics.Basins].
+    """
 
     of_group: Int[np.ndarray, "groups"]
     "The attractor of most orbits from each group; -1 if they reach none, -2 if they leave the box."
@@ -50,17 +53,12 @@ class Attractors:
     "`True` if orbits from the group end on several attractors, as near a saddle."
     count: int
     orbit: Float[np.ndarray, "attractors window axes"]
-    "An orbit on each attractor."
     sampled: Float[np.ndarray, "attractors"]
-    "The share of orbits from random points of the box that end on each attractor."
     starts: Float[np.ndarray, "scattered axes"]
-    "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "scattered"]
-    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
-    "`True` if twice as many mappings gave the same attractors."
 
 
 def attractors(
