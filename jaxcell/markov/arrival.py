@@ -83,12 +83,10 @@ class Race:
 
     @property
     def robots(self) -> int:
-        """Number of robots."""
         return len(self.robot)
 
     @property
     def distinct(self) -> bool:
-        """`True` if the robots begin in different cells."""
         return self.start.ndim == 1
 
     def begins(self, robot: int) -> Bool[np.ndarray, "cells"]:

@@ -135,7 +135,6 @@ def stored_basins(
 
 
 def _check_disk(files: Folder, box: Box) -> None:
-    """Refuse a computation whose files do not fit on the disk."""
     written = sum(file.stat().st_blocks * 512 for file in files.path.iterdir())
     needed, free = _FILES * box.size - written, shutil.disk_usage(files.path).free
     if needed > free:

@@ -32,7 +32,8 @@ class OuterMap(Protocol):
     proof: str
     "The reason why outer images contain the images of all points; empty without a proof."
 
-    def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
+    def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes:
+        """Compute the corners of the outer images of boxes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +50,6 @@ class Intervals:
     proof = "interval arithmetic, rounded outward"
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         require_x64("interval arithmetic")
         for leaf in jax.tree.leaves(params):
             if not np.isfinite(leaf).all():
@@ -76,7 +76,6 @@ class Corners:
     proof = ""
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         place = np.linspace(0, 1, self.points) if self.points > 1 else np.full(1, 0.5)
         place = np.array(list(itertools.product(place, repeat=lower.shape[1])))
 
@@ -148,7 +147,6 @@ class Samples:
         return scipy.spatial.cKDTree(self.points)
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         count = min(_NEAREST, len(self.points))
         _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
         at = self.points[near]
