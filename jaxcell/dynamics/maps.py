@@ -297,7 +297,7 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, dt: Any, steps: Any) -> A
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find when `height` is 0 by the Illinois method; it is `below` at 0 and `above` at `dt`."""
+    """Find a zero of `height` with the Illinois method; it is `below` at 0 and `above` at `dt`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

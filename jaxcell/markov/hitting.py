@@ -187,7 +187,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and those from which it can fail."""
+    """Find the cells from which a chain can arrive in a set, and the cells from which it may not."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
@@ -224,7 +224,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the common number of cells of chains; `owner` is the word for an owner in errors."""
+    """Return the common number of cells of chains; errors call the owner of a chain `owner`."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

@@ -40,7 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Format the template of a C table, by default with the field `{entries}_bits` as its bits."""
+    """Format the template of a C table; the field `{entries}_bits` is the default of `bits`."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"

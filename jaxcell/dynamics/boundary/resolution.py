@@ -33,7 +33,7 @@ class Trial:
     """The result of testing two remedies for coarse cells on a sample: orbits, and finer cells."""
 
     follow: int | None
-    "The least `follow` with which basins by orbits agree with random orbits, or `None` for none."
+    "The least `follow` with which basins by orbits agree with random orbits, or `None`."
     points: int = 0
     "Number of points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()

@@ -165,7 +165,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Divide states into the longest blocks; `after` is the first later state after each state."""
+    """Divide states into maximal blocks; `after` is the first later state to which each leads."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))

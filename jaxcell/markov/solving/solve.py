@@ -157,7 +157,7 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of products; return the sum, their number, and whether it converged."""
+    """Sum the series of products; return the sum, its number of terms, and whether it converged."""
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
