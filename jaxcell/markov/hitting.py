@@ -187,7 +187,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and the cells from which it may not."""
+    """Find the cells from which a chain can arrive in a set, and those from which it may fail."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
