@@ -35,6 +35,20 @@ def random_chain(cells, seed):
     return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
 
 
+def tide(seed, phases=4, cells=30):
+    """Draw a chain over the cells at each phase; some cells leave, and one skips a phase."""
+    random = np.random.default_rng(seed)
+    matrix = np.zeros((phases * cells, phases * cells))
+    for k in range(phases):
+        later = (k + 1) % phases * cells
+        for i in range(cells):
+            near = (i + random.integers(-1, 2, 2)) % cells
+            np.add.at(matrix[k * cells + i], later + near, random.dirichlet([1, 1]))
+    matrix[0, : 3 * cells] = np.roll(matrix[0], cells)[: 3 * cells]
+    matrix[::7] *= 0.9
+    return scipy.sparse.csr_array(matrix)
+
+
 def dense_solution(matrix, right, adjoint=False):
     """Solve `x = right + matrix x`, or with the transposed matrix."""
     dense = scipy.sparse.csr_array(matrix).toarray()
@@ -62,7 +76,12 @@ def matrices(draw):
     """Draw a transition matrix with few edges, whose rows may sum to less than 1."""
     # There are few sizes, because JAX compiles once per size.
     cells = draw(st.sampled_from([6, 6, 1]))
-    matrix = np.zeros((cells, cells))
+    return drawn_rows(draw, cells, cells)
+
+
+def drawn_rows(draw, rows, cells):
+    """Draw rows of a transition matrix, each of one to three images or the sink."""
+    matrix = np.zeros((rows, cells))
     for row in matrix:
         images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
         for image in images:
@@ -70,6 +89,20 @@ def matrices(draw):
             if image < cells:
                 row[image] += 1 / len(images)
     return matrix
+
+
+def with_sink(matrix):
+    """Return the matrix with the sink as one more cell."""
+    whole = np.pad(matrix, (0, 1))
+    whole[:, -1] = 1 - whole.sum(axis=1)
+    return whole
+
+
+def arrival_law(matrix, start, there, steps):
+    """Compute the law of the first arrival from powers of the matrix without the target."""
+    among, into = matrix[~there][:, ~there], matrix[~there][:, there].sum(axis=1)
+    powers = (np.linalg.matrix_power(among, time) for time in range(steps))
+    return np.array([start[there].sum(), *(start[~there] @ power @ into for power in powers)])
 
 
 def reachable(matrix):

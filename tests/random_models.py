@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 from hypothesis import strategies as st
+from random_chains import drawn_rows
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.decision import DecisionModel
@@ -15,13 +16,7 @@ def models(draw):
     # There are few sizes, because JAX compiles once per size.
     cells = draw(st.sampled_from([4, 4, 1]))
     actions = draw(st.sampled_from([1, 3]))
-    matrices = np.zeros((actions, cells, cells))
-    for row in matrices.reshape(-1, cells):
-        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
-        for image in images:
-            # The image past the last cell is the sink.
-            if image < cells:
-                row[image] += 1 / len(images)
+    matrices = drawn_rows(draw, actions * cells, cells).reshape(actions, cells, cells)
     reward = np.array(draw(st.lists(st.integers(-9, 9), min_size=actions, max_size=actions * 5)))
     allowed = np.array([[draw(st.booleans()) for _ in range(cells)] for _ in range(actions)])
     allowed[0] |= ~allowed.any(axis=0)

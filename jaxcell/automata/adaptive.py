@@ -32,7 +32,7 @@ class Decisions:
     """For each set, a dictionary from observations to the number of the next set; empty for a
     settled set."""
     roots: list[int]
-    "The numbers of the sets at which the strategy starts, as in the argument `roots`."
+    "The numbers of the sets at which the strategy starts, in the order of the argument `roots`."
     lower: list[int]
     "For each root, a lower bound on the cost of every strategy."
     upper: list[int]

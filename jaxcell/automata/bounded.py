@@ -32,9 +32,9 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, 0 and 1, the matrices whose product has an entry `True` where the robot
-    may move from the cell of the row to the cell of the column. A matrix with fewer rows than cells
-    applies to blocks of cells: it moves each cell to the same position in another block."""
+    """For each observation, 0 and 1, the factors of a matrix with an entry `True` where the robot
+    may move from the cell of the row to the cell of the column. A factor with fewer rows than cells
+    moves whole blocks of consecutive cells."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
@@ -57,10 +57,7 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1.
-
-        The array is empty if the observation is impossible.
-        """
+        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)

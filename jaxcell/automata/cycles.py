@@ -9,13 +9,13 @@ class KnowledgeCycle:
     """A simple cycle of a filter without exits, on which the robot is localized."""
 
     states: Int32[np.ndarray, "length"]
-    "The states in the order of the cycle, from the smallest state on."
+    "The states in the order of the cycle, starting with the smallest state."
     color: int
     "The colour of the states of the cycle in the filter, 2 or more."
     uncertainty: int
     "The number of possible configurations in each state of the cycle."
     word: str
-    "The observations of one round of the cycle, as digits, from the smallest state on."
+    "The observations of one round of the cycle, as digits, starting in the smallest state."
 
 
 def knowledge_cycles(
@@ -52,7 +52,7 @@ def knowledge_cycles(
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
     """Find the nodes of a functional graph that are on a cycle.
 
-    They are the image of any power of the map whose exponent is at least the number of nodes.
+    These nodes are the image of each power of the map with an exponent of at least their number.
     """
     for _ in range(successor.size.bit_length()):
         successor = successor[successor]

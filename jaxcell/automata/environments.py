@@ -8,7 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps, which find the map of a robot and its place there.
+    """Open-world filters of several maps, which identify the map of a robot and localize the robot.
 
     Alam 2018, section 2.4.4.
 

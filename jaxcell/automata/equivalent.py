@@ -74,9 +74,9 @@ def _along(
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the distinct pairs `(a[i], b[i])` in ascending order, and return each number.
+    """Number the distinct pairs `(a[i], b[i])` in ascending order, and return the number of each.
 
-    The entries of `b` are not negative.
+    The entries of `b` must not be negative.
     """
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]

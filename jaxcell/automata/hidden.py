@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Products skip cells of weight 0 if the share of the other cells is below this number."
+"Products skip the cells of weight 0 if less than this share of the cells have a weight above 0."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

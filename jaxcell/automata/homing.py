@@ -40,8 +40,8 @@ def homing_sequence(
 
     After the sequence every root is settled, in the sense of [`adaptive_choice`][]. A sequence
     always exists, because pairs of states can be distinguished one after the other. A greedy
-    sequence is found first: each input leaves the fewest states together. Then all sequences are
-    searched, in the order of a lower bound on their total length.
+    sequence is found first: each input leaves as few undistinguished states as possible. Then all
+    sequences are searched, in the order of a lower bound on their total length.
 
     **Arguments:**
 
@@ -105,7 +105,7 @@ def _least(search: Search, family: _Family) -> int:
 
 
 def _greedy(search: Search, family: _Family) -> list[int]:
-    """Find a sequence greedily: each input leaves the fewest states together."""
+    """Find a sequence greedily: each input leaves as few undistinguished states as possible."""
 
     def together(family: _Family) -> int:
         return sum(len(search.sets[number]) - 1 for number in family)

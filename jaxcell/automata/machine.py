@@ -37,7 +37,7 @@ class MooreMachine:
     runs: bool = False
     "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
     final: int = 2
-    "The least output of the states in which the robot is localized, or its plan has ended."
+    "The smallest output of a state in which the robot is localized, or its plan has ended."
 
     def __post_init__(self) -> None:
         states = len(self.transition)

@@ -42,7 +42,10 @@ _PART = 1 << 17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attractors:
-    """Attractors of a map, and the attractor of each periodic group."""
+    """Attractors of a map, and the attractor of each periodic group.
+
+    The fields without a docstring are those of [`Basins`][jaxcell.dynamics.Basins].
+    """
 
     of_group: Int[np.ndarray, "groups"]
     "The attractor of most orbits from each group; -1 if they reach none, -2 if they leave the box."
@@ -50,17 +53,12 @@ class Attractors:
     "`True` if orbits from the group end on several attractors, as near a saddle."
     count: int
     orbit: Float[np.ndarray, "attractors window axes"]
-    "An orbit on each attractor."
     sampled: Float[np.ndarray, "attractors"]
-    "The share of orbits from random points of the box that end on each attractor."
     starts: Float[np.ndarray, "scattered axes"]
-    "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "scattered"]
-    "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
-    "`True` if twice as many mappings gave the same attractors."
 
 
 def attractors(
@@ -129,7 +127,7 @@ def _starts(
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
     """Draw the starts of orbits, first in a few cells of each group, then in the whole box.
 
-    Returns all starts, and the group of each start in a group.
+    Returns all starts, and the groups of the starts in groups.
     """
     rng = np.random.default_rng(seed)
     live = int(groups.count) - 2
@@ -177,7 +175,10 @@ def _of_orbits(
     starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
-    """Collect the attractors on which orbits `end`; the first orbits start in groups, `begun`."""
+    """Collect the attractors; `end` is the attractor of each orbit, or -1.
+
+    The first orbits start in the groups `begun`, and the others at the random points `starts`.
+    """
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.
     of_group = np.full(int(groups.count), NONE, np.int32)
@@ -220,7 +221,7 @@ def _lead_others(
     known: Attractors,
     follow: int,
 ) -> None:
-    """Follow one cell of each group without orbits, and add its attractor to `known`."""
+    """Find the attractors of the groups in which no orbits started, and write them into `known`."""
     others = _first_cells(box, groups, begun)
     if not others.size:
         return
@@ -254,7 +255,7 @@ def _transient(
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
 ) -> bool:
-    """Check whether the chaotic orbit of any attractor later becomes periodic."""
+    """Check whether an orbit that seems chaotic becomes periodic when it is followed further."""
     _, first = np.unique(end, return_index=True)
     chaotic = [k for k in first if end[k] >= 0 and period(orbit[k], box) == 0][:_MOST_CHECKED]
     if not chaotic:
@@ -267,7 +268,7 @@ def _transient(
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
-    """Map points `settle` times, and return the orbits of the mappings after these."""
+    """Map points `settle` times, and return the orbits that follow."""
     return padded(lambda *rows: _orbits_of(map, box, params, *rows, settle), (member, start))
 
 

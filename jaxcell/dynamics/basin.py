@@ -89,8 +89,8 @@ class Basins(OnBox):
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
-    """A trial of remedies (orbits, and finer cells) on a sample of points, made if cells and orbits
-    disagree; otherwise `None`."""
+    """A test of remedies on a sample of points, made if cells and orbits give different attractors;
+    otherwise `None`."""
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -275,14 +275,14 @@ def basins_of_each(
 
 
 def with_trial(map: Map, basins: Basins) -> Basins:
-    """Add a trial of remedies (orbits, and finer cells) to basins if cells and orbits disagree."""
+    """Add a test of remedies to basins if cells and orbits often give different attractors."""
     if basins.disagreement <= DOUBTFUL:
         return basins
     return dataclasses.replace(basins, trial=tried(map, basins))
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Sum the durations `lasts` of the mappings from each cell to its group."""
+    """Compute the time from each cell to its group; `lasts` is the duration of each mapping."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))

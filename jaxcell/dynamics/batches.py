@@ -49,7 +49,7 @@ def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
 
 
 def params_of(params: Any, member: Any) -> Any:
-    """Return the parameters of one member of stacked parameters."""
+    """Extract the parameters of one member from stacked parameters."""
     return jax.tree.map(lambda leaf: leaf[member], params)
 
 

@@ -32,8 +32,9 @@ class Continuation(Result):
 
     params: Mapping[str, Float[np.ndarray, "members"]]
     "The values of each parameter that varies."
+    # A list, because a tuple would add tables to the summary.
     members: list[Basins]
-    "The basins for each set of parameters; a list, because a tuple adds tables to the summary."
+    "The basins for each set of parameters."
     label: tuple[Int[np.ndarray, "_"], ...]
     "The name of each attractor in each member: a number that does not change along the list."
     fraction: Annotated[
@@ -144,7 +145,7 @@ def continuation(
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """List the parameters of each member."""
+    """Return the parameters of each member, from the arrays of the parameters that vary."""
     lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
     if not lengths:
         raise ValueError("params: expected an array for at least one parameter")
@@ -180,7 +181,7 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """Compute the cost of matching two attractors, which are different if the cost exceeds 1."""
+    """Compute the cost of matching two attractors; attractors with a cost above 1 do not match."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]

@@ -102,7 +102,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if the map, or its field, is finite at none of 64 points of a box."""
+    """Raise `ValueError` if the map, or its field, is not finite at any of 64 points of a box."""
     begin = getattr(map, "velocity", map)
     begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
@@ -111,7 +111,7 @@ def check_begin(map: Map, box: Box, params: Any) -> None:
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
-    """Draw 64 points of a box."""
+    """Draw 64 random points of a box, the same in every call."""
     return np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
 
 
@@ -172,7 +172,7 @@ class OnBox(Result):
 
 @functools.partial(jax.jit, static_argnames="map")
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
-    """Map points, an array `[points, corners, axes]`."""
+    """Map an array of points `[cells, points, axes]`."""
     return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
 
 
@@ -200,7 +200,7 @@ def changed_by_half_step(
 def _crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the images of cells whose mappings differ in duration, and the durations."""
+    """Compute the images of cells under a flow with `crossing`, and the durations of mappings."""
 
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
@@ -226,7 +226,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take up to `steps` steps from each point, until it is far enough from its start."""
+    """Take at most `steps` steps from each point, until it is far enough from its cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)

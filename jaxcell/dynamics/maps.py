@@ -39,7 +39,7 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over a time, with Runge-Kutta steps. [`flow`][] returns it."""
+    """The map of a vector field over some time, with Runge-Kutta steps. [`flow`][] returns it."""
 
     field: Field
     dt: float
@@ -67,8 +67,8 @@ class Flow:
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
-        """Take a number of steps from a point, each of `part * dt`."""
-        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
+        """Take a number of steps from a point, each of duration `part * dt`."""
+        return _advance(lambda _, y: self.field(y, params), x, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
         """Take one step from a point."""
@@ -91,7 +91,7 @@ class Strobe:
         def field(t, y):  # type: ignore[no-untyped-def]
             return self.field(t, y, params)
 
-        return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+        return _advance(field, x, self.period / self.steps, self.steps)
 
     def velocity(self, x: Any, params: Any) -> Any:
         """Evaluate the field at a point, at phase 0."""
@@ -121,7 +121,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Follow a point to its return to the surface, and return the new point and the time."""
+        """Follow a point until it returns to the surface. Returns the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -287,17 +287,17 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     return jnp.stack(ahead([a + 2 * b + 2 * c + d for a, b, c, d in slopes], dt / 6))
 
 
-def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps: Any) -> Any:
+def _advance(field: Callable[[Any, Any], Any], x: Any, dt: Any, steps: Any) -> Any:
     def step(k, components):  # type: ignore[no-untyped-def]
         y = jnp.stack(components)
-        return tuple(_rk4(field, y, t + dt * jnp.asarray(k, y.dtype), dt))
+        return tuple(_rk4(field, y, dt * jnp.asarray(k, y.dtype), dt))
 
     start = tuple(jnp.asarray(x))
     return jnp.stack(jax.lax.fori_loop(0, steps, step, start))
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find the time of height 0, from `below` at 0 to `above` at `dt`, with the Illinois method."""
+    """Find a zero of `height` with the Illinois method; it is `below` at 0 and `above` at `dt`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

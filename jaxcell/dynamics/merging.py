@@ -1,4 +1,4 @@
-"""Merging of orbits that are on one attractor."""
+"""Find the orbits that are on the same attractor."""
 
 import itertools
 
@@ -41,9 +41,9 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Label orbits, with equal labels for orbits that visit a common part of a cell.
+    """Label orbits, with equal labels for orbits that visit the same part of a cell.
 
-    Adjacent parts overlap by half.
+    A part is a cell divided by `parts` along each axis. Adjacent parts overlap by half.
     """
     orbits = len(place)
     bits = orbits.bit_length()
@@ -72,7 +72,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Find the halves of parts that orbits visit, and return the orbit and half of each visit."""
+    """List the visits of orbits to halves of parts: the orbits, and the halves along each axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

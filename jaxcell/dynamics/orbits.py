@@ -36,8 +36,8 @@ def orbit_basins(
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
     """Follow the centre of each cell until it has repeatedly visited the cells of one attractor.
 
-    Returns the attractor of each cell, -2 if its orbit leaves the box, -1 if it reaches none, and
-    the number of mappings until the first of these visits.
+    Returns the attractor of each cell, -2 if its orbit leaves the box, or -1 if it reaches no
+    attractor; and the number of mappings until the first of these visits.
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
@@ -71,7 +71,7 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points for `most` mappings, or until `visits` visits to the cells of one attractor.
+    """Follow points for at most `most` mappings, until `visits` visits to cells of one attractor.
 
     Returns the attractor of each point, `NONE` or `OUTSIDE`, and the number of mappings until the
     first visit.
@@ -95,7 +95,7 @@ def orbit_ends(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, follow: Any) -> Any:
-    """Map points `_STAGE` times, and update the last attractor of each and its count of visits."""
+    """Map points `_STAGE` times, and count the visits of each to the attractor visited last."""
 
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]

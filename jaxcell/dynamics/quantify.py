@@ -21,15 +21,14 @@ def basin_stability(
 
     **Arguments:** basins; a function that computes the density at points `[cells, axes]`, which
     need not be normalised, by default uniform; and the time within which starts must reach their
-    attractor, in mappings if the map has no time.
+    attractor, in mappings if a mapping has no duration.
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 
     Cells to the right of the middle stay, and other cells go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.basin_stability(basins, lambda x: x[:, 0] > 0.25).round(3).tolist()
+        >>> dynamics.basin_stability(examples.basins(), lambda x: x[:, 0] > 0.25).round(3).tolist()
         [0.333, 0.667]
     """
     mass = np.ones(basins.box.size)
@@ -40,15 +39,14 @@ def basin_stability(
 
 
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
-    """Compute the mean, over each basin, of the time to the attractor per distance from it.
+    """Compute the time to the attractor divided by the distance from it, averaged over each basin.
 
-    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if the map
-    has no time) per length in the units of the box. Cells of the attractor count as 0. For mean
+    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if a mapping
+    has no duration) per length in the units of the box. Cells of the attractor count as 0. For mean
     times see `basins.mean_time`.
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins(cells=4)
-        >>> dynamics.convergence_pace(basins).tolist()
+        >>> dynamics.convergence_pace(examples.basins(cells=4)).tolist()
         [2.0, 2.0]
     """
     times = basins.times
@@ -68,8 +66,7 @@ def noncritical_shocks(
     **Arguments:** basins. **Returns:** both distances for each attractor, in the units of the box.
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins(cells=4)
-        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(basins)]
+        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(examples.basins(cells=4))]
         [[0.125, 0.125], [0.25, 0.25]]
     """
     lengths = [far for _, far in _basins_with_distance(basins)]
@@ -95,8 +92,7 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     for a single basin.
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.minimal_critical_shock(basins).round(3).tolist()
+        >>> dynamics.minimal_critical_shock(examples.basins()).round(3).tolist()
         [0.5, 0.125]
     """
     shocks = np.full(basins.attractors, np.inf)
@@ -129,8 +125,7 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.basin_entropy(basins, side=2)
+        >>> dynamics.basin_entropy(examples.basins(), side=2)
         (0.0, 0.0)
     """
     labels = basins.basin.reshape(basins.box.cells)
@@ -155,8 +150,7 @@ def uncertainty_exponent(
     1983); and the share for each radius.
 
         >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.uncertainty_exponent(basins, (1, 2))[1].tolist()
+        >>> dynamics.uncertainty_exponent(examples.basins(), (1, 2))[1].tolist()
         [0.25, 0.5]
     """
     labels = basins.basin.reshape(basins.box.cells)

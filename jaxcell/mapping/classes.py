@@ -70,8 +70,8 @@ def next_cells(
 ) -> Int[np.ndarray, "cells"]:
     """Return the next cell on a shortest path from each cell to a set of cells.
 
-    The entry is the number of all cells for a cell of the set, and negative for a cell without a
-    path. `matrix` is a transition matrix without explicit zeros.
+    The entry of a cell of the set is the total number of cells, and the entry of a cell without a
+    path is negative. `matrix` is a transition matrix without explicit zeros.
     """
     cells = target.size
     goals = np.flatnonzero(target)

@@ -85,10 +85,7 @@ class GroupTotals:
 
 @jax.jit
 def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
-    """Compute [`jaxcell.mapping.periodic_groups`][] by repeated squaring of the map.
-
-    This is the method for an accelerator.
-    """
+    """Compute [`jaxcell.mapping.periodic_groups`][] on an accelerator, by doubling the map."""
     periodic = periodic_cells(image)
     leader, step = follow(image, periodic, jnp.ones_like(image))
     leads = periodic & (leader == jnp.arange(image.shape[0], dtype=image.dtype))

@@ -108,7 +108,7 @@ class ChainSequence:
     def unrolled(self) -> Chain:
         """The chain whose state `k * cells + i` is cell `i` at phase `k`.
 
-        Steps lead to phase `k + 1`.
+        Steps lead from each phase to the next, and from the last phase to phase 0.
         """
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
         image = np.asarray(self.image) + later[:, None, None]

@@ -44,9 +44,9 @@ class Race:
     chains: tuple[Chain, ...]
     "The different chains."
     robot: tuple[int, ...]
-    "The index in `chains` of the chain of each robot."
+    "For each robot, the index of its chain in `chains`."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
-    "The distribution of each robot's start, or the cells from which distinct starts are drawn."
+    "For each robot, the distribution of its start; or the cells from which starts are drawn."
     there: Bool[np.ndarray, "cells"]
     "The target, as a mask over the cells."
 
@@ -83,12 +83,10 @@ class Race:
 
     @property
     def robots(self) -> int:
-        """Number of robots."""
         return len(self.robot)
 
     @property
     def distinct(self) -> bool:
-        """`True` if the robots begin in different cells."""
         return self.start.ndim == 1
 
     def begins(self, robot: int) -> Bool[np.ndarray, "cells"]:
@@ -100,10 +98,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute the probability that no robot has arrived, for the next chunks of steps.
+        """Compute the probability that no robot has arrived, at each of the next steps.
 
-        `values` contain, for each chain and each start, the current probability that one robot has
-        not arrived. Returns the joint probability at each step, and `values` at the end.
+        `values` are, for each chain and each start, the current probabilities that one robot has
+        not arrived. Returns the probability at each step of `chunks` chunks, and the next `values`.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):

@@ -30,8 +30,7 @@ def arrival_probabilities(
     A random walk between two ends, where it stays:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.ruin()
-        >>> (3 * markov.arrival_probabilities(chain, target=3).value).round(6).tolist()
+        >>> (3 * markov.arrival_probabilities(examples.ruin(), target=3).value).round(6).tolist()
         [0.0, 1.0, 2.0, 3.0]
     """
     require_x64("arrival_probabilities")

@@ -139,8 +139,7 @@ def value_iteration(
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> from jaxcell import examples, markov
-        >>> model = examples.line_model()
-        >>> best = markov.value_iteration(model, discount=0.5)
+        >>> best = markov.value_iteration(examples.line_model(), discount=0.5)
         >>> best.policy.tolist(), best.value.round(6).tolist()
         ([0, 0, 0], [0.25, 0.5, 1.0])
     """
@@ -166,8 +165,7 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import examples, markov
-        >>> model = examples.line_model()
-        >>> markov.policy_chain(model, jnp.array([0, 0, 1])).image.tolist()
+        >>> markov.policy_chain(examples.line_model(), jnp.array([0, 0, 1])).image.tolist()
         [[1, 2, 1]]
     """
     chosen = np.asarray(policy)
@@ -242,9 +240,7 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values.
-
-        If no action leaves, it is the error of the values plus the mean of `low` and `high`."""
+        """Bound the error of the values; if no action leaves, after `(low + high) / 2` is added."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

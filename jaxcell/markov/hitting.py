@@ -144,8 +144,7 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> markov.hitting_times(chain, target=2).value.round(6).tolist()
+        >>> markov.hitting_times(examples.walk(), target=2).value.round(6).tolist()
         [4.0, 3.0, 0.0]
     """
     require_x64("hitting_times")
@@ -188,10 +187,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and from which it can fail to arrive.
-
-    Returns two masks. `there` is the mask of the set.
-    """
+    """Find the cells from which a chain can arrive in a set, and those from which it may fail."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
@@ -228,7 +224,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the common number of cells of chains, one per `owner`; raise if the numbers differ."""
+    """Return the common number of cells of chains; errors call the owner of a chain `owner`."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

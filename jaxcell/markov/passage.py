@@ -35,8 +35,7 @@ def first_passage(
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> markov.first_passage(chain, start=0, target=2, steps=5).tolist()
+        >>> markov.first_passage(examples.walk(), start=0, target=2, steps=5).tolist()
         [0.0, 0.0, 0.5, 0.0, 0.25, 0.0]
     """
     require_x64("first_passage")
@@ -57,8 +56,7 @@ def survival(
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> markov.survival(chain, target=2, steps=2).tolist()
+        >>> markov.survival(examples.walk(), target=2, steps=2).tolist()
         [[1.0, 1.0, 0.0], [1.0, 0.5, 0.0], [0.5, 0.5, 0.0]]
     """
     require_x64("survival")
@@ -74,9 +72,9 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Compute the probabilities, for each start, that a chain has not arrived at `there`.
 
-    `there` is the target. `value` are the current probabilities; at time 0 they are 1 outside the
-    target. Returns the probabilities after 0 to `steps - 1` further steps, and separately the
-    probabilities after `steps` steps.
+    `there` is the target. `value` contains the current probabilities, which are 1 outside the
+    target at time 0. Returns the probabilities after 0 to `steps - 1` further steps, and separately
+    the probabilities after `steps` steps.
     """
     leaving = chain.leaving
 

@@ -33,8 +33,7 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> markov.hitting_matrix(chain).value.round(6).tolist()
+        >>> markov.hitting_matrix(examples.walk()).value.round(6).tolist()
         [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     return _hitting(chain, "hitting_matrix", throw)
@@ -48,8 +47,7 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> markov.commute_times(chain).value.round(6).tolist()
+        >>> markov.commute_times(examples.walk()).value.round(6).tolist()
         [[0.0, 4.0, 8.0], [4.0, 0.0, 4.0], [8.0, 4.0, 0.0]]
     """
     there = _hitting(chain, "commute_times", throw)
@@ -68,8 +66,7 @@ def kemeny_constant(chain: Chain) -> float:
     A random walk on a line of three cells:
 
         >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> round(markov.kemeny_constant(chain), 6)
+        >>> round(markov.kemeny_constant(examples.walk()), 6)
         1.5
     """
     groups = _only_group(chain, "kemeny_constant")
@@ -196,7 +193,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
 
 
 def _only_group(chain: Chain, what: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
-    """Return the group of an irreducible chain; raise `ValueError` for another or a large chain."""
+    """Return the group of an irreducible chain of at most `most` cells, or raise `ValueError`."""
     require_x64(what)
     if most is not None and chain.cells > most:
         raise ValueError(

@@ -38,7 +38,7 @@ class ShortestPath:
     "The largest probability of arriving; exactly 1 in cells from which arrival can be certain."
     time: Float[Array, "cells"]
     """The least expected number of steps among policies that are certain to arrive; `inf` if no
-    policy is."""
+    policy is certain to arrive."""
     conditional_time: Float[Array, "cells"]
     """The least expected number of steps, over the paths that arrive, among policies with the
     largest probability of arriving; `inf` if no policy arrives."""
@@ -153,7 +153,7 @@ class _Moves:
         return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
 
     def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
-        """Change a policy so that each action may lead to a cell that is nearer to a target."""
+        """Change a policy to usable actions that may lead to a cell nearer to a target."""
         after = next_cells(self.joint(usable), target)
         row, column = self.steps
         action, cell = np.divmod(row, self.cells)

@@ -166,7 +166,7 @@ def alias(
 ]:
     """Build the alias tables of many distributions over images at once (Walker 1977).
 
-    Returns the two images of each slot, and the probability of the first in this slot.
+    Returns the two images of each slot, and the probability of the first image in the slot.
     """
     row = np.arange(len(image))
     slots = image.shape[1]
@@ -217,11 +217,10 @@ def _place_apart(
 def _walk(
     key: jax.Array, tables: _Tables, cells: Int[Array, "robots runs"], horizon: Int[Array, ""]
 ) -> Float[Array, "runs"]:
-    """Walk from the starts until all runs have arrived or reached the horizon.
+    """Walk from the starts until all runs have arrived or reached the horizon; return the times.
 
-    Returns the times of the runs. Each of many parallel *lanes* simulates several runs one after
-    the other, because parallel runs would all wait for the longest one, which takes several times
-    the mean.
+    Each of many parallel *lanes* simulates several runs one after the other, because parallel runs
+    would all wait for the longest run, which takes several times the mean.
     """
     robots, turns, lanes = len(cells), _TURNS, cells.shape[1] // _TURNS
     start = (tables.offset[:, None] + cells).reshape(robots, turns, lanes)

@@ -4,17 +4,8 @@ import re
 import numpy as np
 import pytest
 
-from jaxcell.automata import (
-    Filter,
-    MooreMachine,
-    fewest_bytes,
-    machine_bytes,
-    machine_to_c_header,
-    smallest,
-    subset_construction,
-    to_dot,
-    to_json,
-)
+from jaxcell import automata
+from jaxcell.automata import Filter, MooreMachine, smallest, subset_construction
 
 
 pytest.importorskip("pysat.solvers")
@@ -26,7 +17,7 @@ def test_compiled_machine_gives_the_colours_of_the_filter(labs, outputs, compile
     image, observation = labs["a", 135]
     filter = Filter.of(subset_construction(image, observation))
     machine = smallest(MooreMachine.of(filter, runs=runs)).machine
-    run = outputs(machine_to_c_header(machine, name="lab"), compiler)
+    run = outputs(automata.machine_to_c_header(machine, name="lab"), compiler)
     for cell in np.random.default_rng(0).integers(0, image.size, 20).tolist():
         word = ""
         for _ in range(60):
@@ -46,18 +37,19 @@ def test_tables_have_the_counted_bytes(labs):
         for runs in (False, True):
             machine = smallest(MooreMachine.of(filter, runs=runs)).machine
             tables = re.findall(
-                r"static const uint(\d+)_t \w+\[(\d+)\](\[2\])?", machine_to_c_header(machine)
+                r"static const uint(\d+)_t \w+\[(\d+)\](\[2\])?",
+                automata.machine_to_c_header(machine),
             )
             sizes.append(sum(int(b) // 8 * int(n) * (2 if pair else 1) for b, n, pair in tables))
-            assert machine_bytes(machine) == sizes[-1]
-        assert machine_bytes(fewest_bytes(filter).machine) == min(sizes)
+            assert automata.machine_bytes(machine) == sizes[-1]
+        assert automata.machine_bytes(automata.fewest_bytes(filter).machine) == min(sizes)
 
 
 def test_machine_becomes_a_graph_and_json(labs):
     machine = smallest(Filter.of(subset_construction(*labs["a", 45]))).machine
-    written = json.loads(to_json(machine))
+    written = json.loads(automata.to_json(machine))
     assert written["transition"] == machine.transition.tolist()
     assert written["color"] == machine.color.tolist()
-    dot = to_dot(machine)
+    dot = automata.to_dot(machine)
     assert dot.count(" -> ") == np.count_nonzero(machine.transition >= 0)
     assert dot.count('fillcolor="') == np.count_nonzero(machine.color > 1)

@@ -24,21 +24,6 @@ def test_maps_are_filtered_independently(graphs, data, string, open_world):
         np.testing.assert_array_equal(cells, filters[name].cells(int(runs[name].states[-1])))
 
 
-def test_robot_never_refutes_its_lab_and_sometimes_refutes_the_other(labs):
-    filters = {room: Filter.of(subset_construction(*labs[room, 45])) for room in "ab"}
-    outcomes = set()
-    for room in "ab":
-        image, observation = labs[room, 45]
-        for cell in range(0, image.size, 3):
-            state = Environments(filters).start()
-            for _ in range(100):
-                state, cell = state.observe(int(observation[cell])), image[cell]
-            assert room in state.remaining
-            assert cell in state.cells[room]
-            outcomes.add(state.remaining)
-    assert outcomes >= {("a",), ("b",)}
-
-
 def test_no_maps_are_refused():
     with pytest.raises(ValueError, match="at least one map"):
         Environments({})

@@ -1,9 +1,11 @@
 import json
 import re
+import xml.etree.ElementTree as ElementTree
 
+import numpy as np
 import pytest
 
-from jaxcell.automata import Filter, subset_construction, to_dot, to_json
+from jaxcell.automata import Filter, subset_construction, to_dot, to_jflap, to_json
 
 
 @pytest.fixture(params=[False, True])
@@ -45,3 +47,21 @@ def test_json_has_all_of_the_filter(filter):
         assert (ours["color"], ours["uncertainty"]) == (theirs.color, theirs.uncertainty)
         assert ours["word"] == theirs.word
         assert ours["cells"] == [filter.cells(state).tolist() for state in ours["states"]]
+
+
+def test_jflap_file_has_the_automaton_of_the_filter(filter):
+    root = ElementTree.fromstring(to_jflap(filter).encode())
+    assert (root.tag, root.findtext("type")) == ("structure", "moore")
+    states = root.findall("automaton/state")
+    assert [int(state.get("id")) for state in states] == list(range(len(filter.transition)))
+    assert len({state.get("name") for state in states}) == len(states)
+    assert len({(state.findtext("x"), state.findtext("y")) for state in states}) == len(states)
+    assert [int(state.findtext("output")) for state in states] == filter.color.tolist()
+    assert [state.get("id") for state in states if state.find("initial") is not None] == ["0"]
+    transition = np.full_like(filter.transition, -1)
+    for edge in root.findall("automaton/transition"):
+        source, read, target = (int(edge.findtext(tag)) for tag in ("from", "read", "to"))
+        assert transition[source, read] == -1
+        assert int(edge.findtext("transout")) == filter.color[target]
+        transition[source, read] = target
+    np.testing.assert_array_equal(transition, filter.transition)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from jaxcell.automata import Filter, subset_construction
+from jaxcell.automata import Filter, minimize, subset_construction
 
 
 strings = st.text("01", max_size=12)
@@ -107,6 +107,7 @@ def test_states_along_a_string_have_all_possible_cells(graphs, data, string):
 def test_strings_that_lead_to_the_trap_are_impossible_in_a_closed_world(graphs, data, string):
     graph = data.draw(graphs)
     closed, opened = filter_of(graph), filter_of(graph, open_world=True)
+    assert (closed.trap, opened.trap) == (None, len(closed.transition))
     run = opened.run(string)
     if run.refuted_at is None:
         np.testing.assert_array_equal(closed.run(string).states, run.states)
@@ -150,19 +151,6 @@ def test_other_digits_are_refused(labs):
         filter_of(labs["a", 45]).run("00x")
 
 
-def test_with_trap_gives_the_open_world_filter(labs):
-    for graph in labs.values():
-        closed, opened = filter_of(graph), filter_of(graph, open_world=True)
-        assert opened.with_trap() is opened
-        assert (closed.trap, opened.trap) == (None, len(closed.transition))
-        missing = closed.transition < 0
-        assert missing.any()
-        assert (opened.transition[:-1][missing] == opened.trap).all()
-        np.testing.assert_array_equal(opened.transition[:-1][~missing], closed.transition[~missing])
-        assert opened.transition[-1].tolist() == [opened.trap] * 2
-        assert opened.cells(opened.trap).size == 0
-
-
 def test_cells_of_missing_states_are_refused(labs):
     filter = filter_of(labs["a", 45])
     for state in (-1, 129):
@@ -174,7 +162,8 @@ def test_metadata_is_a_json_object(labs):
     metadata = {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
     filter = filter_of(labs["a", 45], metadata=metadata)
     metadata["nested"].append(2)
-    assert filter.metadata == {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
+    for kept in (filter, minimize(filter)):
+        assert kept.metadata == {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
     for bad in ({"a": math.nan}, {"a": object()}):
         with pytest.raises(ValueError, match="metadata: expected a JSON object"):
             filter_of(labs["a", 45], metadata=bad)
@@ -215,3 +204,4 @@ def test_cycle_with_an_exit_is_no_knowledge_cycle():
     # Subset construction never makes such an automaton, but a caller can.
     filter = Filter(**parts([[1, -1], [0, 2], [2, -1]]))
     assert [cycle.states.tolist() for cycle in filter.cycles] == [[2]]
+    assert len(minimize(filter).transition) == 3

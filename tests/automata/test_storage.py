@@ -64,38 +64,29 @@ def test_equal_filters_give_equal_bytes(saved):
     assert other.read_bytes() == path.read_bytes()
 
 
-@given(data=st.data())
-def test_files_with_an_altered_byte_are_refused_or_unchanged(saved, data):
+@given(st.data(), st.booleans())
+def test_files_with_an_altered_byte_or_cut_at_it_are_refused_or_unchanged(saved, data, cut):
     """Some bytes of a zip file have no effect."""
     filter, path, other = saved
     content = bytearray(path.read_bytes())
     place = data.draw(st.integers(0, len(content) - 1))
     content[place] ^= data.draw(st.integers(1, 255))
-    other.write_bytes(content)
+    other.write_bytes(content[:place] if cut else content)
     try:
         found = Filter.load(other)
     except ValueError as error:
-        assert "other.filter: " in str(error)
+        assert f"other.filter: {'not a jaxcell file, truncated or altered' * cut}" in str(error)
     else:
+        assert not cut
         assert_same(found, filter)
-
-
-@given(data=st.data())
-def test_truncated_files_are_refused(saved, data):
-    _, path, other = saved
-    content = path.read_bytes()
-    other.write_bytes(content[: data.draw(st.integers(0, len(content) - 1))])
-    with pytest.raises(
-        ValueError, match=r"other\.filter: not a jaxcell file, truncated or altered"
-    ):
-        Filter.load(other)
 
 
 def forge(path, **members):
     """Write a file of any content with correct checksums."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in members.items():
-            file.writestr(f"{name}.npy", content)
+            if content is not None:
+                file.writestr(f"{name}.npy", content)
 
 
 def npy(array):
@@ -114,6 +105,7 @@ WHOLE = {"header": header(b"{}"), "a": npy(np.arange(3, dtype=np.int32))}
 @pytest.mark.parametrize(
     ("forged", "message"),
     [
+        ({"header": None}, "not a jaxcell file"),
         ({"header": header(b"{")}, "not a jaxcell file"),
         ({"header": header(b"[" * 100_000)}, "not a jaxcell file"),
         ({"header": header(b"[]")}, "its header: expected a JSON object"),
@@ -134,12 +126,6 @@ def test_forged_files_are_refused(tmp_path, forged, message):
     assert storage.read_arrays(tmp_path / "x")[1]["a"].tolist() == [0, 1, 3]
     forge(tmp_path / "x", **WHOLE | forged)
     with pytest.raises(ValueError, match=f"x: .*{message}"):
-        storage.read_arrays(tmp_path / "x")
-
-
-def test_files_without_header_are_refused(tmp_path):
-    forge(tmp_path / "x", a=WHOLE["a"])
-    with pytest.raises(ValueError, match="x: not a jaxcell file"):
         storage.read_arrays(tmp_path / "x")
 
 

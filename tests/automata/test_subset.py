@@ -1,6 +1,4 @@
 import itertools
-import subprocess
-import sys
 
 import hypothesis.strategies as st
 import numpy as np
@@ -83,11 +81,6 @@ def test_images_of_any_integer_type(labs, dtype):
     assert lists(subset_construction(image.astype(dtype), observation)) == expected
 
 
-def test_map_of_one_cell():
-    result = subset_construction(np.array([0]), np.array([True]))
-    assert lists(result) == ([[-1, 0]], [[0]])
-
-
 @pytest.mark.parametrize(
     ("image", "message"),
     [
@@ -99,10 +92,3 @@ def test_map_of_one_cell():
 def test_bad_images_are_refused(image, message):
     with pytest.raises(ValueError, match=message):
         subset_construction(np.array(image, np.int32), np.zeros(len(image), bool))
-
-
-def test_automata_do_not_import_jax():
-    code = (
-        "import sys, jaxcell.automata; sys.exit('jax' in sys.modules or 'shapely' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

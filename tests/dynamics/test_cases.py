@@ -157,15 +157,6 @@ def test_periodic_axis_whose_ends_differ_is_reported(monkeypatch):
         dynamics.basins(lambda x, p: 0.5 * x, box)
 
 
-def test_images_that_are_not_finite_are_not_outside():
-    def map(x, p):
-        return jnp.where(x < 0.25, jnp.inf - jnp.inf, jnp.where(x < 0.5, x + 10, x))
-
-    found = dynamics.basins(map, Box([0], [1], [8]))
-    assert found.nowhere_share == found.outside_share == 0.25
-    assert found.basin[:4].tolist() == [-1] * 4
-
-
 def test_cover_of_lorenz_attractor_equals_gaio():
     def lorenz(x, p):
         return jnp.stack(

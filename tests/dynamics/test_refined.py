@@ -69,18 +69,6 @@ def test_cover_is_the_attractor_and_its_unstable_sets():
     assert cover[:, 0].max() > 1 - width
 
 
-def test_cover_of_henon_attractor_holds_its_orbit():
-    box = Box([-2, -2], [2, 2], [8, 8])
-    cover = dynamics.relative_attractor(henon, box, levels=5)
-    fine = Box([-2, -2], [2, 2], [256, 256])
-    x, y, orbit = 0.1, 0.1, []
-    for _ in range(300):
-        x, y = 1 - 1.4 * x**2 + y, 0.3 * x
-        orbit.append((x, y))
-    assert np.isin(fine.index(np.array(orbit)[50:]), fine.index(cover)).mean() > 0.99
-    assert len(cover) < 0.03 * fine.size
-
-
 def test_exponent_of_cantor_boundary_is_its_codimension():
     def thirds(x, p):
         # The points that stay are Cantor's set; both halves of each gap go to another end.

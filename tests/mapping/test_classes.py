@@ -2,10 +2,9 @@ import math
 
 import networkx as nx
 import numpy as np
-from hypothesis import given, strategies as st
+from hypothesis import given
 from random_chains import matrices
 
-from jaxcell.mapping import periodic_groups
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
 
@@ -43,25 +42,3 @@ def test_period_is_the_gcd_of_return_times(matrix):
             if power[cells[0], cells[0]]:
                 returns = math.gcd(returns, length)
         assert int(groups.period[number]) == returns
-
-
-@given(st.lists(st.integers(0, 7), min_size=8, max_size=8))
-def test_a_simple_map_has_its_periodic_groups(image):
-    image = np.array([image], np.int32)
-    groups = persistent_groups(Chain(image, np.ones((1, 8))))
-    simple = periodic_groups(image[0])
-    periodic = np.asarray(simple.periodic)
-    np.testing.assert_array_equal(groups.group, np.where(periodic, simple.group, -1))
-    np.testing.assert_array_equal(
-        np.asarray(groups.period)[np.asarray(simple.group)], simple.period
-    )
-
-
-def test_leaking_class_is_not_persistent():
-    circle = np.array([[0, 1.0], [1, 0]])
-    assert persistent_groups(Chain.from_scipy(circle)).count == 1
-    circle[1, 0] = 0.999
-    leaky = persistent_groups(Chain.from_scipy(circle))
-    assert leaky.count == 0
-    assert leaky.group.tolist() == [-1, -1]
-    assert leaky.period.tolist() == []

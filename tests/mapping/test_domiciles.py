@@ -48,12 +48,6 @@ def test_every_cell_of_a_line_with_a_group_per_cell_has_other_domiciles():
     assert result.domiciles == tuple(tuple(range(n - 1 - k, n)) for k in range(n))
 
 
-def test_chain_without_transient_cells():
-    chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
-    result = transient_groups(chain, persistent_groups(chain))
-    assert (result.group.tolist(), result.domiciles, result.size.tolist()) == ([-1, -1], (), [])
-
-
 def test_groups_of_another_chain_are_refused():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))

@@ -16,14 +16,9 @@ def test_chain_of_matrix_has_that_matrix(matrix):
     np.testing.assert_array_equal(back.toarray(), matrix)
     assert (back.data > 0).all()
     assert chain.cells == len(matrix)
-
-
-@given(matrices())
-def test_unused_slots_stay_on_the_cell_at_probability_0(matrix):
-    chain = Chain.from_scipy(matrix)
-    image, probability = np.asarray(chain.image), np.asarray(chain.probability)
+    # Unused slots stay on the cell at probability 0.
+    image, unused = np.asarray(chain.image), np.asarray(chain.probability) == 0
     assert len(image) == max(1, (matrix > 0).sum(axis=1).max())
-    unused = probability == 0
     np.testing.assert_array_equal(image[unused], np.nonzero(unused)[1])
 
 
@@ -33,15 +28,7 @@ def test_push_and_pull_are_products(matrix, random):
     v = np.array([random.random() for _ in matrix])
     np.testing.assert_allclose(chain.push(jax.device_put(v)), v @ matrix, rtol=1e-13, atol=1e-15)
     np.testing.assert_allclose(chain.pull(jax.device_put(v)), matrix @ v, rtol=1e-13, atol=1e-15)
-
-
-@given(matrices(), st.randoms(use_true_random=False))
-def test_mass_is_lost_only_to_the_sink(matrix, random):
-    chain = Chain.from_scipy(matrix)
-    p = np.array([random.random() for _ in matrix])
-    kept = np.asarray(chain.push(jax.device_put(p))).sum()
-    gone = float(p @ np.asarray(chain.leaving))
-    assert kept + gone == pytest.approx(p.sum(), rel=1e-12)
+    np.testing.assert_allclose(chain.leaving, 1 - matrix.sum(axis=1), atol=1e-12)
 
 
 def test_leaving_separates_leaks_from_rounding():
@@ -70,11 +57,6 @@ def test_chain_does_not_share_memory_with_its_arguments():
 def test_several_slots_of_a_cell_may_share_an_image():
     chain = Chain(np.array([[1, 0], [1, 1]]), np.array([[0.25, 0.5], [0.75, 0.5]]))
     assert chain.to_scipy().toarray().tolist() == [[0, 1], [0.5, 0.5]]
-
-
-def test_slot_of_probability_0_is_no_edge():
-    chain = Chain(np.array([[0, 1], [1, 0]]), np.array([[1.0, 1.0], [0.0, 0.0]]))
-    assert chain.to_scipy().nnz == 2
 
 
 def test_zeros_kept_in_a_sparse_matrix_are_no_edges():

@@ -70,11 +70,6 @@ def test_walk_compiles_to_one_machine_code_function(of):
     assert len(loops) <= of.ndim - 1
 
 
-def test_batch_of_walks_equals_doubling():
-    batch = jnp.asarray(np.random.default_rng(3).integers(0, 64, (5, 64)))
-    assert_equal(jax.vmap(periodic_groups)(batch), jax.vmap(doubled_groups)(batch))
-
-
 def test_map_without_cells_has_no_groups():
     assert int(periodic_groups(np.zeros(0, np.int32)).count) == 0
 

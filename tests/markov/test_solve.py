@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
-from random_chains import dense_solution, open_line, steps_on_open_line
+from random_chains import dense_solution, open_line, steps_on_open_line, tide
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.solve import Limits, solve_transient
 from jaxcell.markov.solving.stationary import solve_stationary
 from jaxcell.markov.transient import Transient
-
-
-@pytest.fixture(params=["products", "factor"])
-def method(request, monkeypatch):
-    """Restrict solves to one of the two methods."""
-    trial = {"products": 10**9, "factor": 1}[request.param]
-    monkeypatch.setattr(solve, "LIMITS", Limits(small=0, trial=trial, worthwhile=0))
-    return request.param
 
 
 def random_chain(cells, branches, seed):
@@ -28,16 +20,58 @@ def random_chain(cells, branches, seed):
     return scipy.sparse.csr_array((share.ravel(), (rows, image.ravel())), shape=(cells, cells))
 
 
+def wandering(n):
+    """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
+    row, column = np.divmod(np.arange(n * n), n)
+    step = scipy.sparse.lil_array((n * n, n * n))
+    for cell, (r, c) in enumerate(zip(row, column, strict=True)):
+        up, right = (1 if 2 * c >= n else -1), (-1 if 2 * r >= n else 1)
+        for i, j, share in ((up, 0, 0.5), (0, right, 0.4), (0, 0, 0.1)):
+            if 0 <= r + i < n and 0 <= c + j < n:
+                step[cell, (r + i) * n + c + j] += share
+    return step.tocsr()
+
+
+def nearly_triangular():
+    """Draw a matrix in which only two states lead back to each other."""
+    draw = np.random.default_rng(7)
+    step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
+    step[41, 40] = step[40, 41] = 0.5
+    step /= 1.1 * np.maximum(1, step.sum(axis=1, keepdims=True))
+    order = draw.permutation(80)
+    return scipy.sparse.csr_array(step[order][:, order])
+
+
+PRODUCTS, FACTOR = (Limits(small=0, trial=trial, worthwhile=0) for trial in (10**9, 1))
+TWO_LEVELS = dataclasses.replace(FACTOR, two_level=0, complete=0, elimination=0.0)
+ROUGH = dataclasses.replace(TWO_LEVELS, rough_steps=0)
+COMPLETE = dataclasses.replace(ROUGH, complete=100)
+# The limits that choose a method, a matrix, the least and most products, and the relative error.
+METHODS = {
+    "products": (PRODUCTS, 0.8 * random_chain(60, 4, 1), 101, 50_000, 1e-12),
+    "factors": (FACTOR, 0.8 * random_chain(60, 4, 1), 1, 1, 1e-12),
+    "components": (Limits(), nearly_triangular(), 0, 0, 1e-12),
+    "two levels": (TWO_LEVELS, wandering(20), 2, 99, 1e-10),
+    "factors after two levels": (COMPLETE, wandering(10), 1, 1, 1e-12),
+    # Without the cycle, a single product and a factorisation would solve it.
+    "cycle": (dataclasses.replace(FACTOR, cycle=10), tide(2), 2, 120, 1e-10),
+}
+
+
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_transient_equals_dense(method, adjoint):
-    step = 0.8 * random_chain(60, 4, 1)
-    right = np.random.default_rng(2).random((60, 3))
+@pytest.mark.parametrize("method", METHODS)
+def test_solution_by_each_method_equals_dense(method, adjoint, monkeypatch):
+    limits, step, least, most, error = METHODS[method]
+    monkeypatch.setattr(solve, "LIMITS", limits)
+    right = np.random.default_rng(2).random((step.shape[0], 2))
     result, products = solve_transient(step, right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-12)
-    assert products == 1 if method == "factor" else products > 100
+    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=error)
+    assert least <= products <= most
 
 
-def test_stationary_equals_the_null_space(method):
+@pytest.mark.parametrize("method", ["products", "factors"])
+def test_stationary_equals_the_null_space(method, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", METHODS[method][0])
     sizes = [1, 2, 40, 7]
     blocks = [random_chain(size, 3, seed).toarray() for seed, size in enumerate(sizes)]
     # A ring joins each block into one class.
@@ -76,63 +110,13 @@ def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
     assert products > solve.LIMITS.worthwhile
 
 
-TWO_LEVELS = Limits(small=0, trial=1, worthwhile=0, two_level=0, complete=0, elimination=0.0)
-
-
-def wandering(n):
-    """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
-    row, column = np.divmod(np.arange(n * n), n)
-    step = scipy.sparse.lil_array((n * n, n * n))
-    for cell, (r, c) in enumerate(zip(row, column, strict=True)):
-        up, right = (1 if 2 * c >= n else -1), (-1 if 2 * r >= n else 1)
-        for i, j, share in ((up, 0, 0.5), (0, right, 0.4), (0, 0, 0.1)):
-            if 0 <= r + i < n and 0 <= c + j < n:
-                step[cell, (r + i) * n + c + j] += share
-    return step.tocsr()
-
-
-@pytest.mark.parametrize("adjoint", [False, True])
-def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
-    draw = np.random.default_rng(7)
-    step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
-    # Only two states lead back to each other.
-    step[41, 40] = step[40, 41] = 0.5
-    step /= 1.1 * np.maximum(1, step.sum(axis=1, keepdims=True))
-    order = draw.permutation(80)
-    step = step[order][:, order]
-    right = draw.random((80, 2))
-    result, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-12)
-    assert products == 0
-
-
-def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatch):
-    limits = dataclasses.replace(TWO_LEVELS, complete=100, rough_steps=0)
-    monkeypatch.setattr(solve, "LIMITS", limits)
-    step = wandering(10)
-    result, products = solve_transient(step, np.ones((100, 1)))
-    np.testing.assert_allclose(result, dense_solution(step, np.ones((100, 1))), rtol=1e-12)
-    assert products == 1
-
-
-@pytest.mark.parametrize("adjoint", [False, True])
-def test_two_levels_equal_dense(adjoint, monkeypatch):
-    monkeypatch.setattr(solve, "LIMITS", TWO_LEVELS)
-    step = wandering(20)
-    right = np.random.default_rng(2).random((400, 2))
-    result, products = solve_transient(step, right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-10)
-    assert 1 < products < 100
-
-
 def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
-    limits = dataclasses.replace(TWO_LEVELS, rough_steps=0)
-    monkeypatch.setattr(solve, "LIMITS", limits)
+    monkeypatch.setattr(solve, "LIMITS", ROUGH)
     step = wandering(10)
     result, products = solve_transient(step, np.ones((100, 1)))
     np.testing.assert_allclose(result, dense_solution(step, np.ones((100, 1))), rtol=1e-10)
     assert products > 100
-    monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(limits, products=50))
+    monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(ROUGH, products=50))
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
     assert (short < result).any()

@@ -40,7 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Format the template of a C table. Its `bits` per entry are by default a template field."""
+    """Format the template of a C table; the field `{entries}_bits` is the default of `bits`."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -52,7 +52,7 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 def look_up(entry: str, names: str, beyond: str) -> str:
     """Format the template of a C function `entry(state)`, which reads the table `names`.
 
-    `beyond` is its value for a state that does not exist.
+    `beyond` is the result of the function for a state that does not exist.
     """
     return (
         f"static inline uint${{{entry}_bits}}_t ${{name}}_{entry}(${{name}}_state state) {{\n"

@@ -97,8 +97,8 @@ def fewest_bytes(
 ) -> Smallest:
     """Find the machine with the smallest tables in C, which reads either observations or runs.
 
-    **Arguments:** `source` and `output` of [`MooreMachine.of`][], and `seconds` and `say` of
-    [`smallest`][] for each of the two searches.
+    **Arguments:** `source` and `output` as in [`MooreMachine.of`][], and `seconds` and `say` as in
+    [`smallest`][], for each of the two searches.
 
     **Returns:** the search that found the smaller tables; for equal sizes, the search for a machine
     that reads observations.

@@ -15,8 +15,7 @@ def to_dot(filter: Filter | MooreMachine) -> str:
     The last edge of the filter of a ring of three cells:
 
         >>> from jaxcell import automata, examples
-        >>> filter = examples.ring()
-        >>> print(automata.to_dot(filter).splitlines()[-2])
+        >>> print(automata.to_dot(examples.ring()).splitlines()[-2])
           4 -> 3 [label="0"];
     """
     lines = [
@@ -63,8 +62,7 @@ def to_json(filter: Filter | MooreMachine) -> str:
 
         >>> import json
         >>> from jaxcell import automata, examples
-        >>> filter = examples.ring()
-        >>> json.loads(automata.to_json(filter))["transition"]
+        >>> json.loads(automata.to_json(examples.ring()))["transition"]
         [[1, 2], [3, 2], [4, -1], [-1, 2], [3, -1]]
     """
     if isinstance(filter, MooreMachine):

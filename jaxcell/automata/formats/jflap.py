@@ -16,8 +16,7 @@ def to_jflap(filter: Filter) -> str:
     The filter of a ring of three cells:
 
         >>> from jaxcell import automata, examples
-        >>> filter = examples.ring()
-        >>> automata.to_jflap(filter).count("<transition>")
+        >>> automata.to_jflap(examples.ring()).count("<transition>")
         7
     """
     colors = filter.color.tolist()

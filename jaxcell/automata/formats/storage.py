@@ -1,4 +1,4 @@
-"""Files of int32 arrays and a JSON header: `.npz` files of NumPy, whose suffix is not `.npz`.
+"""Files of int32 arrays and a JSON header, in the `.npz` format of NumPy with another suffix.
 
 An array is stored as the differences between neighbouring numbers, because most differences of
 sorted cells are small and compress well.
@@ -39,7 +39,7 @@ def write_arrays(
 
 
 def read_kind(path: str | os.PathLike[str]) -> str:
-    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays."""
+    """Read the `kind` in the header of a file that [`write_arrays`][] wrote, without its arrays."""
     return str(_read(path, headed=True)[0].get("kind"))
 
 
@@ -49,7 +49,7 @@ def reading(
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
     """Read the header and the arrays of a file of one kind, with metadata that is a JSON object.
 
-    A `KeyError` or a `ValueError` of the block becomes a `ValueError` that names the file.
+    A `KeyError` or a `ValueError` in the `with` block becomes a `ValueError` that names the file.
     """
     header, arrays = read_arrays(path)
     try:
@@ -75,7 +75,7 @@ def checked_metadata(metadata: Mapping[str, Any]) -> Any:
 def read_arrays(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]:
-    """Read the header and the arrays of a file of [`write_arrays`][]."""
+    """Read the header and the arrays of a file that [`write_arrays`][] wrote."""
     header, arrays = _read(path)
     for name, array in arrays.items():
         if array.dtype != np.int32 or array.ndim != 1:

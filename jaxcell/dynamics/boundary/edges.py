@@ -43,7 +43,7 @@ class EdgeStates:
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
-    "The period in mappings; 0 for a cycle of a flow, whose points do not return, or for chaos."
+    "The period in mappings; 0 for chaos, and for a cycle of a flow, whose points do not return."
     multipliers: Complex[np.ndarray, "edges axes"]
     """The eigenvalues of the derivative of the map over one period, the largest first; NaN if the
     period is 0."""
@@ -170,9 +170,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map both ends of each pair until they have separated.
-
-    Returns the orbit of their middle, and the ends."""
+    """Map each pair of ends until they separate; return the orbit of the midpoint, and the ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -194,7 +192,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Solve for points that return after a period, and return points, errors, and derivatives."""
+    """Refine periodic points with Newton's method; return points, errors and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -213,10 +211,7 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refine a point of each state with Newton's method.
-
-    Returns points, periods and multipliers.
-    """
+    """Refine a point of each state with Newton's method; return points, periods and multipliers."""
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()
@@ -247,7 +242,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the indices of the edge states whose orbits meet no earlier edge state."""
+    """Return the indices of edge states, without those whose orbits meet an earlier edge state."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

@@ -148,7 +148,7 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells, after `level` halvings, that contain points; points outside are ignored."""
+    """Return the cells after `level` halvings that contain points; ignore points outside."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -196,7 +196,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield copies of points, moved by -1, 0 or 1 cell along each axis, after `level` halvings."""
+    """Yield all shifts of points by -1, 0 or 1 along each axis, in cells after `level` halvings."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -229,10 +229,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Find the attractor that each point reaches, or -1.
-
-    `owner` is the attractor that contains each cell.
-    """
+    """Find the attractor that each point reaches, or -1; `owner` is the attractor of each cell."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -14,9 +14,9 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""Largest share of points that disagree with their orbits after a successful remedy."""
+"""A remedy is successful if at most this share of the points still get a wrong attractor."""
 DOUBTFUL = 0.05
-"""Remedies are tried if a larger share of random starts disagrees with their orbits."""
+"""Remedies are tested if cells and orbits differ for a larger share of the random starts."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
 _POINTS = 1 << 10
 _HALVINGS = 2
@@ -30,21 +30,21 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A trial of remedies, on a sample of points, for basins where cells and orbits disagree."""
+    """The result of testing two remedies for coarse cells on a sample: orbits, and finer cells."""
 
     follow: int | None
-    "The argument `follow` with which basins by orbits agree with sampled orbits, or `None`."
+    "The least `follow` with which basins by orbits agree with random orbits, or `None`."
     points: int = 0
     "Number of points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "The share of points that disagree, for the cells, and for cells of half and quarter width."
+    "The share of wrong points for the given cells, and for cells of half and quarter width."
     cells: tuple[int, ...] | None = None
-    """Numbers of cells along the axes with which 2 % of the points would disagree, from
-    extrapolation; `None` if finer cells do not help, or if 32 bits cannot number them."""
+    """Numbers of cells along the axes that should give 2 % of wrong points; `None` if finer cells
+    do not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Try orbits and finer cells as remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
+    """Test orbits and finer cells as remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 
@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate the shares `wrong` to the numbers of cells along the axes for a share `AGREE`."""
+    """Extrapolate from the shares `wrong` to the numbers of cells with a share `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

@@ -1,9 +1,9 @@
 """Periodic groups of a map in a file, found in passes over the file from end to end.
 
 A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
-cells without a mark; the level of a cell is the number of the pass that dropped it. The few cells
-that remain of a dissipative map are walked in memory. Passes in the reverse order, from the last
-level to the first, then give each dropped cell the group of its image, and one step more.
+cells without a mark; the level of a cell is the number of the pass that dropped it. If the map is
+dissipative, few cells remain, whose groups are found in memory. Passes in the reverse order, from
+the last level to the first, then give each dropped cell the group of its image, and one more step.
 
 A pass may be repeated, so a killed computation continues with its unfinished pass.
 """
@@ -34,7 +34,7 @@ def groups_in_passes(
 ) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in a folder.
 
-    Memory holds one byte per cell, and 16 bytes per cell that remains after the passes.
+    It takes one byte of memory per cell, and 16 bytes per cell that remains after the passes.
     """
     size = image.size
     level = folder.array("level", np.uint8, size)

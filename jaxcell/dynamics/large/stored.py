@@ -32,13 +32,13 @@ _PASSES = 4e-7
 
 @dataclasses.dataclass(frozen=True)
 class Foretold:
-    """Estimates of the time, the memory and the files of basins in a folder."""
+    """The estimated time, memory and disk space of basins in a folder."""
 
     cells: int
     seconds: float
-    "Time to map all cells, extrapolated from one chunk, and for the passes."
+    "Time to map all cells, extrapolated from some cells, and for the passes."
     memory: float
-    "Peak memory in bytes, for a map of which few cells remain after the passes."
+    "Peak memory in bytes, if few cells remain after the passes."
     disk: float
     "Size of the files in bytes."
 
@@ -94,9 +94,9 @@ def stored_basins(
     """Compute [`jaxcell.dynamics.basins`][] of more cells than memory holds, in files of a folder.
 
     Images are written to a file, and groups are found by passes over it, with one byte of memory
-    per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
-    and all remain of a map that preserves volumes. To continue an interrupted computation, repeat
-    the call.
+    per cell and 16 per cell that remains after the passes. Few cells remain if the map is
+    dissipative, and all if it preserves volumes. To continue an interrupted computation, repeat the
+    call.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
 
@@ -135,7 +135,6 @@ def stored_basins(
 
 
 def _check_disk(files: Folder, box: Box) -> None:
-    """Refuse a computation whose files do not fit on the disk."""
     written = sum(file.stat().st_blocks * 512 for file in files.path.iterdir())
     needed, free = _FILES * box.size - written, shutil.disk_usage(files.path).free
     if needed > free:

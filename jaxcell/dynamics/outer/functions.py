@@ -1,9 +1,9 @@
 """Exponentials, logarithms and sines of intervals, computed from sums and products only.
 
 The functions of processors and their libraries differ, and none states its error. The functions
-here are short series of sums, products and quotients. The number of their roundings bounds their
-error, whether or not a compiler merges products and sums. The ends move outward by more than this
-bound, in units of the distance to the next 64-bit number (ulp):
+here are short series of sums, products and quotients, so the number of roundings bounds the error,
+whether or not a compiler merges products and sums. The ends of an interval move outward by more
+than this bound, in units of the distance to the next 64-bit number (ulp):
 
     exp    8 ulp: errors of 2 from the reduction by log 2, and of 4 from the series of degree 14
     log    8 ulp: errors of 2 from the quotient, 4 from the series of degree 25, 2 from the exponent
@@ -108,7 +108,7 @@ def logistic(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: Interval) -> Interval:
-    """Enclose real powers; intervals that reach below 0 become the whole line."""
+    """Enclose real powers; if the base may be negative, the result is the whole line."""
     return unless(a.lower < 0, exp(mul(exponent, log(a))))
 
 

@@ -39,7 +39,7 @@ class Grid:
 
     @property
     def faces(self) -> list[Float[np.ndarray, "faces"]]:
-        """The faces between cells along each axis."""
+        """The coordinates of the faces of cells along each axis."""
         each = []
         for axis, count in enumerate(self.counts):
             low, high = self.box.lower[axis], self.box.upper[axis]
@@ -68,10 +68,10 @@ class Grid:
     def blocks(
         self, lower: Float[np.ndarray, "images axes"], upper: Float[np.ndarray, "images axes"]
     ) -> tuple[Int[np.ndarray, "images axes"], Int[np.ndarray, "images axes"]]:
-        """Find the first and last cells along each axis that touch images.
+        """Find the first and the last cell along each axis that touch each image.
 
         If no cell touches an image, its last cell comes before its first. Along a periodic axis,
-        numbers of cells continue beyond both ends.
+        the numbers of cells continue beyond both ends.
         """
         firsts, lasts = [], []
         for axis, (kind, faces) in enumerate(zip(self.box.axes, self.faces, strict=True)):
@@ -111,7 +111,7 @@ class Grid:
     ) -> csr_array:
         """Build the matrix whose entry `i, j` is 1 if the block of cell `i` contains cell `j`.
 
-        `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
+        `cells` are in ascending order, and `first` and `last` are results of `blocks`.
         """
         # A block is a set of rows along the last axis, each of which is a range of cells.
         *leading, count = self.counts

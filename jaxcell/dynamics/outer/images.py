@@ -1,4 +1,4 @@
-"""Outer images of boxes: boxes that contain the image of every point, or are meant to."""
+"""Outer images of boxes: boxes that contain the images of all points, with or without proof."""
 
 import dataclasses
 import functools
@@ -30,14 +30,15 @@ class OuterMap(Protocol):
     """A map from boxes to the lower and upper corners of boxes around their images."""
 
     proof: str
-    "The reason why images contain the images of all points; empty without a proof."
+    "The reason why outer images contain the images of all points; empty without a proof."
 
-    def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
+    def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes:
+        """Compute the corners of the outer images of boxes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Images from interval arithmetic, rounded outward, with proof; for maps without `while`.
+    """Proved outer images from interval arithmetic, for maps without a `while` loop.
 
     The images under a [`flow`][jaxcell.dynamics.flow] enclose its Runge-Kutta steps, but not the
     difference of these steps from the exact flow.
@@ -49,7 +50,6 @@ class Intervals:
     proof = "interval arithmetic, rounded outward"
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         require_x64("interval arithmetic")
         for leaf in jax.tree.leaves(params):
             if not np.isfinite(leaf).all():
@@ -76,7 +76,6 @@ class Corners:
     proof = ""
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         place = np.linspace(0, 1, self.points) if self.points > 1 else np.full(1, 0.5)
         place = np.array(list(itertools.product(place, repeat=lower.shape[1])))
 
@@ -105,7 +104,7 @@ def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxe
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Images from samples of a map and a bound of its slopes, with proof if both are right.
+    """Outer images from samples of a map and bounds on its slopes, proved if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
     `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
@@ -116,11 +115,11 @@ class Samples:
     values: Float[np.ndarray, "samples axes"]
     "The images of the points."
     lipschitz: Float[np.ndarray, "axes axes"] | float
-    "The bound of each slope, or one bound for all slopes."
+    "The bound on each slope, or one bound on all slopes."
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check that neighbouring samples satisfy the bound of slopes."""
+        """Check that neighbouring samples satisfy the bounds on slopes."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(
@@ -148,7 +147,6 @@ class Samples:
         return scipy.spatial.cKDTree(self.points)
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
-        """Compute the corners of the images of boxes."""
         count = min(_NEAREST, len(self.points))
         _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
         at = self.points[near]

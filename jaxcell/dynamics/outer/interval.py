@@ -2,8 +2,8 @@
 
 Processors round a sum, a difference, a product or a square root to the nearest 64-bit number. The
 end of an interval then moves outward to the next number. The move is an operation on integers,
-through which no compiler merges a product with a following sum, or reorders sums. Two liberties
-remain. A division by a constant may become a product with its reciprocal, so a quotient moves by
+through which no compiler merges a product with a following sum, or reorders sums. Two cases need
+more. A division by a constant may become a product with its reciprocal, so a quotient moves by
 three numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
 2^-1000 moves to 2^-1000.
 """
@@ -83,7 +83,7 @@ def where(mask: Any, a: Interval, b: Interval) -> Interval:
 
 
 def unless(undefined: Any, a: Interval) -> Interval:
-    """Replace results that are not defined by the whole line."""
+    """Replace intervals by the whole line where the mask `undefined` is true."""
     return where(undefined, LINE, a)
 
 
@@ -176,7 +176,7 @@ def _ends(a: Interval) -> tuple[Any, ...]:
 
 
 def _unlimited(x: Any) -> Any:
-    """Replace NaN by 0: 0 times infinity is 0, and other ends enclose infinity over infinity."""
+    """Replace NaN, the product of 0 and infinity or the quotient of two infinities, by 0."""
     return jnp.where(jnp.isnan(x), 0.0, x)
 
 

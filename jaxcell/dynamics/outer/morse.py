@@ -26,15 +26,15 @@ class MorseCertificate:
     """The proved statements about Morse sets, and the effort of their proof."""
 
     proof: str
-    "The reason why outer images contain all images; empty if they are only samples."
+    "The reason why outer images contain the images of all points; empty without a proof."
     mapped: int
     "Number of boxes whose images were computed."
     edges: int
-    "Number of pairs of boxes of which the second touches the image of the first."
+    "Number of pairs of boxes such that the second box touches the image of the first box."
 
     @property
     def proved(self) -> bool:
-        """`True` if images of boxes contain all images of points."""
+        """`True` if outer images are proved to contain the images of all points."""
         return bool(self.proof)
 
     @property
@@ -58,7 +58,7 @@ class MorseSets(OnBox):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The cells for pictures: the initial cells, or bisections with at most 262,144 cells."
+    "The cells of pictures: the initial cells, bisected into at most 262,144 cells."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -159,7 +159,7 @@ def morse_sets(
     - `depth`: number of bisections, along each axis in turn.
     - `check`: number of further bisections that test sets: a set without a cycle after them is left
         out, because it contains no recurrent point.
-    - `limit`: number of boxes above which a set counts as tested.
+    - `limit`: a set with more boxes is kept without further tests.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
@@ -267,7 +267,7 @@ class _Search:
     ) -> tuple[np.ndarray, ...]:
         """Return the sorted numbers of the halves of boxes, after `bisections` bisections.
 
-        The entries of other arrays over boxes are repeated for both halves, in the same order.
+        Also returns other arrays over boxes, whose entries are repeated for both halves.
         """
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)
@@ -306,7 +306,7 @@ def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarr
 
 
 def _picture(box: Box, depth: int) -> Box:
-    """Cut the box into the finest cells that may be drawn."""
+    """Bisect the cells of the box at most `depth` times, as far as `_DRAWN` cells allow."""
     grids = (Grid(box, bisections).counts for bisections in range(depth, 0, -1))
     counts = next((n for n in grids if np.prod(n, dtype=float) <= _DRAWN), box.cells)
     return Box(box.lower, box.upper, counts, box.axes)

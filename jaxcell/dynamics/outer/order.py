@@ -23,8 +23,8 @@ def reachable(
 ) -> Bool[np.ndarray, "sets sets"]:
     """Find the pairs of different sets `i` and `j` with a path from `i` to `j`.
 
-    `member` is the set that contains each vertex, or -1 if no set does. The vertices of a set lead
-    to each other.
+    `member` is the set that contains each vertex, or -1 if no set does. Each set must be strongly
+    connected.
     """
     into = graph.T.tocsr()
     leads = np.zeros((count, count), bool)

@@ -88,7 +88,7 @@ def enclose(
 
 
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Evaluate a program on intervals, in place of floating-point arguments, and on other arrays.
+    """Evaluate a program with intervals as its floating-point arguments.
 
     Floating-point results are intervals, and so are other results if they are uncertain. For each
     comparison, a mask is added to `decided`, `False` where the comparison may have both results.
@@ -154,7 +154,7 @@ def _uncertain_index(value: Any) -> bool:
 
 
 def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Apply a primitive that grows with all arguments to the lower ends, and to the upper ends."""
+    """Apply an operation that grows with each argument to the lower ends, and to the upper ends."""
 
     def at(ends: list[Any]) -> list[Any]:
         results = step.primitive.bind(*ends, **step.params)
@@ -267,7 +267,7 @@ def _sum(step: JaxprEqn, _: Any, a: Interval) -> Interval:
 
 
 def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
-    """Multiply arrays whose dimensions are batched, free in `a`, free in `b`, or summed."""
+    """Enclose `dot_general`: a product of arrays that are broadcast, then summed over some axes."""
     summed, batch = step.params["dimension_numbers"]
     sides = []
     for k, value in enumerate((a, b)):
@@ -283,7 +283,7 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Convert a function of intervals to a rule of the transform."""
+    """Convert a function of intervals to a rule, which also takes the step and `decided`."""
     return lambda _, __, *values: function(*map(_interval, values))
 
 

@@ -56,8 +56,9 @@ class NearlyClosedSets:
     def time(self) -> Float[np.ndarray, "sets"]:
         """The number of steps after which a share 1/e of the mass of each set remains.
 
-        If the leakage does not change, it is `-steps / log(1 - leakage)`, and `inf` for a closed
-        set."""
+        It is `-steps / log(1 - leakage)`, for a leakage that does not change; `inf` for a closed
+        set.
+        """
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
 
@@ -256,7 +257,7 @@ class _Search:
     def _thresholded(
         self, first: _Functions, last: _Functions | None, after: _Mass
     ) -> tuple[_Labels, _Labels, _PerSet]:
-        """Choose the levels of sets, and return the sets at the start and the end, and the leakage.
+        """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
 
         Each column of `first` and `last` is large on one set, at the start and at the end; `last`
         is `None` if the sets do not move. `after` is the mass at the end, with the blur.

@@ -83,9 +83,9 @@ class Subspace:
     products: int
 
     def above(self, least: float) -> Float[np.ndarray, "rows above"]:
-        """Compute an orthonormal basis of the span of the eigenvectors with values above `least`.
+        """Compute an orthonormal basis of the eigenvectors with eigenvalues above `least`.
 
-        The leading eigenvector is always among them.
+        The leading eigenvector is always included.
         """
         values, vectors = np.linalg.eig(self.block)
         count = max(int(np.count_nonzero(values.real > least)), 1)

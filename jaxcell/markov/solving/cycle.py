@@ -41,7 +41,7 @@ class Cycle:
     bounds: Int[np.ndarray, "bounds"]
     "The index in `order` of the first state of each block, and the number of states."
     rows: list[scipy.sparse.csr_array]
-    "The steps from the states of each block to all states, in this order."
+    "For each block, the matrix of steps from its states to all states, which are in `order`."
     again: Int[np.ndarray, "first"]
     "The indices in `order` of the states that begin a new round."
 
@@ -165,10 +165,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Find blocks that are as long as possible.
-
-    `after` is the first later state that each state leads to, or the number of states.
-    """
+    """Divide states into maximal blocks; `after` is the first later state to which each leads."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))

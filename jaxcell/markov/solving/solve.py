@@ -109,10 +109,10 @@ def factor_and_solve(
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
-    """Solve as [`solve_transient`][] with a factorisation of `I - Q`, or roughly if `Q` is large.
+    """Solve the equation of [`solve_transient`][] by factoring `I - Q`, or roughly if `Q` is large.
 
-    `leaving` is the probability of leaving from each row, and `order` the order in which rows are
-    factored, if it is known. Returns the solution, or `None` if the matrix is singular up to
+    `leaving` is the probability of leaving from each row, and `order` an order of rows in which the
+    factors are sparse, or `None`. Returns the solution, or `None` if the matrix is singular up to
     rounding; the number of products; and whether the solution has most of its digits.
     """
     products = 0
@@ -157,10 +157,7 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of products.
-
-    **Returns:** the sum, the number of products, and whether the series converged.
-    """
+    """Sum the series of products; return the sum, its number of terms, and whether it converged."""
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first

@@ -93,7 +93,7 @@ class Rooted:
     leaving: Float[np.ndarray, "others 1"]
     "The probability of a step from each other cell to its root."
     entering: Float[np.ndarray, "others 1"]
-    "The probability of a step from the root to each other cell."
+    "The probability of a step to each other cell from its root."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":

@@ -223,17 +223,6 @@ def test_function_with_the_name_of_a_sine_keeps_its_values():
     assert lower <= 3 <= upper
 
 
-def test_enclose_is_a_program_of_jax():
-    """It is batched and compiled with the boxes of a user."""
-
-    @jax.jit
-    def widths(lower):
-        ends = jax.vmap(lambda x: dynamics.enclose(of_jax("henon"), None, x, x + 0.1))(lower)
-        return ends[1] - ends[0]
-
-    assert widths(jnp.zeros((3, 2))).shape == (3, 2)
-
-
 @pytest.mark.parametrize(
     ("map", "message"),
     [

@@ -161,13 +161,6 @@ def test_sets_contain_periodic_points_and_the_attractor():
     assert sets.share.sum() < 0.01
 
 
-def test_more_bisections_only_remove_volume():
-    coarse, fine = (dynamics.morse_sets(henon, HENON, depth=depth) for depth in (6, 9))
-    centre = (fine.lower + fine.upper) / 2
-    assert (members(coarse, centre) >= 0).all()
-    assert fine.share.sum() < coarse.share.sum()
-
-
 def test_images_of_samples_contain_images_of_boxes():
     """The bound of slopes holds on the box, and the samples are enough for the same sets."""
     axis = np.linspace(-2, 2, 161)

@@ -1,39 +1,17 @@
+"""Rough solves of large matrices, in rounds of a cycle or on two levels, beside dense solves."""
+
 import numpy as np
 import pytest
 import scipy.sparse
-from random_chains import dense_solution, open_line, steps_on_open_line
+from random_chains import dense_solution, open_line, steps_on_open_line, tide
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.cycle import Cycle
-
-
-def tide(seed, phases=4, cells=30):
-    """Draw a chain over the cells at each phase; some cells leave, and one skips a phase."""
-    random = np.random.default_rng(seed)
-    matrix = np.zeros((phases * cells, phases * cells))
-    for k in range(phases):
-        later = (k + 1) % phases * cells
-        for i in range(cells):
-            near = (i + random.integers(-1, 2, 2)) % cells
-            np.add.at(matrix[k * cells + i], later + near, random.dirichlet([1, 1]))
-    matrix[0, : 3 * cells] = np.roll(matrix[0], cells)[: 3 * cells]
-    matrix[::7] *= 0.9
-    return scipy.sparse.csr_array(matrix)
+from jaxcell.markov.solving.two_level import TwoLevel
 
 
 # Products are always too slow.
 BY_CYCLE = solve.Limits(trial=1, worthwhile=0, cycle=10)
-
-
-@pytest.mark.parametrize("adjoint", [False, True])
-def test_cycle_is_solved_in_rounds(adjoint, monkeypatch):
-    monkeypatch.setattr(solve, "LIMITS", BY_CYCLE)
-    matrix = tide(2)
-    right = np.random.default_rng(3).random((matrix.shape[0], 2))
-    result, products = solve.solve_transient(matrix, right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(matrix, right, adjoint))
-    # Without the cycle, a single product and a factorisation would solve it.
-    assert products > 1
 
 
 def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
@@ -108,3 +86,38 @@ def test_chain_with_phases_is_a_cycle_and_walk_is_not():
         assert len(cycle.rows) in (4, 5)
         assert cycle.again.size <= 30 + 2
     assert Cycle.of(scipy.sparse.csr_array(open_line(100))) is None
+
+
+def eddies(count, size):
+    """Return the matrix of a row of rings, each left for its neighbours once in 100 steps.
+
+    One state leads out of the chain.
+    """
+    states = count * size
+    ring, place = np.divmod(np.arange(states), size)
+    step = np.zeros((states, states))
+    step[np.arange(states), ring * size + (place + 1) % size] = 0.7
+    step[np.arange(states), np.arange(states)] = 0.29
+    for to in (-1, 1):
+        other = np.clip(ring + to, 0, count - 1) * size + (place * 3) % size
+        np.add.at(step, (np.arange(states), other), 0.005)
+    step[states // 2] *= 0.9
+    order = np.random.default_rng(3).permutation(states)
+    return step[np.ix_(order, order)]
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_rough_solve_is_near_the_dense_one(adjoint):
+    step = eddies(20, 30)
+    matrix, right = step.T if adjoint else step, np.random.default_rng(0).random(600)
+    result, products = TwoLevel.of(scipy.sparse.csr_array(matrix), solve.LIMITS.rough_steps)(right)
+    np.testing.assert_allclose(result, dense_solution(matrix, right), rtol=1e-4)
+    # BiCGSTAB and the rough inverse take equally many products.
+    assert 0 < products < 4 * solve.LIMITS.rough_steps
+
+
+def test_aggregates_keep_products_few():
+    matrix, right = scipy.sparse.csr_array(eddies(60, 30)), np.ones(1800)
+    _, products = TwoLevel.of(matrix, solve.LIMITS.rough_steps)(right)
+    # Without aggregates, BiCGSTAB would take more than 200.
+    assert products < 100
