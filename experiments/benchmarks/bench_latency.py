@@ -4,7 +4,7 @@ Run `python experiments/benchmarks/bench_latency.py`; it takes half a minute, an
 10,000 bumps, three minutes.
 
 The emulated robot is in another process, at the other end of a pseudo-terminal. It presses its
-bumper as soon as it drives. Both times are measured in its process: after the first frame with the
+bumper as soon as it drives. Both times are measured in its process: before the first frame with the
 bump is written, and after the command that stops the wheels is read. Between them are the
 pseudo-terminal, pySerial, the driver and two process switches. A real robot adds the transfers, at
 115200 baud 2.3 ms for a frame and 0.4 ms for a command, and up to 15 ms until the next frame. The
@@ -25,7 +25,7 @@ from rows import Row, options, write_rows
 from timing import header, line
 
 from jaxcell.robot import Contact, Create
-from jaxcell.robot.create.open_interface import HEADER, Command
+from jaxcell.robot.create.open_interface import HEADER
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.space import Workspace
@@ -42,20 +42,20 @@ class Bumping(Emulator):
         room = Workspace([(0, 0), (100, 0), (100, 1), (0, 1)])
         super().__init__(Body(room, (0.5, 0.5, 0.0)), line=Line(speedup=SPEEDUP))
         self.seconds_to_stop: list[float] = []
-        self._sent: float | None = None
+        self._bumped: float | None = None
+        "The time at which the first frame with the bump was sent."
 
-    def _send(self, data: bytes) -> None:
-        super()._send(data)
-        if self.contact and self._sent is None and data[0] == HEADER:
-            self._sent = time.perf_counter()
-
-    def _do(self, command: Command) -> None:
-        super()._do(command)
+    def exchange(self, seconds: float, data: bytes = b"") -> bytes:
+        pressed = bool(self.contact)
+        sent = super().exchange(seconds, data)
         if any(self.wheels):
             self.contact = Contact.BUMP_LEFT
-        elif self._sent is not None:
-            self.seconds_to_stop.append(time.perf_counter() - self._sent)
-            self._sent, self.contact = None, Contact(0)
+            if pressed and self._bumped is None and HEADER in sent:
+                self._bumped = time.perf_counter()
+        elif self._bumped is not None:
+            self.seconds_to_stop.append(time.perf_counter() - self._bumped)
+            self._bumped, self.contact = None, Contact(0)
+        return sent
 
 
 def robot(bumps: int, pipe: Connection) -> None:

@@ -18,7 +18,7 @@ class Homing:
     """A fixed sequence of inputs whose observations identify the state of a machine."""
 
     inputs: Int[np.ndarray, "length"]
-    "The numbers of the inputs."
+    "The homing sequence, as numbers of inputs."
     least: int
     "A lower bound on the length of every such sequence."
 

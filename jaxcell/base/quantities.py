@@ -127,11 +127,11 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 class Result:
     """The base class of results of studies: dataclasses with described quantities.
 
-    A field may itself be a result, which is called a part. The summary contains the part as an
-    object, and the names of the variables of the part in datasets begin with the name of the field,
-    except labels of dimensions. A tuple of results, such as the field `layers`, becomes a list in
-    the summary, and variables `layer_...` along a dimension `layer` in datasets. A field `cells`
-    with a cell space gives datasets their coordinates.
+    A field may itself be a result, which is called a part. In the summary, a part is an object. In
+    datasets, the names of its variables begin with the name of the field, but the names of its
+    coordinates do not. A tuple of results, such as the field `layers`, is a list in the summary;
+    in datasets it is a set of variables `layer_...` with a dimension `layer`. If a field `cells` is
+    a cell space, datasets have its coordinates.
     """
 
     title: ClassVar[str] = ""

@@ -102,9 +102,10 @@ class Runs:
     def of_cells(
         self, cells: CellSpace
     ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
-        """Find the wall to which the robot runs from each position in each way, and the run length.
+        """Find the wall to which the robot runs from each position, and the number of steps.
 
-        Walls are counted from the first wall of the way.
+        The run depends on the way of the robot, the class of its direction by displacement per
+        step. Walls are counted from the first wall of the way.
         """
         ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
         position = cells.position_of_square.ravel()

@@ -28,7 +28,7 @@ class Section:
     lowest: Int[Array | np.ndarray, "*batch slots"]
     "The smallest cell on the orbit from each slot to its successor, including the successor."
     live: Bool[Array | np.ndarray, "*batch slots"]
-    "A mask of the slots in use; other slots return to themselves."
+    "A mask of the slots in use. The other slots fill up the array, and return to themselves."
 
 
 def bucket(size: int) -> int:

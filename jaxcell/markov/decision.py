@@ -240,7 +240,10 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values; if no action leaves, after `(low + high) / 2` is added."""
+        """Bound the error of the values, for the least and the largest sum of all later changes.
+
+        If no action leaves the cells, `(low + high) / 2` must be added to the values first.
+        """
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]

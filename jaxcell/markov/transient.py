@@ -29,7 +29,8 @@ class Transient:
     jump: scipy.sparse.csr_array
     "The probabilities of the next branching cell after each branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    "The cell after 1, 2, 4, ... steps on the run; beyond the end of the run, the number of cells."
+    """The cell that is reached from each cell by 1, 2, 4, ... steps along its run. The number of
+    cells stands for the end of the run and beyond."""
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":

@@ -129,7 +129,7 @@ def save_team(
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """Read the task of a robot from the values of the file of a team."""
+    """Read the task of one robot from the parsed contents of a team file."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     x, y, heading = own.numbers("start", (3,), whole=False).tolist()

@@ -29,7 +29,7 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"C text of all headers: the end of the first comment, and the macros that read tables."
+"C text of all headers: the end of the first comment, and macros that read tables from flash."
 
 USE = """\
  *

@@ -274,7 +274,7 @@ def localization_policy(
 def _policy(
     cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """Build a policy from decisions about sets of walls, for a start in any cell."""
+    """Build a policy for a start in any cell, from the decision for each set of possible walls."""
     after = [dict(enumerate(decisions.roots)), *decisions.after]
     members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(

@@ -28,16 +28,16 @@ def bounded_map(
 
     The map contains all possible moves. Boxes bound the position of the robot along a step: a bump
     is possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the
-    set of possible cells contains the robot while the error of its heading is at most `cells.reach`
-    fine directions.
+    robot is always in the set of possible cells if the error of its heading is at most
+    `cells.reach` fine directions.
 
     **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; the slip, whose
     numbers are bounds of the errors; and the length of a step in metres, by default one cell of the
     map.
 
     **Returns:** the set-valued map of a robot that starts at the centre of any cell. Each
-    observation has three matrices, which act one after another: moves along x, also into walls;
-    moves along y, to free squares; and changes of the heading.
+    observation has three matrices, which act one after another: moves along x, which may end in
+    walls; moves along y, which end in free squares; and changes of the heading.
 
     In a corridor of three cells, a robot without errors may go from a point of the first cell to
     the edge of this cell, or to the next cell:

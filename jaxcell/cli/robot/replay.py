@@ -18,7 +18,7 @@ class RobotReplay(Printing):
     file: Path | None = None
     """File of the task, if it was moved after the run."""
     out: Path | None = None
-    """Folder for a recording of the run, run.rrd; for example if the robot does not have Rerun."""
+    """Folder for a Rerun recording of the run, run.rrd. A robot without Rerun cannot write it."""
 
     def run(self) -> int:
         from ...robot import load_task, read_log

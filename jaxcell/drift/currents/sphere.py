@@ -210,7 +210,10 @@ def on_sphere(
 def turned(
     x: Float[np.ndarray, "*any"], y: Float[np.ndarray, "*any"], angle: Float[np.ndarray, "..."]
 ) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
-    """Turn vectors counter-clockwise by an angle in radians, for example from a grid to East."""
+    """Turn vectors counter-clockwise by an angle in radians, for example from a grid to the Earth.
+
+    If the angle is that of the x axis from East, vectors along the axes of the grid become vectors
+    to East and North."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 

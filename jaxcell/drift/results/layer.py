@@ -162,7 +162,9 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
-        """The distance for the drifters of each cell, and its noise; `None` for large maps."""
+        """The total variation between map and simulation for drifters of each cell, and its noise.
+
+        It is `None` for large maps."""
         if self._large:
             return None
         chain, duration = self.behaviour.chain, self.behaviour.duration

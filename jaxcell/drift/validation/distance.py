@@ -22,7 +22,7 @@ from .replay import SAMPLING, Replay, Sampling
 HOURS = (6.0, 24.0)
 """Times at which maps are compared with drifters, in hours, in addition to the time of interest."""
 FAR = 0.2
-"""The total variation above which a map counts as far from drifters."""
+"""The total variation above which a map is said to differ from simulated drifters."""
 MOST_CELLS = 100_000
 """The number of cells at all phases above which no other durations are tried."""
 # The longest default time of interest, in hours.
@@ -38,7 +38,9 @@ _PARTS = 6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distance:
-    """The distance between a map and drifters that began uniformly in the cells."""
+    """The total variation between the cells of drifters by a map, and by simulation.
+
+    Simulated drifters begin at points that are uniform in each cell."""
 
     hours: Float[np.ndarray, "times"]
     "The times of the comparison, in hours."

@@ -63,7 +63,7 @@ def down(x: Any, numbers: int = 1) -> Any:
 
 
 def outward(lower: Any, upper: Any, numbers: int = 1) -> Interval:
-    """Round both ends outward."""
+    """Move the lower end down and the upper end up, each by `numbers` floating-point numbers."""
     return Interval(down(lower, numbers), up(upper, numbers))
 
 

@@ -265,9 +265,10 @@ class _Search:
     def halved(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], *others: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Return the sorted numbers of the halves of boxes, after `bisections` bisections.
+        """Halve boxes that are the result of `bisections` bisections.
 
-        Also returns other arrays over boxes, whose entries are repeated for both halves.
+        Returns the sorted numbers of the halves; and the `others`, arrays over boxes, with the
+        entry of a box repeated for both of its halves.
         """
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)

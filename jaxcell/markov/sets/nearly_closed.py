@@ -181,7 +181,7 @@ class _Search:
 
     window: Window
     blurred: Window
-    "The window followed by the blur."
+    "The steps of the window, and then a step of the chain `blur`, if there is one."
     mass: _Mass
     "The mass at the start, with sum 1."
 

@@ -107,10 +107,10 @@ class Cycle:
 
     @functools.cached_property
     def _between(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, linalg.SuperLU]:
-        """Build the chain between aggregates, from round to round.
+        """Build the chain of the aggregates at the beginnings of rounds.
 
-        **Returns:** the aggregate of each state that begins a round, the probabilities of the
-        aggregates a round later, and the factors of the chain between aggregates."""
+        **Returns:** the aggregate of each state that begins a round, as a matrix of 0 and 1; the
+        probabilities of the aggregates a round later; and the LU factors of the chain."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
         into, first.indices = np.unique(first.indices, return_inverse=True)

@@ -30,7 +30,7 @@ class Levels:
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
-        """Find the levels of a matrix, from a state that is far from the other states."""
+        """Group the states of a matrix by distance from a state that is far from other states."""
         if step.shape[0] <= _FEW:
             return cls(np.arange(step.shape[0]), np.array([0, step.shape[0]]))
         graph = ((step + step.T) != 0).astype(np.int8).tocsr()

@@ -213,11 +213,12 @@ class _Maximum:
 
 
 def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Find the maximum to which a start leads.
+    """Find the local maximum of the likelihood to which a start leads.
 
-    The likelihood of a censored sample has a kink where the support ends at the outer end of its
-    interval, and the maximum often lies there. So the search first requires supports that contain
-    the whole interval, and then admits supports that end within the interval if they are better.
+    A censored sample is an interval. Its likelihood has a kink if the support of the law ends at
+    the outer end of the interval, and the maximum often lies there. So the search first requires
+    supports that contain the intervals, and then admits supports that end within an interval if
+    they are better.
     """
     wide = _maximise(problem, numbers, point)
     narrowed = wide.edge & (problem.narrow != problem.outer)

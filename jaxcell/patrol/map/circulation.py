@@ -176,10 +176,11 @@ class CirculationAscent:
     def _excursions(
         self, share: Float[np.ndarray, "cells"]
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
-        """Return the share of time of excursions in each cell, and the probability of each step.
+        """Build the random walk of excursions, by which a robot also visits rare cells.
 
-        Conductances fall with the distance from the cells that are often visited, so that a robot
-        drifts back to these cells.
+        Conductances of its steps fall with the distance from cells with a large `share` of the
+        time, so that a robot drifts back to these cells. Returns the share of the time of
+        excursions in each cell, and the probability of each step.
         """
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
         often = np.flatnonzero(share >= 1 / share.size)

@@ -140,12 +140,12 @@ def maximin(polynomials: _Polynomials) -> Maximin:
     The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
     and its coefficients on a part of an interval approach its values as the part narrows.
 
-    **Arguments:** polynomials in Bernstein form, such as [`detection_polynomials`][]; without the
-    first row, if the adversary cannot enter the segment of a robot.
+    **Arguments:** polynomials in Bernstein form, such as [`detection_polynomials`][]. Omit the
+    first row if the adversary cannot enter the segment of a robot.
 
-    **Returns:** [`Maximin`][], with one of the best p; with `BMP`, p and 1 - p are equally good.
-    The residual of its certificate bounds the distance of the value from the maximum, and its
-    iterations are the intervals that were halved.
+    **Returns:** [`Maximin`][], with one of the best p; for the movement `BMP`, p and 1 - p are
+    equally good. The residual of its certificate bounds the distance of the value from the maximum,
+    and the number of iterations is the number of intervals that were halved.
 
     Two robots on eight segments, with penetrations of three steps:
 

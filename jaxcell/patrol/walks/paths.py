@@ -28,9 +28,10 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     path counts only in its own direction. In the long run, the walk may leave out vertices that are
     on no path from a neighbour of the vertex.
 
-    Paths are in order of their Euclidean lengths. Among equally long paths, such as a line and its
-    pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
-    edge, in the order of the graph, that is in only one path decides: that path is second.
+    Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
+    edge and several edges along it, the path with fewer edges is first. If the numbers of edges are
+    equal too, the edges that only one of two paths contains decide: the path with the last of them,
+    in the order of the graph, is second.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**

@@ -35,8 +35,10 @@ class AnywhereTask(Task):
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
     """Write the task of a robot that starts at an unknown pose to a file.
 
-    `fields` are `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
-    `counted_m` and `known_m`; with a goal `goal_m` and `goal_radius_m`, else `aim` and `ahead`.
+    The file contains the map and all `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`,
+    `headings`, `slices`, `errors`, `counted_m` (the step of the clock) and `known_m` (the radius of
+    [`AnywhereSettings`][]); besides, `goal_m` and `goal_radius_m` if the robot drives to a goal, or
+    `aim` and `ahead` if it localizes itself.
     """
     write_task(
         path,
@@ -50,7 +52,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts at an unknown pose from the values of its file."""
+    """Read the task of a robot that starts at an unknown pose from the parsed file."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")

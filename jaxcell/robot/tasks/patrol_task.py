@@ -107,7 +107,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read the task of a robot from the values of the file of a patrol."""
+    """Read the task of one robot from the parsed contents of a patrol file."""
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     common = common_fields(path, fields)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Convert the errors of a `with` block that reads a sweep to `ValueError` with the folder."""
+    """Read a sweep in a `with` block, whose errors become a `ValueError` that names the folder."""
     try:
         yield
     except Exception as error:  # Zarr and msgspec have errors of many types.

@@ -87,7 +87,7 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
 
 
 class Exported(msgspec.Struct):
-    """The record that the result has been written from all earlier records."""
+    """A record which says that the result has been written, and contains all earlier records."""
 
     files: dict[str, str]
     "The SHA-256 of each file of the result."

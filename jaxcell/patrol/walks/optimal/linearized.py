@@ -49,7 +49,9 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """Compute the derivatives of the capture of attacks with respect to a robot's moves."""
+        """Compute the derivatives of the probability of capture with respect to a robot's moves.
+
+        Each attack has a start of the robot, and a target."""
         n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
         count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]

@@ -239,10 +239,10 @@ class _Program:
     def _ceiling(
         self, gain: Float[np.ndarray, "columns"], prices: Float[np.ndarray, "rows"]
     ) -> float:
-        """Compute an upper bound on a linear function, whatever the tolerance of the solver.
+        """Bound the linear function of the columns with coefficients `gain` from above.
 
-        By weak duality any prices of the rows give a bound, because columns are from 0 to 1. The
-        relief is 0 unless the function contains it.
+        The bound holds however inexact the solver is: by weak duality, any prices of the rows give
+        a bound, because columns are from 0 to 1. The relief is 0 unless `gain` contains it.
         """
         prices = np.append(prices[0], np.maximum(0.0, prices[1:]))
         left = gain - prices @ np.array(self.rows)
@@ -251,9 +251,10 @@ class _Program:
         return float(prices[0] + np.maximum(0.0, left) @ limits)
 
     def impossible(self) -> bool:
-        """Try to prove, after a failed solve, that no promises at the neighbours can be kept.
+        """Try to prove, after a failed solve, that the program of this vertex has no solution.
 
-        The proof is that the least relief is positive, by weak duality again.
+        Then the robot cannot keep the least probability of capture at any neighbour. The proof is
+        that the probability must be relieved, because the least relief has a positive lower bound.
         """
         for row in (*self.wanted, *self.full):
             self.solver.changeRowBounds(row, -np.inf, np.inf)

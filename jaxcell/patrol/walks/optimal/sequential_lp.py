@@ -71,12 +71,14 @@ def maximize_least_capture(
 def _program(
     polytope: ChainPolytope, moves: _Moves, here: LinearizedCapture, distance: float
 ) -> tuple[_Moves, float]:
-    """Find the best chains for probabilities that are linear in the moves.
+    """Find the best chains if probabilities of capture are linearized at the chains `here`.
+
+    No probability of a move changes by more than `distance`.
 
     The variables are the probabilities of the moves of each robot, the change of its least
     probability of capture for each target, and the relative change of the value. Capture is in
-    units of the value. If the distance is 1, omitted attacks that the solution violates are added,
-    because without them the gain is only a loose upper bound.
+    units of the value. Few attacks are constraints at first. If the distance is 1, attacks that
+    the solution captures less often are added, because without them the gain is a loose bound.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
     """
