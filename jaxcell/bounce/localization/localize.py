@@ -27,8 +27,8 @@ def localization_filter(
     """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, 2.4).
 
     The I-state graph (information states) of the map is a nondeterministic automaton that may start
-    in any cell. Subset construction makes it deterministic. On each knowledge cycle, a cycle without
-    exits, the robot is localized, and all states have the same colour.
+    in any cell. Subset construction makes it deterministic. On each knowledge cycle, a cycle
+    without exits, the robot is localized, and all states have the same colour.
 
     **Arguments:** the bounce map, and metadata to save with the filter. If `open_world` is true, an
     observation that cannot occur on the map leads to a trap state (Definition 2.4.6); otherwise it

@@ -96,9 +96,9 @@ def maximin_capture(
     at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
-    of a soft minimum of logarithms lead near the optimum; if all edges and attacks take equally
-    long, Adam follows these gradients on the logits. Linear programs of the nearly best attacks
-    then reach the optimum.
+    of a soft minimum of logarithms lead near the optimum, while the minimum becomes harder. If all
+    edges and attacks take equally long, Adam follows these gradients on the logits. Linear programs
+    of the nearly best attacks then reach the optimum.
 
     **Arguments:**
 
@@ -110,8 +110,8 @@ def maximin_capture(
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
         number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
         the robot acts in the same way in symmetric positions, which makes the search faster.
-    - `known`: matrices of as many robots with at most as many states of memory. The search also
-        starts from them, with copies of their states, and the result is at least as good.
+    - `known`: the matrices of known walks of these robots, with at most `memory` states of memory.
+        The search also starts from these walks, and the result captures at least as much.
     - `starts`: number of other starts. The first follows a short closed tour. If all edges and
         attacks take equally long, a small graph has up to four times as many starts, a graph of
         more than 60 vertices has fewer, and the number is divided by the number of robots.
@@ -122,10 +122,10 @@ def maximin_capture(
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is the largest relative gain
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
     fewer programs are solved, and the tolerance is 0.02; on graphs of more than 100 none are
-    solved, and the residual is the share of the value that the last quarter of the gradient steps
-    added, or the hardest soft minimum; with memory, the limit of 100 applies to the vertices times
-    the square of `memory`.
-    The iterations are the gradient steps from all starts and the programs.
+    solved, and the residual is the share of the value that the last steps added: the last quarter
+    of the steps of Adam, or the steps for the hardest soft minimum. With memory, the limit of 100
+    applies to the number of vertices times the square of `memory`. The iterations are the gradient
+    steps from all starts and the programs.
 
     On a line of three vertices, a robot needs two steps from one end to the other:
 
@@ -186,7 +186,11 @@ def maximin_capture(
 def _copied(
     known: Float[np.ndarray, "robots _ _"], memory: int, vertices: int, seed: int
 ) -> _Matrices:
-    """Copy states of memory until there are `memory`, and divide moves among copies at random."""
+    """Add copies of states of memory to known walks until there are `memory` states.
+
+    Moves to a state are divided among its copies at random. So capture does not change, but a
+    search can make copies differ.
+    """
     robots, states = known.shape[:2]
     if known.shape[1:] != (states, states) or states % vertices or states > memory * vertices:
         raise ValueError(
@@ -207,7 +211,9 @@ def _descend(
     copies: _Matrices | None,
     arguments: tuple[Any, ...],
 ) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
-    """Follow the gradient from each start, and then harder minima from the best and the copies.
+    """Follow the gradient of a soft minimum from each start, and then those of harder minima.
+
+    The latter begin at the best result, and at known walks with `copies` of states of memory.
 
     **Returns:** the best moves, the number of steps, and the share of the value that the hardest
     minimum added.
@@ -248,7 +254,7 @@ def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
 def _frames(
     delays: Int[np.ndarray, "states states"], memory: int
 ) -> Int[np.ndarray, "frames vertices"]:
-    """Return the symmetries of a graph if their number divides the memory, else the identity."""
+    """Return the symmetries of a graph if their number divides `memory`, else only the identity."""
     vertices = len(delays) // memory
     identity = np.arange(vertices)[None]
     if memory == 1 or vertices > ALL_TARGETS:
