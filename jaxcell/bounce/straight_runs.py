@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
-from ..base.copies import copies
 from ..space import CellSpace
+from ..space.copies import copies
 from ..space.steps import Steps
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..base.copies import copies
 from ..base.memory import check
+from .copies import copies
 
 
 MOST_SQUARES = 2**30

@@ -5,9 +5,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Num
 
-from ..base.copies import copies
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
+from .copies import copies
 from .segments import cross
 from .view import check_reach
 from .workspace import edges, polygons

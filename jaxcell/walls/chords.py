@@ -6,7 +6,7 @@ import functools
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.copies import copies
+from ..space.copies import copies
 from .boundary import Boundary
 from .meeting import Met, Pairs, Rows
 

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.copies import copies
+from ..space.copies import copies
 from .boundary import run_to_wall
 from .choice import choose_angles
 from .filter import WallFilter

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.copies import copies
+from ..space.copies import copies
 from .boundary import ROUNDING, Boundary
 
 

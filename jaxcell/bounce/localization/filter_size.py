@@ -1,7 +1,7 @@
 import numpy as np
 from jaxtyping import Int, UInt64
 
-from ...base.copies import copies
+from ...space.copies import copies
 from ..wall_tables import Walls
 
 

@@ -7,8 +7,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...base.copies import copies
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
+from ...space.copies import copies
 from ...space.steps import Steps
 from ..dynamics import bounce_shift
 from ..straight_runs import Runs
