@@ -6,10 +6,7 @@ So all files are read in another process.
 
 import copy
 import functools
-import tempfile
-from pathlib import Path
 
-import croco
 import netCDF4
 import numpy as np
 import pytest
@@ -29,9 +26,7 @@ def worker():
 
 def roms():
     """Currents on the sides of cells, with levels that follow the sea bed."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = croco.write(Path(folder, "f.nc"), croco.island(), levels=3)
-        return xr.load_dataset(path, decode_times=False, mask_and_scale=False)
+    return products.croco(products.island(), levels=3)
 
 
 def mitgcm():
