@@ -46,4 +46,5 @@ class Solution:
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
     """For a chain that is estimated from samples, the change of each value if only half of the
-    samples are used, or `inf` if one of the two values is infinite; for other chains `None`."""
+    samples are used. It is `inf` if exactly one of the two values is infinite. For other chains
+    it is `None`."""

@@ -96,7 +96,7 @@ def test_one_record_at_a_time_is_read(tmp_path):
 
 def test_the_grid_of_croco_may_be_in_another_file(tmp_path):
     whole = products.croco(products.island(), turn_deg=20.0)
-    fixed = [name for name, one in whole.data_vars.items() if one.dims == products.RHO]
+    fixed = [name for name, array in whole.data_vars.items() if array.dims == products.RHO]
     grid = write(tmp_path, whole[fixed], "grid.nc", format="NETCDF3_64BIT_OFFSET")
     moving = write(tmp_path, whole.drop_vars(fixed), "his.nc", format="NETCDF3_64BIT_OFFSET")
     expected = open_currents(whole, depths=(0, 10))

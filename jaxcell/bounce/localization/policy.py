@@ -57,9 +57,9 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    """One sequence of turns at successive bumps, for all starts and observations. The robot bumps
-    once more after the last turn, and is then localized. With the goal `"position"`, one place is
-    left at some bump of the sequence, but not always at the last bump."""
+    """A sequence of turns at successive bumps that is the same for all starts and observations. The
+    robot bumps once more after the last turn, and is then localized. With the goal `"position"`,
+    one place is left at some bump of the sequence, but not always at the last bump."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 
 from ...base import memory
 from ...space.box import Box
+from ...space.copies import copies
 
 
 # Bytes of an edge (its end and weight, and copies by the search for components), and of a row of
@@ -119,8 +120,7 @@ class Grid:
         sizes[(sizes == 0).any(axis=1)] = 0
         rows = sizes[:, :-1].prod(axis=1) * (sizes[:, -1] > 0)
         _check(int(rows.sum()) * _BYTES_PER_ROW)
-        source = np.repeat(np.arange(cells.size), rows)
-        place = np.arange(source.size) - np.repeat(np.cumsum(rows) - rows, rows)
+        source, place = copies(rows)
         row = np.zeros(source.size, np.int64)
         stride = 1
         for axis in reversed(range(len(leading))):

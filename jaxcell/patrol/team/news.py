@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
+from ...space.copies import copies
 from .idleness import long_run
 from .times import check_vertex, move_times, names_of
 
@@ -160,8 +161,7 @@ def with_vertices_on_the_way(
     The additional states on these chains are numbered after the vertices."""
     tails, heads = np.nonzero(matrix)
     units = delays[tails, heads]
-    step = np.repeat(np.arange(units.size), units)
-    since = np.arange(step.size) - (np.cumsum(units) - units)[step]
+    step, since = copies(units)
     # The additional state after each unit of time, unless it is the last unit of a step.
     state = len(matrix) + np.arange(step.size) - step
     here = np.where(since == 0, tails[step], state - 1)

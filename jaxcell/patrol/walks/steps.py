@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...optimize import Graph
+from ...space.copies import copies
 
 
 # Least probability of a step where an ascent starts: gradients hardly change rarer steps.
@@ -35,7 +36,7 @@ class Steps(NamedTuple):
         steps = np.concatenate([graph.edges, graph.edges[:, ::-1]]).astype(np.int64)
         tail, head = steps[np.lexsort((steps[:, 1], steps[:, 0]))].T
         degree = np.bincount(tail, minlength=cells)
-        slot = np.arange(tail.size) - np.repeat(np.cumsum(degree) - degree, degree)
+        _, slot = copies(degree)
         image = np.tile(np.arange(cells, dtype=np.int32), (degree.max(), 1))
         even, back = np.zeros(image.shape, np.float32), np.zeros(image.shape, np.int32)
         image[slot, tail] = head

@@ -153,16 +153,16 @@ def maximin_capture(
         count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
         begin = among.starts(max(count, min(starts, 2)), robots, seed)[-count:]
-        begins = [np.stack([among.matrix(robot) for robot in start]) for start in begin]
+        begins = among.matrix(begin)
         matrices, steps, late = _ascend(
             SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
             attack,
-            np.array([*begins, *([] if copies is None else [copies])]),
+            begins if copies is None else np.concatenate([begins, copies[None]]),
         )
     else:
         begin = among.starts(starts, robots, seed)
         moves, steps, late = _descend(among, begin, copies, arguments)
-        matrices = np.stack([among.matrix(robot) for robot in moves])
+        matrices = among.matrix(moves)
     if graph.vertices * memory**2 > POLISHED:
         certificate = Certificate(steps, late, _LITTLE)
     else:
@@ -174,7 +174,7 @@ def maximin_capture(
             matrices[:, among.tails, among.heads],
             tolerance,
         )
-        matrices = np.stack([among.matrix(robot) for robot in moves])
+        matrices = among.matrix(moves)
         certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices, value = _without_rare_moves(matrices, arguments)
@@ -220,7 +220,7 @@ def _descend(
     """
 
     def value(moves: Float[np.ndarray, "robots moves"]) -> float:
-        return _value(np.stack([among.matrix(robot) for robot in moves]), arguments)
+        return _value(among.matrix(moves), arguments)
 
     every, values, steps = descend(_missed, among, starts, (*arguments, _HARDNESS))
     best = [every[np.nanargmin(values)]]

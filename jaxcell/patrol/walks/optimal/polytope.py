@@ -55,10 +55,12 @@ class ChainPolytope:
         tails, heads = moves.T
         return cls(graph.vertices, tails, heads, stationary)
 
-    def matrix(self, moves: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "vertices vertices"]:
-        """Build a matrix from one number per move, such as the transition matrix."""
-        matrix = np.zeros((self.vertices, self.vertices))
-        matrix[self.tails, self.heads] = moves
+    def matrix(
+        self, moves: Float[np.ndarray, "*batch moves"]
+    ) -> Float[np.ndarray, "*batch vertices vertices"]:
+        """Build matrices from one number per move, such as transition matrices."""
+        matrix = np.zeros((*moves.shape[:-1], self.vertices, self.vertices))
+        matrix[..., self.tails, self.heads] = moves
         return matrix
 
     def inside(self, weights: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "moves"]:
