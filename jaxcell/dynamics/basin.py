@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -88,9 +89,8 @@ class Basins(OnBox):
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
-    trial: Trial | None = None
-    """A test of remedies on a sample of points, made if cells and orbits give different attractors;
-    otherwise `None`."""
+    map: Map | None = None
+    "The map, with which `trial` tests remedies, or `None` for basins without this test."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -179,6 +179,14 @@ class Basins(OnBox):
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
         return self.share(lambda part: self.several[part])
+
+    @functools.cached_property
+    def trial(self) -> Trial | None:
+        """A test of remedies for coarse cells, made if cells and orbits often give different
+        attractors; otherwise `None`."""
+        if self.map is None or self.disagreement <= DOUBTFUL:
+            return None
+        return tried(self.map, self)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -269,16 +277,10 @@ def basins_of_each(
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
             known |= {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
             known["several"] = np.zeros(box.size, bool)
-        basins = dataclasses.replace(basins, **known)
-        each.append(with_trial(map, basins) if by == "cells" and len(members) == 1 else basins)
+        elif len(members) == 1:
+            known["map"] = map
+        each.append(dataclasses.replace(basins, **known))
     return each
-
-
-def with_trial(map: Map, basins: Basins) -> Basins:
-    """Add a test of remedies to basins if cells and orbits often give different attractors."""
-    if basins.disagreement <= DOUBTFUL:
-        return basins
-    return dataclasses.replace(basins, trial=tried(map, basins))
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:

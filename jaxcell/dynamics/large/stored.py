@@ -12,7 +12,7 @@ import numpy as np
 from ...base import memory
 from ...space.box import Box
 from ..attractors import attractors
-from ..basin import Basins, by_cells, with_trial
+from ..basin import Basins, by_cells
 from ..batches import CHUNK
 from ..imaging import Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from ..maps import Flow, Map
@@ -130,8 +130,8 @@ def stored_basins(
     (changed,) = changed_by_half_step(map, box, [params], cells[None], follow=follow)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    basins = dataclasses.replace(basins, torn=torn, duration=duration, labels=labels, follow=follow)
-    return with_trial(map, basins)
+    known: dict[str, Any] = {"duration": duration, "labels": labels, "follow": follow, "map": map}
+    return dataclasses.replace(basins, torn=torn, **known)
 
 
 def _check_disk(files: Folder, box: Box) -> None:
