@@ -23,8 +23,7 @@ that most cells are periodic.
 
 `images`, `basins`, `stored_basins`, `foretold`, `continuation`, `chain`; `refined`, `edge_states`,
 `unstable_set`, `relative_attractor`, `morse_sets`, `enclose`; `basin_stability`, `basin_entropy`,
-`uncertainty_exponent`, `wada`, `overlap`, `convergence_pace`, `minimal_critical_shock`,
-`noncritical_shocks`.
+`uncertainty_exponent`, `wada`, `overlap`, `minimal_critical_shock`.
 """
 
 from ..base.hosted import attach

@@ -25,9 +25,7 @@ from .outer.transform import enclose as enclose
 from .quantify import (
     basin_entropy as basin_entropy,
     basin_stability as basin_stability,
-    convergence_pace as convergence_pace,
     minimal_critical_shock as minimal_critical_shock,
-    noncritical_shocks as noncritical_shocks,
     overlap as overlap,
     uncertainty_exponent as uncertainty_exponent,
     wada as wada,

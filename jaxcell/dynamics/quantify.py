@@ -1,7 +1,7 @@
 """Measures of basins: stability, distances to the boundary, entropy, uncertainty exponents."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
@@ -36,50 +36,6 @@ def basin_stability(
         mass = np.asarray(weight(basins.box.centre(np.arange(basins.box.size, dtype=np.int32))))
     come = np.where(basins.times <= within, basins.basin, -1)
     return np.bincount(come + 1, mass, minlength=basins.attractors + 1)[1:] / mass.sum()
-
-
-def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
-    """Compute the time to the attractor divided by the distance from it, averaged over each basin.
-
-    **Arguments:** basins. **Returns:** the pace of each attractor, a time (in mappings if a mapping
-    has no duration) per length in the units of the box. Cells of the attractor count as 0. For mean
-    times see `basins.mean_time`.
-
-        >>> from jaxcell import dynamics, examples
-        >>> dynamics.convergence_pace(examples.basins(cells=4)).tolist()
-        [2.0, 2.0]
-    """
-    times = basins.times
-    return np.array(
-        [
-            np.divide(times[own], far, out=np.zeros(far.size), where=far > 0).mean()
-            for own, far in _basins_with_distance(basins)
-        ]
-    )
-
-
-def noncritical_shocks(
-    basins: Basins,
-) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
-    """Compute the mean and the largest distance of the cells of each basin from its attractor.
-
-    **Arguments:** basins. **Returns:** both distances for each attractor, in the units of the box.
-
-        >>> from jaxcell import dynamics, examples
-        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(examples.basins(cells=4))]
-        [[0.125, 0.125], [0.25, 0.25]]
-    """
-    lengths = [far for _, far in _basins_with_distance(basins)]
-    return np.array([far.mean() for far in lengths]), np.array([far.max() for far in lengths])
-
-
-def _basins_with_distance(basins: Basins) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the cells of each basin, and their distances from the attractor."""
-    for k, cells in enumerate(basins.attractor_cells):
-        away = np.ones(basins.box.size, bool)
-        away[cells] = False
-        own = np.flatnonzero(basins.basin == k)
-        yield own, _distance(basins.box, away)[own]
 
 
 def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:

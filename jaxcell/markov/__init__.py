@@ -30,7 +30,7 @@ but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the
 transform `p_ij h_j / h_i`. The law of the *first passage* is the probability of arriving first at
 time `n`. The probability that none of several independent robots has arrived is the product of
 their probabilities (section 4.4.6). `arrival_probabilities`, `hitting_times`,
-`conditional_hitting_times`; `first_passage`, `survival`; `first_arrival`, `mean_first_arrival`, and
+`conditional_hitting_times`; `first_passage`; `first_arrival`, `mean_first_arrival`, and
 `simulate_arrival`, which simulates runs (`Distinct` is the start of robots in different cells);
 `sample_walks` draws a few walks step by step.
 

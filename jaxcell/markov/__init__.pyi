@@ -25,7 +25,7 @@ from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
 )
-from .passage import first_passage as first_passage, survival as survival
+from .passage import first_passage as first_passage
 from .quantities import (
     commute_times as commute_times,
     entropy_rate as entropy_rate,

@@ -45,27 +45,6 @@ def first_passage(
     return _law(chain, *jax.device_put((distribution, there)), steps)
 
 
-def survival(
-    chain: Chain, target: npt.ArrayLike | int, steps: int
-) -> Float[Array, "{steps}+1 cells"]:
-    """Compute the probability that a chain has not yet been in a set of cells, for every start.
-
-    **Arguments:** as for [`first_passage`][]. **Returns:** the probability after `0, 1, ..., steps`
-    steps, for a start in each cell. A chain that has left the space counts as never arriving.
-
-    A random walk on a line of three cells:
-
-        >>> from jaxcell import examples, markov
-        >>> markov.survival(examples.walk(), target=2, steps=2).tolist()
-        [[1.0, 1.0, 0.0], [1.0, 0.5, 0.0], [0.5, 0.5, 0.0]]
-    """
-    require_x64("survival")
-    check_steps(steps)
-    there = cell_mask(chain.cells, target)
-    value = np.where(there, 0.0, 1.0)
-    return survivals(chain, *jax.device_put((there, value)), steps + 1)[0]
-
-
 @functools.partial(jax.jit, static_argnames="steps")
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int

@@ -47,13 +47,11 @@ def save_recording(
 
     The groups of a robot that bounces in a lab:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import record, study
+        >>> from jaxcell import examples, record, study
         >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "groups.rrd")
-        ...     record.save_recording(groups, path)
-        ...     path.exists()
+        >>> path = examples.folder() / "groups.rrd"
+        >>> record.save_recording(groups, path)
+        >>> path.exists()
         True
     """
     import_module("rerun")

@@ -37,8 +37,8 @@ of a robot with a `Calibration`, which `jaxcell robot calibrate` measures and sa
 `calibration_file`.
 
 **Patrols** go from cell to cell with Lee's wave routing. `grid_steps` lists the neighbours of each
-square of a grid, `wave` counts the steps to a goal, and `route` finds a shortest path, in time
-proportional to the number of cells. A patrol may look for a dummy intruder, a dark cross on a light
+square of a grid, and `wave` counts the steps to a goal, in time proportional to the number of
+cells. A patrol may look for a dummy intruder, a dark cross on a light
 sheet: `draw_cross` draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures`
 are sources of frames for `CrossLook`. They need OpenCV (`pip install 'jaxcell[vision]'`).
 
@@ -103,7 +103,7 @@ from .patrol import (
     run_patrol as run_patrol,
 )
 from .plan import plan_outcome as plan_outcome, run_plan as run_plan
-from .routing import grid_steps as grid_steps, route as route, wave as wave
+from .routing import grid_steps as grid_steps, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .sketch import (
     bounce_sketch as bounce_sketch,

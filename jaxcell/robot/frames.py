@@ -62,13 +62,11 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
 
     A folder with one picture:
 
-        >>> import pathlib, tempfile
         >>> import cv2
-        >>> from jaxcell import robot
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     file = str(pathlib.Path(folder, "cross.png"))
-        ...     _ = cv2.imwrite(file, robot.draw_cross(50))
-        ...     robot.pictures(folder)().shape
+        >>> from jaxcell import examples, robot
+        >>> folder = examples.folder()
+        >>> _ = cv2.imwrite(str(folder / "cross.png"), robot.draw_cross(50))
+        >>> robot.pictures(folder)().shape
         (50, 50, 3)
     """
     cv2 = import_module("cv2")

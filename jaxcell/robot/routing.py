@@ -91,39 +91,6 @@ def next_way(
     return ahead if nearer[ahead] else int(nearer.argmax())
 
 
-def route(
-    steps: Int[np.ndarray, "4 positions"], start: int, goal: int, ahead: int = 0
-) -> list[int]:
-    """Find a shortest path through a grid (Lee 1961).
-
-    **Arguments:** the steps of [`grid_steps`][], the positions of the start and the goal, and the
-    direction of the robot at the start. Among the steps that lead nearer to the goal, a step
-    straight ahead is preferred. **Returns:** the direction of each step, 0 East, 1 North, 2 West or
-    3 South.
-
-    **Raises:** `ValueError` if no path leads to the goal.
-
-    Around the blocked centre of a 3-by-3 grid, for a robot that faces North:
-
-        >>> import numpy as np
-        >>> from jaxcell import robot
-        >>> free = np.ones((3, 3), bool)
-        >>> free[1, 1] = False
-        >>> robot.route(robot.grid_steps(free), 0, 7, ahead=1)
-        [1, 1, 0, 0]
-    """
-    distance = wave(steps, goal)
-    _check(steps, start, "start")
-    if distance[start] < 0:
-        raise ValueError(f"goal: no path leads from position {start} to {goal}")
-    ways = []
-    while start != goal:
-        ahead = next_way(steps, distance, start, ahead)
-        ways.append(ahead)
-        start = int(steps[ahead, start])
-    return ways
-
-
 def _check(steps: Int[np.ndarray, "4 positions"], position: int, name: str) -> None:
     if not 0 <= position < steps.shape[1]:
         raise ValueError(

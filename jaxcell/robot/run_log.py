@@ -152,14 +152,12 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
 
     A log with one event, whose file is cut off:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import robot
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.jsonl")
-        ...     with robot.RunLog(path, {"kind": "trial"}) as log:
-        ...         log.event("note", text="off we go")
-        ...     _ = path.write_bytes(path.read_bytes()[:-3])
-        ...     robot.read_log(path).whole
+        >>> from jaxcell import examples, robot
+        >>> path = examples.folder() / "run.jsonl"
+        >>> with robot.RunLog(path, {"kind": "trial"}) as log:
+        ...     log.event("note", text="off we go")
+        >>> _ = path.write_bytes(path.read_bytes()[:-3])
+        >>> robot.read_log(path).whole
         False
     """
     text = Path(path).read_bytes()

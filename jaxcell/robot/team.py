@@ -107,13 +107,12 @@ def save_team(
 
     A robot that makes two steps and turns at a wall:
 
-        >>> import math, pathlib, tempfile
-        >>> from jaxcell import robot
+        >>> import math
+        >>> from jaxcell import examples, robot
         >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "team.json")
-        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
-        ...     task = robot.load_task(path)
+        >>> path = examples.folder() / "team.json"
+        >>> robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
+        >>> task = robot.load_task(path)
         >>> task.start, task.actions
         ((0.5, 0.5, 0.0), '001')
     """

@@ -27,15 +27,9 @@ def test_minimal_critical_shocks_equal_attractors_jl(found):
     np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
 
 
-def test_times_and_shocks_equal_attractors_jl(found):
+def test_times_equal_attractors_jl(found):
     # Attractors.jl divides sums over a basin by all nine starts.
-    share = np.array([2 / 3, 1 / 3])
-    np.testing.assert_allclose(share * found.mean_steps, [5 / 9, 2 / 9])
-    pace = dynamics.convergence_pace(found)
-    np.testing.assert_allclose(share * pace, [0.40604, 0.16667], atol=1e-5)
-    mean, largest = dynamics.noncritical_shocks(found)
-    np.testing.assert_allclose(share * mean, [0.85003, 0.33333], atol=1e-5)
-    np.testing.assert_allclose(largest, [2.23607, 2], atol=1e-5)
+    np.testing.assert_allclose(found.mean_steps * [2 / 3, 1 / 3], [5 / 9, 2 / 9])
     np.testing.assert_allclose(dynamics.basin_stability(found, within=0.5), [1 / 9, 1 / 9])
 
 

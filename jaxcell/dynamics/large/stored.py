@@ -106,11 +106,9 @@ def stored_basins(
 
     A box of few cells:
 
-        >>> import tempfile
-        >>> from jaxcell import dynamics, space
+        >>> from jaxcell import dynamics, examples, space
         >>> box = space.Box([0], [1], cells=[20])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     basins = dynamics.stored_basins(lambda x, p: x / 2, box, folder=folder)
+        >>> basins = dynamics.stored_basins(lambda x, p: x / 2, box, folder=examples.folder())
         >>> basins.fraction.tolist()
         [1.0]
     """

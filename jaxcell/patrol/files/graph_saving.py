@@ -19,13 +19,11 @@ def save_graph(
 
     A graph of two vertices and an edge:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import patrol
+        >>> from jaxcell import examples, patrol
         >>> graph = patrol.Graph([[0, 1]], xy=[[0, 0], [3.5, 1]])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "line.edges")
-        ...     patrol.save_graph(graph, path, ["hall", "yard"])
-        ...     print(path.read_text())
+        >>> path = examples.folder() / "line.edges"
+        >>> patrol.save_graph(graph, path, ["hall", "yard"])
+        >>> print(path.read_text())
         hall 0.0 0.0
         yard 3.5 1.0
         hall yard

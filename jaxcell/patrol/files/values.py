@@ -20,12 +20,10 @@ def load_values(
 
     Durations of attacks on two vertices:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import patrol
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "times.txt")
-        ...     _ = path.write_text("hall 6\\nyard 9\\n")
-        ...     patrol.files.load_values(path, ["yard", "hall"]).tolist()
+        >>> from jaxcell import examples, patrol
+        >>> path = examples.folder() / "times.txt"
+        >>> _ = path.write_text("hall 6\\nyard 9\\n")
+        >>> patrol.files.load_values(path, ["yard", "hall"]).tolist()
         [9.0, 6.0]
     """
     return _load(Path(path), names, (1,), whole)[:, 0]

@@ -45,14 +45,13 @@ def save_cells(
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
-        >>> import math, pathlib, tempfile
+        >>> import math
         >>> import xarray as xr
         >>> from jaxcell import bounce, examples, record
         >>> groups = bounce.BounceGroups.of(examples.corridor(), math.pi)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "groups.zarr")
-        ...     record.save_cells(groups, path)
-        ...     xr.open_zarr(path).image.values.tolist()
+        >>> path = examples.folder() / "groups.zarr"
+        >>> record.save_cells(groups, path)
+        >>> xr.open_zarr(path).image.values.tolist()
         [[[1, 2, 5], [0, 3, 4]]]
     """
     cells = result.cells

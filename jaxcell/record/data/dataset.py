@@ -69,13 +69,11 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
     A dataset, written and read again:
 
-        >>> import pathlib, tempfile
         >>> import xarray as xr
-        >>> from jaxcell import record
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "result.nc")
-        ...     record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
-        ...     xr.load_dataset(path).steps.values.tolist()
+        >>> from jaxcell import examples, record
+        >>> path = examples.folder() / "result.nc"
+        >>> record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
+        >>> xr.load_dataset(path).steps.values.tolist()
         [1, 2]
     """
     encoding = {

@@ -33,14 +33,12 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
 
     The surface of the bundled sea at its first record:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, drift, record
+        >>> from jaxcell import bundled, drift, examples, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> sea = drift.SeaDrift.of(currents)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "deployment.csv")
-        ...     record.save_deployment(sea, path)
-        ...     path.read_text().splitlines()[0]
+        >>> path = examples.folder() / "deployment.csv"
+        >>> record.save_deployment(sea, path)
+        >>> path.read_text().splitlines()[0]
         'number,lon,lat,cell,purpose,group,transient_group,gained'
     """
     write = {".csv": _csv, ".geojson": _geojson}.get(Path(path).suffix)

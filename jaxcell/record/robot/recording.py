@@ -44,13 +44,11 @@ class RobotRecording:
 
     A robot that bumps into a wall:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import record
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.rrd")
-        ...     with record.RobotRecording(path, [record.RecordedRobot()]) as recording:
-        ...         recording.event("observation", {"seconds": 1.0, "observation": 1})
-        ...     path.exists()
+        >>> from jaxcell import examples, record
+        >>> path = examples.folder() / "run.rrd"
+        >>> with record.RobotRecording(path, [record.RecordedRobot()]) as recording:
+        ...     recording.event("observation", {"seconds": 1.0, "observation": 1})
+        >>> path.exists()
         True
     """
 

@@ -66,14 +66,12 @@ def log_sweep(
 
     A sweep of three members:
 
-        >>> import pathlib, tempfile
         >>> import xarray as xr
-        >>> from jaxcell import record
+        >>> from jaxcell import examples, record
         >>> values = {"status": ("angle", [1, 1, 1]), "groups": ("angle", [4, 2, 3])}
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.rrd")
-        ...     record.log_sweep(path, xr.Dataset(values, {"angle": [0, 45, 90]}))
-        ...     path.exists()
+        >>> path = examples.folder() / "run.rrd"
+        >>> record.log_sweep(path, xr.Dataset(values, {"angle": [0, 45, 90]}))
+        >>> path.exists()
         True
     """
     if "status" not in dataset:

@@ -70,14 +70,12 @@ def save_patrols(
 
     A robot that patrols between the ends of a corridor:
 
-        >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import examples, robot
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, examples.corridor(directions=4), [walk], [0], 1.5)
-        ...     robot.load_task(path).image.tolist()
+        >>> path = examples.folder() / "patrol.json"
+        >>> robot.save_patrols(path, examples.corridor(directions=4), [walk], [0], 1.5)
+        >>> robot.load_task(path).image.tolist()
         [[2, 1, 0]]
     """
     plane = CellSpace(cells.room, cells.cell, 4, cells.origin, cells.free)

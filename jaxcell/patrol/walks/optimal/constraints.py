@@ -77,13 +77,11 @@ def load_constraints(
 
     At most a tenth of the steps along the last edge of a line:
 
-        >>> import pathlib, tempfile
-        >>> from jaxcell import patrol
+        >>> from jaxcell import examples, patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "constraints.json")
-        ...     _ = path.write_text('{"constraints": [{"edges": [["b", "c"]], "most": 0.1}]}')
-        ...     (cap,) = patrol.walks.load_constraints(path, graph, "abc")
+        >>> path = examples.folder() / "constraints.json"
+        >>> _ = path.write_text('{"constraints": [{"edges": [["b", "c"]], "most": 0.1}]}')
+        >>> (cap,) = patrol.walks.load_constraints(path, graph, "abc")
         >>> cap.label, cap.coefficients.tolist(), cap.upper
         ('edge b-c', [0.0, 1.0], 0.1)
     """
