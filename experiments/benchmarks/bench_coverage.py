@@ -127,9 +127,9 @@ def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
     matrix = chain.to_scipy()
-    found = persistent_groups(chain)
-    group = np.asarray(found.group)
-    title = f"{bounce_deg} deg, {cells.size:,} cells, {int(found.size.sum()):,} persistent"
+    groups = persistent_groups(chain)
+    group = np.asarray(groups.group)
+    title = f"{bounce_deg} deg, {cells.size:,} cells, {int(groups.size.sum()):,} persistent"
     programs: dict[str, Callable[[], np.ndarray]] = {
         "jaxcell, persistent_groups": lambda: np.asarray(persistent_groups(chain).group),
         "scipy strong components, sink test in NumPy": lambda: scipy_groups(matrix),
@@ -142,7 +142,7 @@ def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
 
     programs = {
         "jaxcell, limiting_distribution": lambda: np.asarray(
-            limiting_distribution(chain, found).value
+            limiting_distribution(chain, groups).value
         ),
         "scipy eigs, given the groups": lambda: eigs_limiting(matrix, group),
         f"power iteration to {RESIDUAL:g}, given the groups": lambda: power_limiting(matrix, group),
@@ -157,7 +157,7 @@ def quantecon_size(repeats: int) -> list[Row]:
     cells = room(directions=72)
     chain = jax.block_until_ready(noisy(cells, 75))
     matrix = chain.to_scipy()
-    found = persistent_groups(chain)
+    groups = persistent_groups(chain)
 
     def ours() -> np.ndarray:
         return np.asarray(limiting_distribution(chain, persistent_groups(chain)).value)
@@ -167,7 +167,7 @@ def quantecon_size(repeats: int) -> list[Row]:
         "QuantEcon, stationary_distributions": lambda: quantecon_limiting(matrix),
     }
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
-    title = f"75 deg, {cells.size:,} cells, {int(found.size.sum()):,} persistent"
+    title = f"75 deg, {cells.size:,} cells, {int(groups.size.sum()):,} persistent"
     table(f"Groups and distribution, {title}", timings)
     what = "groups and limiting distribution, imprecise policy, 75 deg"
     return rows_of("coverage", what, f"{cells.size:,} cells", timings)

@@ -80,10 +80,10 @@ def swept(folder: Path, what: Spec, engine: str, workers: int | None) -> Run:
 
     shutil.rmtree(folder / "out", ignore_errors=True)
     began = time.perf_counter()
-    found = run_sweep(what, folder / "out", engine=engine, workers=workers, progress=note)
+    status = run_sweep(what, folder / "out", engine=engine, workers=workers, progress=note)
     total = time.perf_counter() - began
-    if not found.complete:
-        raise RuntimeError(f"{engine}: {found.failures[0].message}")
+    if not status.complete:
+        raise RuntimeError(f"{engine}: {status.failures[0].message}")
     # The first moment is before the first chunk.
     return Run(total, [moment - began for moment in moments[1:]])
 

@@ -43,8 +43,8 @@ def _summaries() -> Any:
         from jaxcell.mapping import periodic_groups
 
         def summary(image: jax.Array) -> tuple[jax.Array, jax.Array]:
-            found = periodic_groups(image)
-            return found.group.max() + 1, found.step.max()
+            groups = periodic_groups(image)
+            return groups.group.max() + 1, groups.step.max()
 
         _kept.append(jax.jit(jax.vmap(summary)))
     return _kept[0]

@@ -204,13 +204,13 @@ def study(runs: int, seed: int) -> xr.Dataset:
         start = random_starts(cells, robots, runs, seed)
         starts[i, j, :, :robots] = start
         for k, limit in enumerate((UNLIMITED, cells.positions)):
-            found = bounce.team_trajectories(
+            trajectories = bounce.team_trajectories(
                 cells, start, math.radians(BOUNCE_DEG), part_steps=limit
             )
-            steps[k, i, j] = [one.steps for one in found]
-            uncovered[k, i, j] = [one.uncovered for one in found]
-            parts[k, i, j] = [one.parts for one in found]
-            collisions[k, i, j] = [one.collisions_in_all for one in found]
+            steps[k, i, j] = [one.steps for one in trajectories]
+            uncovered[k, i, j] = [one.uncovered for one in trajectories]
+            parts[k, i, j] = [one.parts for one in trajectories]
+            collisions[k, i, j] = [one.collisions_in_all for one in trajectories]
         shared = [team_sweep(cells, roads, path, one) for one in start]
         sweep_moves[i, j], sweep_turns[i, j] = np.array(shared).T
     dims = ("environment", "robots", "run")

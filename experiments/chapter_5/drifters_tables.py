@@ -140,8 +140,8 @@ def fewest_by_program(chain: Chain) -> int | None:
     if chain.cells**2 > _LARGEST_TABLE:
         return None
     leads = np.isfinite(csgraph.shortest_path(chain.to_scipy(), unweighted=True))
-    found = minimum_cover(leads, time_limit=MILP_SECONDS, throw=False)
-    return found.chosen.size if found.bound == found.chosen.size else None
+    cover = minimum_cover(leads, time_limit=MILP_SECONDS, throw=False)
+    return cover.chosen.size if cover.bound == cover.chosen.size else None
 
 
 def reaches_all(chain: Chain, cells: np.ndarray) -> bool:

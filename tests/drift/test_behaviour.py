@@ -20,14 +20,14 @@ from jaxcell.mapping import Chain, persistent_groups
 def test_behaviour_equals_the_definition(currents, spread, edge):
     water, flow = Water.of(currents), Flow.of(currents)
     chain = drift_map(water, flow, DriftStep(1.0, spread=spread, edge=edge))
-    found = long_term_behaviour(chain, 1800)
+    behaviour = long_term_behaviour(chain, 1800)
     matrix = chain.to_scipy().toarray()
     graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
     graph.add_edges_from((int(c), -1) for c in np.flatnonzero(np.asarray(chain.leaving) > 0))
     ends = [s for s in nx.strongly_connected_components(graph) if not nx.node_boundary(graph, s)]
     groups = sorted((s for s in ends if -1 not in s), key=min)
-    group = np.asarray(found.groups.group)
-    assert found.groups.count == len(groups)
+    group = np.asarray(behaviour.groups.group)
+    assert behaviour.groups.count == len(groups)
     reach = nx.transitive_closure(graph, reflexive=True)
     for cell in range(water.cells):
         homes = [k for k, cells in enumerate(groups) if reach.has_edge(cell, min(cells))]
@@ -35,39 +35,43 @@ def test_behaviour_equals_the_definition(currents, spread, edge):
             homes.insert(0, -1)
         if group[cell] >= 0:
             assert homes == [group[cell]]
-            assert found.transient.group[cell] == -1
-            assert found.basin[cell] == group[cell]
+            assert behaviour.transient.group[cell] == -1
+            assert behaviour.basin[cell] == group[cell]
         else:
-            assert found.transient.domiciles[int(found.transient.group[cell])] == tuple(homes)
-            assert found.basin[cell] == (homes[0] if len(homes) == 1 else -1)
+            assert behaviour.transient.domiciles[int(behaviour.transient.group[cell])] == tuple(
+                homes
+            )
+            assert behaviour.basin[cell] == (homes[0] if len(homes) == 1 else -1)
     q = matrix[group < 0][:, group < 0]
     times = np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q)))
-    np.testing.assert_allclose(np.asarray(found.hours)[group < 0], times / 2, rtol=1e-8)
+    np.testing.assert_allclose(np.asarray(behaviour.hours)[group < 0], times / 2, rtol=1e-8)
     np.testing.assert_allclose(
-        np.asarray(found.probability.value).sum(axis=0) + np.asarray(found.probability.leaving), 1
+        np.asarray(behaviour.probability.value).sum(axis=0)
+        + np.asarray(behaviour.probability.leaving),
+        1,
     )
-    assert float(found.limiting.value.sum()) + found.limiting.leaving == pytest.approx(1)
+    assert float(behaviour.limiting.value.sum()) + behaviour.limiting.leaving == pytest.approx(1)
 
 
 def test_the_double_gyre_has_a_group_in_each_gyre_and_a_border_between_them():
     water, flow = water_and_flow(double_gyre(21, 42, inward=1.0))
     duration = 3 * crossing_time(water, flow)
     step = DriftStep(duration, method="rk4", substeps=4)
-    found = long_term_behaviour(drift_map(water, flow, step), duration)
-    group = water.on_grid(np.asarray(found.groups.group), -1)
+    behaviour = long_term_behaviour(drift_map(water, flow, step), duration)
+    group = water.on_grid(np.asarray(behaviour.groups.group), -1)
     # The middles of the gyres, to which the water goes.
     assert np.argwhere(group >= 0).tolist() == [[10, 10], [10, 31]]
     # As in section 5.5: two persistent groups, and transient groups of one and of both.
-    assert found.transient.domiciles == ((0,), (1,), (0, 1))
-    assert found.transient.single.tolist() == [True, True, False]
+    assert behaviour.transient.domiciles == ((0,), (1,), (0, 1))
+    assert behaviour.transient.single.tolist() == [True, True, False]
     column = water.column
-    kind, hours = np.asarray(found.transient.group), np.asarray(found.hours)
+    kind, hours = np.asarray(behaviour.transient.group), np.asarray(behaviour.hours)
     assert column[kind == 0].max() < 21 <= column[kind == 1].min()
     # As in Figure 5.8, from between the domains it takes longest.
     assert hours[kind == 2].mean() > max(hours[kind == k].mean() for k in (0, 1))
     # The two gyres are alike.
-    np.testing.assert_allclose(found.limiting.weights, 0.5, atol=1e-9)
-    check = diagnose(water, flow, found.groups, step)
+    np.testing.assert_allclose(behaviour.limiting.weights, 0.5, atol=1e-9)
+    check = diagnose(water, flow, behaviour.groups, step)
     assert check.warning is None
     shift = np.hypot(*np.asarray(flow_map(water, flow, step)))
     assert check.mean_shift == pytest.approx(shift.mean())
@@ -133,14 +137,14 @@ def test_an_eddy_that_almost_traps_drifters_has_finite_times():
     water, flow = water_and_flow(double_gyre(21, 42))
     duration = 2 * crossing_time(water, flow)
     chain = drift_map(water, flow, METHODS["drifters"].lasting(duration))
-    found = long_term_behaviour(chain, duration)
+    behaviour = long_term_behaviour(chain, duration)
     # Nothing is persistent, and yet it takes about 3 10^12 steps to leave.
-    assert found.transient.domiciles == ((-1,),)
-    steps = np.asarray(found.absorption.value)
+    assert behaviour.transient.domiciles == ((-1,),)
+    steps = np.asarray(behaviour.absorption.value)
     assert 2e12 < steps.max() < 4e12
     assert steps.min() >= 1
-    assert found.absorption.certificate.outcome is Outcome.STALLED
-    np.testing.assert_allclose(found.probability.leaving, 1, atol=1e-12)
+    assert behaviour.absorption.certificate.outcome is Outcome.STALLED
+    np.testing.assert_allclose(behaviour.probability.leaving, 1, atol=1e-12)
     with pytest.raises(RuntimeError, match="absorption_times: the residual stayed above"):
         long_term_behaviour(chain, duration, throw=True)
 
@@ -181,9 +185,9 @@ def test_inaccurate_solves_raise_only_with_throw(throw, monkeypatch):
 
     for name in ("absorption_probabilities", "limiting_distribution"):
         monkeypatch.setattr(markov, name, noted(getattr(markov, name)))
-    found = long_term_behaviour(eddy(0.1), 3600, throw=throw)
-    assert np.isfinite(found.probability.value).all()
-    assert np.isfinite(found.limiting.value).all()
+    behaviour = long_term_behaviour(eddy(0.1), 3600, throw=throw)
+    assert np.isfinite(behaviour.probability.value).all()
+    assert np.isfinite(behaviour.limiting.value).all()
     assert passed == [throw, throw]
 
 

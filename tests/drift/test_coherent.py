@@ -48,9 +48,9 @@ def test_a_cell_at_a_coast_has_an_exponent():
     wet[:15] = False
     x = np.broadcast_to((np.arange(41) - 20) * 1000.0, (41, 41))
     currents = sea(1e-5 * x, 0 * x, wet)
-    found = drift.ftle(drift.Water.of(currents), drift.Flow.of(currents), 3600.0)
-    assert found.shape == (26 * 41,)
-    assert np.isfinite(found).all()
+    exponents = drift.ftle(drift.Water.of(currents), drift.Flow.of(currents), 3600.0)
+    assert exponents.shape == (26 * 41,)
+    assert np.isfinite(exponents).all()
 
 
 def test_ridges_are_the_crests_of_the_values():
@@ -81,11 +81,11 @@ def test_borders_lie_on_ridges_in_the_double_gyre():
     water, flow = water_and_flow(double_gyre(21, 42))
     crossing = drift.crossing_time(water, flow)
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(crossing))
-    found = drift.long_term_behaviour(chain, crossing)
+    behaviour = drift.long_term_behaviour(chain, crossing)
     ridge = drift.ridges(water, drift.ftle(water, flow, 20 * crossing, steps=200))
     # Each half is a group; in the very middle of each there is a cell by itself.
-    assert sorted(found.groups.size.tolist()) == [1, 1, 440, 440]
-    agree = drift.agreement(water, np.asarray(found.groups.group), ridge)
+    assert sorted(behaviour.groups.size.tolist()) == [1, 1, 440, 440]
+    agree = drift.agreement(water, np.asarray(behaviour.groups.group), ridge)
     assert agree.near > 0.8
     assert agree.ratio > 5
     # Apart from the outer walls, the only ridge is the wall between the gyres.

@@ -31,18 +31,20 @@ def by_definition(matrix, behaviour):
 @given(matrices())
 def test_deployment_covers_every_cell(matrix):
     behaviour = drift.long_term_behaviour(Chain.from_scipy(matrix), 1)
-    found = drift.deployment_cells(behaviour)
+    deployment = drift.deployment_cells(behaviour)
     part, reach = np.asarray(behaviour.transient.group), closure(matrix)
-    assert found.cells.tolist() == by_definition(matrix, behaviour)
-    assert reach[found.cells].any(axis=0).all()
-    np.testing.assert_array_equal(found.group, np.asarray(behaviour.groups.group)[found.cells])
-    np.testing.assert_array_equal(found.transient_group, part[found.cells])
-    assert found.gained.sum() == len(matrix)
+    assert deployment.cells.tolist() == by_definition(matrix, behaviour)
+    assert reach[deployment.cells].any(axis=0).all()
+    np.testing.assert_array_equal(
+        deployment.group, np.asarray(behaviour.groups.group)[deployment.cells]
+    )
+    np.testing.assert_array_equal(deployment.transient_group, part[deployment.cells])
+    assert deployment.gained.sum() == len(matrix)
     # Each transient group is covered by its own cells.
     for label in range(behaviour.transient.count):
-        own = found.transient_group == label
-        assert found.gained[own].sum() == (part == label).sum()
-        assert reach[found.cells[own]][:, part == label].any(axis=0).all()
+        own = deployment.transient_group == label
+        assert deployment.gained[own].sum() == (part == label).sum()
+        assert reach[deployment.cells[own]][:, part == label].any(axis=0).all()
 
 
 @given(matrices())
@@ -60,12 +62,12 @@ def test_the_curve_is_greedy(matrix):
     reach = closure(matrix)
     chain = Chain.from_scipy(matrix)
     fewest = drift.minimum_deployment(chain)
-    found = drift.coverage_curve(chain)
+    curve = drift.coverage_curve(chain)
     expected = greedy_cover(reach[fewest])
-    assert found.cells.tolist() == fewest[expected.chosen].tolist()
-    assert found.covered.tolist() == np.cumsum(expected.gained).tolist()
-    assert found.covered[-1] == len(matrix)
-    assert set(found.cells) == set(fewest)
+    assert curve.cells.tolist() == fewest[expected.chosen].tolist()
+    assert curve.covered.tolist() == np.cumsum(expected.gained).tolist()
+    assert curve.covered[-1] == len(matrix)
+    assert set(curve.cells) == set(fewest)
 
 
 def staying(cells, group_of):
@@ -94,31 +96,31 @@ def test_cameras_see_cells_wholly_within_their_disc(seed, reach):
             for right, up in itertools.product((-0.5, 0.5), repeat=2)
         ]
         sees[i, j] = np.hypot(*np.transpose(corners)).max() <= reach * 1000
-    found = drift.visible_deployment(here, reach * 1000, staying(cells, []))
-    assert found.cover.tolist() == greedy_cover(sees).chosen.tolist()
-    assert sees[found.cover].any(axis=0).all()
+    deployment = drift.visible_deployment(here, reach * 1000, staying(cells, []))
+    assert deployment.cover.tolist() == greedy_cover(sees).chosen.tolist()
+    assert sees[deployment.cover].any(axis=0).all()
     # Every cell is a group of its own: none is left out.
-    np.testing.assert_array_equal(found.cells, found.cover)
+    np.testing.assert_array_equal(deployment.cells, deployment.cover)
 
 
 def test_the_fewest_views_are_found_in_time():
     here = water(np.ones((7, 7), bool))
     groups = staying(49, [])
     greedy = drift.visible_deployment(here, 1600.0, groups)
-    found = drift.visible_deployment(here, 1600.0, groups, seconds=20)
+    deployment = drift.visible_deployment(here, 1600.0, groups, seconds=20)
     assert greedy.least is None
     # A disc of 1600 m holds a cell and the four beside it: the domination number of a 7 x 7 grid
     # (OEIS A104519).
-    assert found.least == found.cover.size == 12 < greedy.cover.size
+    assert deployment.least == deployment.cover.size == 12 < greedy.cover.size
 
 
 def test_a_group_keeps_its_first_cell():
     here = water(np.ones((6, 6), bool))
     cover = drift.visible_deployment(here, 1600.0, staying(36, [])).cover
     inside = np.sort(cover[2:5])
-    found = drift.visible_deployment(here, 1600.0, staying(36, [inside]))
-    np.testing.assert_array_equal(found.cover, cover)
-    np.testing.assert_array_equal(found.cells, np.delete(cover, [3, 4]))
+    deployment = drift.visible_deployment(here, 1600.0, staying(36, [inside]))
+    np.testing.assert_array_equal(deployment.cover, cover)
+    np.testing.assert_array_equal(deployment.cells, np.delete(cover, [3, 4]))
     # Transient cells stay.
     image = np.full((1, 36), 35)
     leads = persistent_groups(Chain(image, np.ones((1, 36))))

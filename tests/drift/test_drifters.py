@@ -18,12 +18,12 @@ def uniform(east, north, dx=900.0, dy=900.0):
 
 def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
     water, flow = uniform(0.5, 0.25)
-    found = simulate_drifters(getkey(), water, flow, [10, 11], 1800.0, 6, drifters=4000)
-    assert found.cell.shape == (7, 4000)
-    assert set(found.cell[0]) == {10, 11}
-    share = found.share(water.cells)
+    drifters = simulate_drifters(getkey(), water, flow, [10, 11], 1800.0, 6, drifters=4000)
+    assert drifters.cell.shape == (7, 4000)
+    assert set(drifters.cell[0]) == {10, 11}
+    share = drifters.share(water.cells)
     assert share[0, 10] == pytest.approx(0.5, abs=0.03)
-    x, y = np.asarray(found.x), np.asarray(found.y)
+    x, y = np.asarray(drifters.x), np.asarray(drifters.y)
     np.testing.assert_allclose(x[1] - x[0], 1.0, rtol=1e-9)
     np.testing.assert_allclose(y[2] - y[0], 1.0, rtol=1e-9)
     # A whole cell to the East and half a cell to the North: two rows share the drifters.
@@ -46,8 +46,8 @@ def test_drifters_are_reproducible_from_their_key():
 
 def test_disturbed_drifters_are_turned(getkey):
     water, flow = uniform(1.8, 2.4, dx=1000.0, dy=500.0)
-    found = simulate_drifters(getkey(), water, flow, [36, 37], 500.0, 6, drifters=4000, rho=0.5)
-    x, y = np.asarray(found.x), np.asarray(found.y)
+    drifters = simulate_drifters(getkey(), water, flow, [36, 37], 500.0, 6, drifters=4000, rho=0.5)
+    x, y = np.asarray(drifters.x), np.asarray(drifters.y)
     right, up = 1000 * (x[1] - x[0]), 500 * (y[1] - y[0])
     angle = np.degrees(np.arctan2(up, right) - np.arctan2(2.4, 1.8))
     np.testing.assert_allclose(np.hypot(right, up), 1500, rtol=1e-9)
@@ -60,16 +60,16 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     water, flow = water_and_flow(sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0))
     chain = drift_map(water, flow, DriftStep(900.0, rho=1.0, edge="exit"))
     drifted = simulate_drifters(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=300)
-    found = compare(water, chain, drifted)
-    assert found.hours.tolist() == [1, 12, 24]
-    assert found.total_variation[0] == pytest.approx(0, abs=1e-12)
+    comparison = compare(water, chain, drifted)
+    assert comparison.hours.tolist() == [1, 12, 24]
+    assert comparison.total_variation[0] == pytest.approx(0, abs=1e-12)
     # At last all have left, and stay where they left.
     x = np.asarray(drifted.x)
     assert (drifted.cell[40:] == -1).all()
     assert (x[40:] == x[-1]).all()
     assert not drifted.share(water.cells)[40:].any()
-    assert (found.total_variation[1:] == 0).all()
-    assert np.isnan(found.transport[2])
+    assert (comparison.total_variation[1:] == 0).all()
+    assert np.isnan(comparison.transport[2])
 
 
 def test_comparisons_are_those_of_the_definitions(getkey):
@@ -80,7 +80,7 @@ def test_comparisons_are_those_of_the_definitions(getkey):
     drifted = simulate_drifters(
         getkey(), water, flow, [100, 101], duration, steps, drifters=3000, rho=0.8
     )
-    found = compare(water, chain, drifted, [1, 12])
+    comparison = compare(water, chain, drifted, [1, 12])
     for k, hours in enumerate((1, 12)):
         step = round(hours * 3600 / duration)
         expected = np.bincount(drifted.cell[0], minlength=water.cells) / 3000
@@ -88,14 +88,14 @@ def test_comparisons_are_those_of_the_definitions(getkey):
         counted = np.bincount(drifted.cell[step], minlength=water.cells) / 3000
         gone = abs(pushed.sum() - (drifted.cell[step] >= 0).mean())
         different = np.abs(pushed - counted).sum() + gone
-        assert found.total_variation[k] == pytest.approx(different / 2)
-        assert found.transport[k] == pytest.approx(
+        assert comparison.total_variation[k] == pytest.approx(different / 2)
+        assert comparison.transport[k] == pytest.approx(
             max(
                 wasserstein_distance(place, place, pushed, counted)
                 for place in (water.column, water.row)
             )
         )
-        assert found.hours[k] == pytest.approx(step * duration / 3600)
+        assert comparison.hours[k] == pytest.approx(step * duration / 3600)
 
 
 @pytest.mark.parametrize(

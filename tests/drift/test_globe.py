@@ -116,15 +116,15 @@ def test_simulated_drifters_do_not_depend_on_the_first_meridian():
     cells = np.sort(cells[cells >= 0])
     to = moved(water, other, 4)
     key = jax.random.key(3)
-    found = drift.simulate_drifters(key, water, flow, cells, 1.0, 6, drifters=40, rho=0.6)
+    drifters = drift.simulate_drifters(key, water, flow, cells, 1.0, 6, drifters=40, rho=0.6)
     again = drift.simulate_drifters(
         key, other, turned_flow, to[cells], 1.0, 6, drifters=40, rho=0.6
     )
-    x, y = np.asarray(found.x), np.asarray(found.y)
+    x, y = np.asarray(drifters.x), np.asarray(drifters.y)
     assert x.min() < -0.5  # some go across the seam
     np.testing.assert_allclose(np.asarray(again.x), x + 4, atol=1e-9)
     np.testing.assert_allclose(again.y, y, atol=1e-9)
-    np.testing.assert_array_equal(again.cell, np.where(found.cell >= 0, to[found.cell], -1))
+    np.testing.assert_array_equal(again.cell, np.where(drifters.cell >= 0, to[drifters.cell], -1))
 
 
 def test_a_jet_goes_round_the_earth():
@@ -141,9 +141,9 @@ def test_a_jet_goes_round_the_earth():
     np.testing.assert_allclose(drifted.x[-1] - drifted.x[0], 2 * COLUMNS, atol=1e-9)
     assert (drifted.cell[COLUMNS] == drifted.cell[0]).all()
     assert (drifted.cell[1] == water.number[2, 1]).all()
-    found = drift.compare(water, chain, drifted, [k / 3600 for k in range(2 * COLUMNS)])
-    np.testing.assert_allclose(found.total_variation, 0, atol=1e-12)
-    np.testing.assert_allclose(found.transport, 0, atol=1e-12)
+    comparison = drift.compare(water, chain, drifted, [k / 3600 for k in range(2 * COLUMNS)])
+    np.testing.assert_allclose(comparison.total_variation, 0, atol=1e-12)
+    np.testing.assert_allclose(comparison.transport, 0, atol=1e-12)
 
 
 def test_distances_go_the_shorter_way_round():
@@ -171,11 +171,11 @@ def test_lyapunov_exponents_and_ridges_are_those_of_many_copies():
     wide = copies(here)
     plain, beyond = drift.Water.of(wide), drift.Flow.of(wide)
     middle = plain.number[water.row, water.column + COPIES // 2 * COLUMNS]
-    found = drift.ftle(water, flow, 1.0, steps=4)
+    exponents = drift.ftle(water, flow, 1.0, steps=4)
     expected = drift.ftle(plain, beyond, 1.0, steps=4)
-    np.testing.assert_allclose(found, expected[middle], atol=1e-9)
-    crest = drift.ridges(water, found, share=1)
-    all_copies = found[water.number[plain.row, plain.column % COLUMNS]]
+    np.testing.assert_allclose(exponents, expected[middle], atol=1e-9)
+    crest = drift.ridges(water, exponents, share=1)
+    all_copies = exponents[water.number[plain.row, plain.column % COLUMNS]]
     np.testing.assert_array_equal(crest, drift.ridges(plain, all_copies, share=1)[middle])
     assert crest.reshape(ROWS, COLUMNS)[:, [0, -1]].any()
     label = np.where(water.column < 4, 0, 1)

@@ -29,20 +29,20 @@ STRETCHED = np.array([0, 20, 42, 66, 92, 120, 150, 182, 216, 252, 288, 324.0])
 @pytest.mark.parametrize("again", [0, 1, 2])
 def test_a_grid_without_a_gap_goes_round_the_earth(lon, again):
     whole = np.concatenate([lon, lon[:again] + (360 if again == 1 else 0)])
-    found = open_currents(flat(whole))
-    assert found.sizes["x"] == COLUMNS
-    water = Water.of(found)
+    currents = open_currents(flat(whole))
+    assert currents.sizes["x"] == COLUMNS
+    water = Water.of(currents)
     assert water.wraps
-    assert "goes round the Earth" in found.attrs["notes"]
+    assert "goes round the Earth" in currents.attrs["notes"]
     if again:
         columns = "a column" if again == 1 else "2 columns"
-        assert f"{columns} at the end repeated the first; left out" in found.attrs["notes"]
-    np.testing.assert_allclose(found.u[0, 0, 2], 0.001 * (found.lon[2] % 360) + 2, atol=1e-12)
+        assert f"{columns} at the end repeated the first; left out" in currents.attrs["notes"]
+    np.testing.assert_allclose(currents.u[0, 0, 2], 0.001 * (currents.lon[2] % 360) + 2, atol=1e-12)
     # A cell reaches half way to its neighbours, across the seam too.
-    lon = found.lon.values[0]
+    lon = currents.lon.values[0]
     width = ((np.roll(lon, -1) - lon) % 360 + (lon - np.roll(lon, 1)) % 360) / 2
     side = RADIUS * np.radians(width) * np.cos(np.radians(LAT))[:, None]
-    np.testing.assert_allclose(found.dx, side, rtol=1e-12)
+    np.testing.assert_allclose(currents.dx, side, rtol=1e-12)
 
 
 def test_four_repeated_columns_are_found():
@@ -53,16 +53,16 @@ def test_four_repeated_columns_are_found():
 def test_packed_longitudes_go_round_the_earth():
     lon = np.arange(0, 360.1, 1 / 12).astype(np.float32)
     u = np.zeros((ROWS, lon.size))
-    found = open_currents(flat(lon, u))
-    assert Water.of(found).wraps
-    assert found.sizes["x"] == 12 * 360
+    currents = open_currents(flat(lon, u))
+    assert Water.of(currents).wraps
+    assert currents.sizes["x"] == 12 * 360
 
 
 @pytest.mark.parametrize("lon", [ROUND[:-1], ROUND[:-2], ROUND / 2, np.arange(COLUMNS) * 0.01])
 def test_a_grid_with_a_gap_does_not_go_round(lon):
-    found = open_currents(flat(lon))
-    assert not Water.of(found).wraps
-    assert "Earth" not in found.attrs["notes"]
+    currents = open_currents(flat(lon))
+    assert not Water.of(currents).wraps
+    assert "Earth" not in currents.attrs["notes"]
 
 
 def test_more_than_a_turn_is_refused_unless_it_repeats():
@@ -71,10 +71,10 @@ def test_more_than_a_turn_is_refused_unless_it_repeats():
 
 
 def test_a_part_of_the_globe_across_its_seam_is_in_order():
-    found = open_currents(flat(ROUND), bounds=(145, -60, -85, 70))
-    np.testing.assert_allclose(found.lon[0], [150, -180, -150, -120, -90])
-    np.testing.assert_allclose(found.u[0, 0, 1], 0.001 * (found.lon[1] % 360) + 1)
-    assert not Water.of(found).wraps
+    currents = open_currents(flat(ROUND), bounds=(145, -60, -85, 70))
+    np.testing.assert_allclose(currents.lon[0], [150, -180, -150, -120, -90])
+    np.testing.assert_allclose(currents.u[0, 0, 1], 0.001 * (currents.lon[1] % 360) + 1)
+    assert not Water.of(currents).wraps
     whole = open_currents(flat(ROUND), bounds=(-180, -60, 180, 30))
     assert Water.of(whole).wraps
 
@@ -101,20 +101,20 @@ def native(again):
 
 @pytest.mark.parametrize("again", [1, 2, 3])
 def test_sides_of_cells_are_averaged_across_the_seam(again):
-    found = open_currents(native(again))
-    assert found.sizes["x"] == COLUMNS
-    assert Water.of(found).wraps
-    assert "left out" in found.attrs["notes"]
-    column = np.rint(found.lon.values[1] % 360 / 30).astype(int)
+    currents = open_currents(native(again))
+    assert currents.sizes["x"] == COLUMNS
+    assert Water.of(currents).wraps
+    assert "left out" in currents.attrs["notes"]
+    column = np.rint(currents.lon.values[1] % 360 / 30).astype(int)
     assert sorted(column.tolist()) == list(range(COLUMNS))
     expected = 0.05 * (column + (column - 1) % COLUMNS)
     # The rows of this grid are parallels, along which a straight line points a little aside.
-    np.testing.assert_allclose(found.u[0, 0, 1], expected, atol=1e-9)
-    assert float(np.ptp(found.dx.values[1])) < 1e-6
+    np.testing.assert_allclose(currents.u[0, 0, 1], expected, atol=1e-9)
+    assert float(np.ptp(currents.dx.values[1])) < 1e-6
 
 
 def test_bounds_cut_a_curved_grid():
-    found = open_currents(native(2), bounds=(80, -90, 190, 90))
-    np.testing.assert_allclose(found.lon[0], [90, 120, 150, -180], atol=1e-9)
-    np.testing.assert_allclose(found.u[0, 0, 0], [0.25, 0.35, 0.45, 0.55], atol=1e-9)
-    assert not Water.of(found).wraps
+    currents = open_currents(native(2), bounds=(80, -90, 190, 90))
+    np.testing.assert_allclose(currents.lon[0], [90, 120, 150, -180], atol=1e-9)
+    np.testing.assert_allclose(currents.u[0, 0, 0], [0.25, 0.35, 0.45, 0.55], atol=1e-9)
+    assert not Water.of(currents).wraps

@@ -15,16 +15,16 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 def test_each_eddy_of_the_surface_gathers_drifters():
     water, flow = water_and_flow(drift.open_currents(GYRES, time=1))
     step = drift.crossing_time(water, flow)
-    found = drift.long_term_behaviour(drift.drift_map(water, flow, drift.DriftStep(step)), step)
+    behaviour = drift.long_term_behaviour(drift.drift_map(water, flow, drift.DriftStep(step)), step)
     # One in the western basin and two in the eastern one, and water that leads to any of them.
-    assert found.groups.size.tolist() == [17, 26, 61]
-    assert found.transient.domiciles == ((0,), (1,), (2,), (0, 1, 2))
-    assert drift.diagnose(water, flow, found.groups, drift.DriftStep(step)).warning is None
-    chosen = drift.deployment_cells(found)
-    assert drift.reachable(found.chain, chosen.cells).all()
+    assert behaviour.groups.size.tolist() == [17, 26, 61]
+    assert behaviour.transient.domiciles == ((0,), (1,), (2,), (0, 1, 2))
+    assert drift.diagnose(water, flow, behaviour.groups, drift.DriftStep(step)).warning is None
+    chosen = drift.deployment_cells(behaviour)
+    assert drift.reachable(behaviour.chain, chosen.cells).all()
     # As in the source, it takes longest where it is open in which group a drifter ends.
-    hours = np.asarray(found.hours)
-    mean = [hours[found.transient.group == part].mean() for part in range(4)]
+    hours = np.asarray(behaviour.hours)
+    mean = [hours[behaviour.transient.group == part].mean() for part in range(4)]
     assert np.argmax(mean) == 3
 
 

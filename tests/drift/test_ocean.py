@@ -126,9 +126,9 @@ def test_other_layouts_of_one_current_are_read_alike(tmp_path, change):
 def test_packed_values_and_two_fill_values(tmp_path):
     packed = {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -32767}
     path = write(tmp_path, regular(), encoding={"u": packed, "v": packed})
-    found = open_currents(path)
-    np.testing.assert_array_equal(found.water, plain(tmp_path).water)
-    np.testing.assert_allclose(found.u, plain(tmp_path).u, atol=0.6e-4)
+    currents = open_currents(path)
+    np.testing.assert_array_equal(currents.water, plain(tmp_path).water)
+    np.testing.assert_allclose(currents.u, plain(tmp_path).u, atol=0.6e-4)
     with netCDF4.Dataset(path, "a") as file:
         file["u"].missing_value = np.int16(-32768)
         file["u"].set_auto_maskandscale(False)

@@ -185,8 +185,8 @@ def test_nemo_without_its_mesh_or_with_another_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"other.nc: x: expected the length 6 of .*v.nc, got 5"):
         open_currents(files, grid=other)
     deep = products.nemo_mesh(levels=4).assign(nav_lev=("z", [5.0, 9.0, 15.0, 40.0]))
-    found = open_currents(files, grid=deep)
-    np.testing.assert_array_equal(found.water, deep.tmask.values[0, [0, 2]])
+    currents = open_currents(files, grid=deep)
+    np.testing.assert_array_equal(currents.water, deep.tmask.values[0, [0, 2]])
     with pytest.raises(ValueError, match=r"mask: expected the 2 levels of depthu, got 4 \(z\)"):
         open_currents(files, grid=deep.assign(nav_lev=("z", [5.0, 9.0, 25.0, 40.0])))
 

@@ -55,8 +55,8 @@ def test_residence_times_are_those_of_dense_solves():
     tide = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
     inside = np.zeros((2, 7), bool)
     inside[0, :3] = inside[1, 2:6] = True
-    found = drift.Exchange(np.array(["a", "b"]), inside, tide, 2.0, 3)
-    for here, hours in zip(inside, found.residence_hours, strict=True):
+    exchange = drift.Exchange(np.array(["a", "b"]), inside, tide, 2.0, 3)
+    for here, hours in zip(inside, exchange.residence_hours, strict=True):
         first, second = (one[here][:, here] for one in matrices)
         ones = np.ones(here.sum())
         # A step at each phase, and then again.
@@ -64,15 +64,15 @@ def test_residence_times_are_those_of_dense_solves():
         assert hours == pytest.approx(2 * steps.mean())
     after = matrices[0] @ matrices[1] @ matrices[0]
     expected = [[after[a][:, b].sum() / a.sum() for b in inside] for a in inside]
-    np.testing.assert_allclose(found.share, expected)
+    np.testing.assert_allclose(exchange.share, expected)
 
 
 def test_a_region_that_is_never_left_has_infinite_residence():
     matrix = np.array([[1.0, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
     inside = np.array([[True, True, False, False], [False, False, True, True]])
-    found = drift.Exchange(np.array(["a", "b"]), inside, Chain.from_scipy(matrix), 1.0, 1)
-    assert found.residence_hours.tolist() == [np.inf, 1.5]
-    assert found.left.tolist() == [0.0, 0.5]
+    exchange = drift.Exchange(np.array(["a", "b"]), inside, Chain.from_scipy(matrix), 1.0, 1)
+    assert exchange.residence_hours.tolist() == [np.inf, 1.5]
+    assert exchange.left.tolist() == [0.0, 0.5]
 
 
 def test_invalid_regions_are_refused(tmp_path, currents):

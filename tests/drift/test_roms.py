@@ -284,9 +284,9 @@ def test_a_block_is_a_part_of_the_whole(data):
     part = whole.isel(y=slice(rows[0], rows[-1] + 1), x=slice(columns[0], columns[-1] + 1))
     if not part.water.any(("y", "x")).all():
         return
-    found = open_currents(dataset, depths=(0, 8), bounds=(west, south, east, north))
+    currents = open_currents(dataset, depths=(0, 8), bounds=(west, south, east, north))
     for name in whole.variables:
-        np.testing.assert_array_equal(found[name], part[name], err_msg=name)
+        np.testing.assert_array_equal(currents[name], part[name], err_msg=name)
 
 
 @pytest.mark.parametrize(

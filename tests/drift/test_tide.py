@@ -111,10 +111,10 @@ def test_the_coverage_curve_counts_cells_at_any_phase(shifting):
 def test_a_deployment_takes_cells_to_which_no_taken_cell_leads(shifting):
     chain, visits = shifting
     behaviour = drift.long_term_behaviour(chain, 60.0)
-    found = drift.deployment_cells(behaviour)
+    deployment = drift.deployment_cells(behaviour)
     number = np.asarray(behaviour.transient.group).reshape(3, 14)
-    assert visits[found.cells].any(axis=0).all()
-    assert found.gained.sum() == 14
+    assert visits[deployment.cells].any(axis=0).all()
+    assert deployment.gained.sum() == 14
     part, time = number[0], np.asarray(behaviour.begins.absorption.value)
     # By the definition, with the states that are visited within the part.
     edges = chain.to_scipy().toarray() > 0
@@ -126,7 +126,7 @@ def test_a_deployment_takes_cells_to_which_no_taken_cell_leads(shifting):
         led = [reach[z, np.arange(3) * 14 + cell] & (number[:, cell] == part[cell]) for z in taken]
         if not np.any(led):
             taken.append(cell)
-    assert found.cells[found.group < 0].tolist() == taken
+    assert deployment.cells[deployment.group < 0].tolist() == taken
     assert len(taken) > 1
 
 
@@ -171,10 +171,10 @@ def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
         ahead = np.where(np.arange(18) == goal, 1, arrives[later])
         arrives[phase] = np.where(allowed, P @ ahead, -1).max(axis=0)
     arrives[:, goal] = 1
-    found = drift.discounted_voyage(sea, goal, discount)
-    np.testing.assert_allclose(found.value, value[0], atol=1e-6)
-    assert found.actions.shape == (3, 18)
-    assert (np.asarray(found.actions) != np.asarray(found.action)).any()
+    voyage = drift.discounted_voyage(sea, goal, discount)
+    np.testing.assert_allclose(voyage.value, value[0], atol=1e-6)
+    assert voyage.actions.shape == (3, 18)
+    assert (np.asarray(voyage.actions) != np.asarray(voyage.action)).any()
     surest = drift.surest_voyage(sea, goal)
     np.testing.assert_allclose(surest.probability, arrives[0], atol=1e-9)
     tracks = drift.simulate_voyages(jax.random.key(0), surest, 0, drifters=4000, steps=200)

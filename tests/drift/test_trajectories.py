@@ -80,9 +80,9 @@ def same(seen):
 def test_products_are_read(made, tmp_path):
     path = tmp_path / "drifters.nc"
     made().to_netcdf(path)
-    found = drift.open_trajectories(path)
-    same(found)
-    assert found.source == "drifters.nc"
+    trajectories = drift.open_trajectories(path)
+    same(trajectories)
+    assert trajectories.source == "drifters.nc"
 
 
 def test_a_zarr_store_is_read(tmp_path):
@@ -91,8 +91,15 @@ def test_a_zarr_store_is_read(tmp_path):
 
 
 def test_decoded_times_of_an_open_dataset_are_read():
-    found = drift.open_trajectories(xr.decode_cf(parcels()))
-    same(drift.Trajectories(found.lon, found.lat, found.time - found.time[0], found.drifter))
+    trajectories = drift.open_trajectories(xr.decode_cf(parcels()))
+    same(
+        drift.Trajectories(
+            trajectories.lon,
+            trajectories.lat,
+            trajectories.time - trajectories.time[0],
+            trajectories.drifter,
+        )
+    )
 
 
 def drogue_status(file):

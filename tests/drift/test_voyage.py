@@ -55,14 +55,14 @@ def algorithm(sea, goal, discount, rounds):
 def test_values_are_those_of_the_algorithm_cell_by_cell(seed, leak):
     sea = random_sea(seed, shape=(3, 3), leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
-    found = discounted_voyage(sea, goal, 0.9)
+    voyage = discounted_voyage(sea, goal, 0.9)
     value, gains = algorithm(sea, goal, 0.9, 250)
     expected = [value[z] for z in range(sea.cells)]
-    np.testing.assert_allclose(found.value, expected, atol=1e-7)
+    np.testing.assert_allclose(voyage.value, expected, atol=1e-7)
     for z in range(sea.cells):
         if z != goal:
-            assert gains[z][int(found.action[z])] >= max(gains[z].values()) - 1e-6
-    assert found.action[goal] == 0
+            assert gains[z][int(voyage.action[z])] >= max(gains[z].values()) - 1e-6
+    assert voyage.action[goal] == 0
 
 
 def test_a_drifter_that_cannot_arrive_drifts():
@@ -113,9 +113,9 @@ def test_a_goal_may_have_several_cells():
         model.reward[0], np.where(np.isin(np.arange(sea.cells), goals), 0, expected)
     )
     assert len(ACTIONS) == model.actions
-    found = discounted_voyage(sea, goals, 0.9)
-    assert np.asarray(found.value)[goals].tolist() == [0, 0]
-    assert np.asarray(found.probability)[goals].tolist() == [1, 1]
+    voyage = discounted_voyage(sea, goals, 0.9)
+    assert np.asarray(voyage.value)[goals].tolist() == [0, 0]
+    assert np.asarray(voyage.probability)[goals].tolist() == [1, 1]
 
 
 @pytest.mark.parametrize("leak", [0.0, 0.3])

@@ -39,33 +39,33 @@ KEEPING = {
 @pytest.mark.parametrize("name", KEEPING)
 def test_groups_of_volume_preserving_maps_equal_brute_force(name):
     map, box = KEEPING[name]
-    found = dynamics.basins(map, box)
+    basins = dynamics.basins(map, box)
     image = []
     points = jax.jit(jax.vmap(lambda x: map(x, None)))(box.centre(np.arange(box.size)))
     for point in np.asarray(points):
         place = np.floor((point - box.lower) / box.width + 1e-9).astype(int) % box.cells
         image.append(int(np.ravel_multi_index(place, box.cells)))
-    assert found.image.tolist() == image
+    assert basins.image.tolist() == image
     graph = nx.DiGraph(enumerate(image))
     cycles = sorted(nx.simple_cycles(graph), key=min)
-    assert found.group_period.tolist() == [len(cycle) for cycle in cycles]
-    assert set(np.flatnonzero(found.step == 0)) == set(itertools.chain(*cycles))
+    assert basins.group_period.tolist() == [len(cycle) for cycle in cycles]
+    assert set(np.flatnonzero(basins.step == 0)) == set(itertools.chain(*cycles))
     for number, cycle in enumerate(cycles):
-        assert set(np.flatnonzero(found.group == number)) == nx.ancestors(graph, cycle[0]) | {
+        assert set(np.flatnonzero(basins.group == number)) == nx.ancestors(graph, cycle[0]) | {
             *cycle
         }
-    keeps = any("preserve volumes" in remark for remark in found.remarks)
+    keeps = any("preserve volumes" in remark for remark in basins.remarks)
     assert keeps == (name != "standard")
 
 
 def test_orbits_on_a_torus_keep_their_fractions():
     # Coordinates that are not wrapped would have 130 digits after the first mappings.
-    found = dynamics.basins(cat, TORUS)
-    assert found.attractors == 1
-    assert found.outside_share == found.nowhere_share == 0
-    assert (found.orbit >= 0).all()
-    assert (found.orbit <= 1).all()
-    assert np.unique(np.floor(4 * found.orbit[0]), axis=0).shape[0] == 16
+    basins = dynamics.basins(cat, TORUS)
+    assert basins.attractors == 1
+    assert basins.outside_share == basins.nowhere_share == 0
+    assert (basins.orbit >= 0).all()
+    assert (basins.orbit <= 1).all()
+    assert np.unique(np.floor(4 * basins.orbit[0]), axis=0).shape[0] == 16
     # Basins by orbits wrap coordinates, too.
     by_orbits = dynamics.basins(cat, TORUS, by="orbits")
     assert (by_orbits.basin == 0).all()
@@ -137,8 +137,8 @@ def test_orbits_that_diverge_lead_nowhere():
 
     box = Box([-1], [1], [21])
     for map, shares in ((fades, (0, 1)), (grows, (1, 0))):
-        found = dynamics.basins(map, box, {})
-        assert (found.attractors, found.outside_share, found.nowhere_share) == (0, *shares)
+        basins = dynamics.basins(map, box, {})
+        assert (basins.attractors, basins.outside_share, basins.nowhere_share) == (0, *shares)
 
 
 def test_transient_chaos_is_followed_to_its_cycle():
@@ -149,9 +149,9 @@ def test_transient_chaos_is_followed_to_its_cycle():
             [1 + 0.85 * (x[0] * cosine - x[1] * sine), 0.85 * (x[0] * sine + x[1] * cosine)]
         )
 
-    found = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
-    assert found.settled
-    assert found.period.tolist() == [1, 10]
+    basins = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
+    assert basins.settled
+    assert basins.period.tolist() == [1, 10]
 
 
 def test_remark_names_cells_that_agree_with_orbits():

@@ -64,24 +64,24 @@ PUBLISHED = {
 @pytest.mark.parametrize("name", MAPS)
 def test_groups_equal_published_groups(name):
     periods, lost, longest, largest = PUBLISHED[name]
-    found = dynamics.basins(*MAPS[name])
-    assert Counter(found.group_period.tolist()) == periods
-    basin = np.bincount(found.group, minlength=found.groups + 2)
-    assert basin[found.groups] == lost
-    assert basin[found.groups + 1] == 0
+    basins = dynamics.basins(*MAPS[name])
+    assert Counter(basins.group_period.tolist()) == periods
+    basin = np.bincount(basins.group, minlength=basins.groups + 2)
+    assert basin[basins.groups] == lost
+    assert basin[basins.groups + 1] == 0
     # Cells that leave may need more mappings than those that stay.
-    assert max(found.longest_step, int(found.step.max())) == longest
-    assert sorted(basin[: found.groups])[::-1][: len(largest)] == largest
+    assert max(basins.longest_step, int(basins.step.max())) == longest
+    assert sorted(basin[: basins.groups])[::-1][: len(largest)] == largest
 
 
 def test_basin_share_of_pendulum_equals_monte_carlo():
-    found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), cylinder(151), {"T": 0.5})
+    basins = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), cylinder(151), {"T": 0.5})
     # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
-    assert found.fraction.min() == pytest.approx(0.152, abs=0.004)
-    assert found.groups > found.attractors == 2
-    assert sorted(found.period)[1] == 1
-    assert found.changed < 0.01
-    assert found.remarks == ()
+    assert basins.fraction.min() == pytest.approx(0.152, abs=0.004)
+    assert basins.groups > basins.attractors == 2
+    assert sorted(basins.period)[1] == 1
+    assert basins.changed < 0.01
+    assert basins.remarks == ()
 
 
 def test_crossing_times_leave_few_cells_mapped_to_themselves():
@@ -98,8 +98,8 @@ def test_crossing_times_leave_few_cells_mapped_to_themselves():
 def test_cycle_of_a_whole_number_of_steps_is_one_attractor():
     # A turn takes four steps, each over a thousand cells.
     ring = dynamics.flow(lambda x, p: jnp.stack([2.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
-    found = dynamics.basins(ring, Box([0, 0], [1, 1], [4000, 3], ["periodic", "sink"]))
-    assert found.attractors == 1
+    basins = dynamics.basins(ring, Box([0, 0], [1, 1], [4000, 3], ["periodic", "sink"]))
+    assert basins.attractors == 1
 
 
 @pytest.mark.parametrize("axes", [1, 2])
@@ -121,9 +121,9 @@ def test_orbits_find_attractors_that_coarse_cells_miss():
     coarse = dynamics.basins(flow, box, {"T": 0.5})
     assert abs(coarse.fraction.min() - 0.152) > 0.03
     assert any("take basins by orbits" in remark for remark in coarse.remarks)
-    found = dynamics.basins(flow, box, {"T": 0.5}, by="orbits")
+    basins = dynamics.basins(flow, box, {"T": 0.5}, by="orbits")
     # 961 starts have a standard error of 0.012.
-    assert found.fraction.min() == pytest.approx(0.152, abs=0.035)
+    assert basins.fraction.min() == pytest.approx(0.152, abs=0.035)
 
 
 def test_orbits_that_leave_are_followed_for_the_given_mappings():
@@ -174,21 +174,21 @@ def test_near_attractors_are_not_merged():
     # A chaotic one and a cycle, less than half a cell apart. Attractors.jl: 0.645 of 1,000 starts,
     # 0.18 and 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
     box = Box([-3] * 3, [3] * 3, [63] * 3)
-    found = dynamics.basins(systems.lorenz84.map, box, systems.lorenz84.params)
-    assert found.period.tolist() == [1, 0, 0]
-    np.testing.assert_allclose(found.sampled, [0.645, 0.18, 0.175], atol=0.08)
-    assert sum("from random starts end on it" in remark for remark in found.remarks) == 3
-    assert "take basins by orbits, which agree" in found.remarks[0]
+    basins = dynamics.basins(systems.lorenz84.map, box, systems.lorenz84.params)
+    assert basins.period.tolist() == [1, 0, 0]
+    np.testing.assert_allclose(basins.sampled, [0.645, 0.18, 0.175], atol=0.08)
+    assert sum("from random starts end on it" in remark for remark in basins.remarks) == 3
+    assert "take basins by orbits, which agree" in basins.remarks[0]
 
 
 def test_magnetic_pendulum_has_three_attractors():
     # Orbits start at rest, leave the thin box around these states, and come back.
     system = systems.magnetic
     box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [25, 25, 1, 1])
-    found = dynamics.basins(system.map, box, system.params, follow=200)
-    assert found.attractors == 3
+    basins = dynamics.basins(system.map, box, system.params, follow=200)
+    assert basins.attractors == 3
     # Attractors.jl: 0.314, 0.309 and 0.377 of some hundred starts, by orbits 0.332, 0.331, 0.337.
-    np.testing.assert_allclose(found.fraction, [0.337, 0.332, 0.331], atol=0.01)
+    np.testing.assert_allclose(basins.fraction, [0.337, 0.332, 0.331], atol=0.01)
 
 
 def test_fractions_of_the_pendulum_along_its_torque():
@@ -196,12 +196,12 @@ def test_fractions_of_the_pendulum_along_its_torque():
     # bSTAB, 10,000 starts each, of a standard error up to 0.005.
     rest = [1, 0.3268, 0.1703, 0.0839, 0.0071]
     flow = dynamics.flow(pendulum, 0.05, 120)
-    found = dynamics.continuation(flow, cylinder(51), {"T": torque})
-    assert found.attractors == 2
-    assert found.fraction[0, 0] == 1
-    np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
-    assert found.appears.tolist() == [0, 1]
-    assert found.vanishes.tolist() == [4, 4]
+    continued = dynamics.continuation(flow, cylinder(51), {"T": torque})
+    assert continued.attractors == 2
+    assert continued.fraction[0, 0] == 1
+    np.testing.assert_allclose(continued.fraction[:, 0], rest, atol=0.015)
+    assert continued.appears.tolist() == [0, 1]
+    assert continued.vanishes.tolist() == [4, 4]
 
 
 def test_section_of_van_der_pol_has_its_period():
@@ -218,23 +218,30 @@ def test_section_of_van_der_pol_has_its_period():
         )
 
     params = {"mu": 1.0}
-    found = dynamics.basins(section(0.2), Box([0.1], [8], [40]), params)
-    assert found.period.tolist() == [1]
-    assert found.fraction.tolist() == [1]
+    basins = dynamics.basins(section(0.2), Box([0.1], [8], [40]), params)
+    assert basins.period.tolist() == [1]
+    assert basins.fraction.tolist() == [1]
     # The period by a solver of high order; it takes smaller steps than the cycle.
     fine = section(0.01)
-    time = jax.jit(lambda x: fine.timed(fine(x, params), params)[1])(found.orbit[0, -1])
+    time = jax.jit(lambda x: fine.timed(fine(x, params), params)[1])(basins.orbit[0, -1])
     assert float(time) == pytest.approx(6.66328686, abs=1e-5)
 
 
 def test_periods_of_the_logistic_map_double():
     rate = np.array([0.9, 2.8, 3.2, 3.5, 3.55, 3.83])
-    found = dynamics.continuation(
+    continued = dynamics.continuation(
         lambda x, p: p["r"] * x * (1 - x), Box([0], [1], [1000]), {"r": rate}
     )
-    assert [member.period.tolist() for member in found.members] == [[1], [1], [2], [4], [8], [3]]
-    np.testing.assert_allclose(found.members[1].orbit[0, -1], 1 - 1 / 2.8)
-    assert all(member.fraction.tolist() == [1] for member in found.members)
+    assert [member.period.tolist() for member in continued.members] == [
+        [1],
+        [1],
+        [2],
+        [4],
+        [8],
+        [3],
+    ]
+    np.testing.assert_allclose(continued.members[1].orbit[0, -1], 1 - 1 / 2.8)
+    assert all(member.fraction.tolist() == [1] for member in continued.members)
 
 
 @pytest.mark.parametrize("axes", [4, 5, 6])

@@ -36,16 +36,16 @@ def test_times_equal_attractors_jl(found):
 def test_convergence_times_equal_those_of_a_flow():
     # x' = -1, to a floor at 0.05: each mapping lasts 0.2 and goes two cells.
     flow = dynamics.flow(lambda x, p: jnp.where(x < 0.1, 0.0, -1.0), 0.1, 2)
-    found = dynamics.basins(flow, Box([0], [1], [10]))
-    np.testing.assert_allclose(found.mean_time, 0.2 * found.mean_steps)
-    early = dynamics.basin_stability(found, within=0.45)
-    assert early[0] == pytest.approx(np.mean(found.step <= 2))
+    basins = dynamics.basins(flow, Box([0], [1], [10]))
+    np.testing.assert_allclose(basins.mean_time, 0.2 * basins.mean_steps)
+    early = dynamics.basin_stability(basins, within=0.45)
+    assert early[0] == pytest.approx(np.mean(basins.step <= 2))
 
 
 def test_crossing_times_equal_cell_by_cell_times():
     dt, crossed, most, cells = 0.05, 3, 100, 40
     flow = dynamics.flow(lambda x, p: -x, dt, crossed=crossed, max_steps=most)
-    found = dynamics.basins(flow, Box([0], [1], [cells]))
+    basins = dynamics.basins(flow, Box([0], [1], [cells]))
     decay = 1 - dt + dt**2 / 2 - dt**3 / 6 + dt**4 / 24
 
     def mapped(cell):
@@ -57,13 +57,13 @@ def test_crossing_times_equal_cell_by_cell_times():
     expected = np.zeros(cells)
     for start in range(cells):
         cell = start
-        while found.step[cell] > 0:
+        while basins.step[cell] > 0:
             cell, time = mapped(cell)
             expected[start] += time
-    np.testing.assert_allclose(found.time, expected, rtol=1e-5)
-    assert np.unique(np.diff(found.time).round(4)).size > 4
-    np.testing.assert_allclose(found.mean_time, expected.mean(), rtol=1e-5)
-    assert dynamics.basin_stability(found, within=2.0)[0] == np.mean(expected <= 2)
+    np.testing.assert_allclose(basins.time, expected, rtol=1e-5)
+    assert np.unique(np.diff(basins.time).round(4)).size > 4
+    np.testing.assert_allclose(basins.mean_time, expected.mean(), rtol=1e-5)
+    assert dynamics.basin_stability(basins, within=2.0)[0] == np.mean(expected <= 2)
 
 
 def test_newtons_method_has_basins_of_wada():
@@ -72,10 +72,10 @@ def test_newtons_method_has_basins_of_wada():
         z = z - (z**3 - 1) / (3 * z**2)
         return jnp.stack([z.real, z.imag])
 
-    found = dynamics.basins(newton, Box([-2.01, -2], [2, 2], [200, 200]), follow=20)
-    assert found.attractors == 3
-    np.testing.assert_allclose(found.fraction, 1 / 3, atol=0.05)
-    assert dynamics.wada(found) < 0.05
+    basins = dynamics.basins(newton, Box([-2.01, -2], [2, 2], [200, 200]), follow=20)
+    assert basins.attractors == 3
+    np.testing.assert_allclose(basins.fraction, 1 / 3, atol=0.05)
+    assert dynamics.wada(basins) < 0.05
     with pytest.raises(ValueError, match="wada: expected at least 3 basins, got 1"):
         dynamics.wada(dynamics.basins(lambda x, p: x / 2, Box([-1], [1], [9])))
 
@@ -86,16 +86,16 @@ def test_shocks_wrap_around_periodic_axes():
     def map(x, p):
         return jnp.where((x[0] > 1) & (x[0] < 4), jnp.array([1.5, 0.5]), jnp.array([7.5, 0.5]))
 
-    found = dynamics.basins(map, box)
+    basins = dynamics.basins(map, box)
     # The cell 1.5 is two cells ahead of attractor 0 at 7.5, and 0.5 is beside attractor 1 at 1.5.
-    np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+    np.testing.assert_allclose(dynamics.minimal_critical_shock(basins), [2, 1])
 
 
 def test_one_basin_has_no_critical_shock_and_no_entropy():
-    found = dynamics.basins(lambda x, p: x / 2, Box([-1, -1], [1, 1], [9, 9]))
-    assert dynamics.minimal_critical_shock(found).tolist() == [np.inf]
-    assert dynamics.basin_entropy(found, 3) == (0, 0)
-    assert np.isnan(dynamics.uncertainty_exponent(found)[0])
+    basins = dynamics.basins(lambda x, p: x / 2, Box([-1, -1], [1, 1], [9, 9]))
+    assert dynamics.minimal_critical_shock(basins).tolist() == [np.inf]
+    assert dynamics.basin_entropy(basins, 3) == (0, 0)
+    assert np.isnan(dynamics.uncertainty_exponent(basins)[0])
 
 
 def halves(cells):
@@ -125,11 +125,11 @@ def test_exponent_and_entropy_of_fractal_boundary_equal_attractors_jl():
         return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
 
     box = Box([0, -0.5], [2 * np.pi, 0.5], [300, 300], ["periodic", "sink"])
-    found = dynamics.basins(grebogi, box)
-    assert found.attractors == 2
-    np.testing.assert_allclose(found.fraction, 0.5, atol=0.01)
-    assert 0.15 < dynamics.uncertainty_exponent(found, (3, 5, 8, 11, 15))[0] < 0.3
-    whole, mixed = dynamics.basin_entropy(found, 6)
+    basins = dynamics.basins(grebogi, box)
+    assert basins.attractors == 2
+    np.testing.assert_allclose(basins.fraction, 0.5, atol=0.01)
+    assert 0.15 < dynamics.uncertainty_exponent(basins, (3, 5, 8, 11, 15))[0] < 0.3
+    whole, mixed = dynamics.basin_entropy(basins, 6)
     assert 0.39 < whole < 0.43
     assert 0.59 < mixed < 0.62
 
@@ -146,11 +146,17 @@ def test_attractors_are_matched_by_place():
         # Fixed points at 0.2 and at 0.8, the second only from p = 1 on.
         return jnp.where((x > 0.5) & (p["p"] >= 1), 0.8, 0.2) + 0.01 * p["p"]
 
-    found = dynamics.continuation(well, Box([0], [1], [50]), {"p": np.array([0, 1, 2, 0, 1.0])})
-    assert [sorted(names.tolist()) for names in found.label] == [[0], [0, 1], [0, 1], [0], [0, 1]]
-    assert found.appears.tolist() == [0, 1]
-    assert found.vanishes.tolist() == [4, 4]
-    np.testing.assert_allclose(found.fraction[0], [1, 0])
+    continued = dynamics.continuation(well, Box([0], [1], [50]), {"p": np.array([0, 1, 2, 0, 1.0])})
+    assert [sorted(names.tolist()) for names in continued.label] == [
+        [0],
+        [0, 1],
+        [0, 1],
+        [0],
+        [0, 1],
+    ]
+    assert continued.appears.tolist() == [0, 1]
+    assert continued.vanishes.tolist() == [4, 4]
+    np.testing.assert_allclose(continued.fraction[0], [1, 0])
 
 
 def test_changes_of_attractors_are_reported():
@@ -159,11 +165,11 @@ def test_changes_of_attractors_are_reported():
         left = jnp.where(x < 0.7, 0.5, jnp.where(p["p"] >= 1, 0.5, 0.9))
         return jnp.where(x < 0.3, jnp.where(p["p"] >= 2, 9.0, 0.1), left)
 
-    found = dynamics.continuation(steps, Box([0], [1], [50]), {"p": np.array([0, 1, 2.0])})
-    first = found.members[0].basin
-    middle, right, left = (int(found.label[0][first[cell]]) for cell in (25, 45, 5))
-    assert found.vanishes[[middle, right, left]].tolist() == [2, 0, 1]
-    assert found.merges[[middle, right, left]].tolist() == [-1, middle, -1]
+    continued = dynamics.continuation(steps, Box([0], [1], [50]), {"p": np.array([0, 1, 2.0])})
+    first = continued.members[0].basin
+    middle, right, left = (int(continued.label[0][first[cell]]) for cell in (25, 45, 5))
+    assert continued.vanishes[[middle, right, left]].tolist() == [2, 0, 1]
+    assert continued.merges[[middle, right, left]].tolist() == [-1, middle, -1]
 
 
 @pytest.mark.parametrize("by", ["cells", "orbits"])
@@ -172,8 +178,8 @@ def test_batch_of_parameters_equals_one_by_one(by):
         return x + p["rate"] * (x - x**3) + p["shift"]
 
     box, rates = Box([-2], [2], [41]), [0.1, 0.3, 0.9]
-    found = dynamics.continuation(well, box, {"rate": rates, "shift": 0.01}, by=by)
-    for member, rate in zip(found.members, rates, strict=True):
+    continued = dynamics.continuation(well, box, {"rate": rates, "shift": 0.01}, by=by)
+    for member, rate in zip(continued.members, rates, strict=True):
         alone = dynamics.basins(well, box, {"rate": rate, "shift": 0.01}, by=by)
         assert (member.image == alone.image).all()
         assert (member.basin == alone.basin).all()
@@ -188,8 +194,8 @@ def test_attractor_across_a_periodic_axis_is_matched():
         return jnp.stack([x[0] + 0.31 + 0.02 * p["p"], jnp.where(lost, 9.0, 0.47 + 0.06 * p["p"])])
 
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
-    found = dynamics.continuation(ring, box, {"p": [0.0, 1.0]})
-    assert [names.tolist() for names in found.label] == [[0], [0]]
+    continued = dynamics.continuation(ring, box, {"p": [0.0, 1.0]})
+    assert [names.tolist() for names in continued.label] == [[0], [0]]
 
 
 @pytest.mark.parametrize("params", [{"a": 1.0}, {"a": [1.0, 2.0], "b": [1.0]}])

@@ -13,8 +13,8 @@ def sloping(x, p):
 
 
 def test_line_is_refined_to_its_exact_share():
-    found = dynamics.basins(sloping, Box([-1, -1], [1, 1], [20, 20]))
-    fine = dynamics.refined(sloping, found, 5)
+    basins = dynamics.basins(sloping, Box([-1, -1], [1, 1], [20, 20]))
+    fine = dynamics.refined(sloping, basins, 5)
     right = (1 - 0.113) / 2
     np.testing.assert_allclose(np.sort(fine.fraction), [right, 1 - right], atol=1e-3)
     assert fine.exponent == pytest.approx(1, abs=0.02)
@@ -22,7 +22,7 @@ def test_line_is_refined_to_its_exact_share():
     assert fine.mapped < 20_000
     apart = fine.boundary @ np.array([1, 0.37]) - 0.113
     assert np.abs(apart).max() < 1.4 * 0.1 / 2**5
-    assert (fine.basin == found.basin[found.box.index(np.array([0.8, 0.5]))])[apart > 0].all()
+    assert (fine.basin == basins.basin[basins.box.index(np.array([0.8, 0.5]))])[apart > 0].all()
 
 
 def henon(x, p):
@@ -43,8 +43,8 @@ def test_boundaries_wrap_around_periodic_axes():
     def halves(x, p):
         return jnp.where((x > 0.25) & (x < 0.7), 0.5, 0.0)
 
-    found = dynamics.basins(halves, Box([0], [1], [10], "periodic"))
-    fine = dynamics.refined(halves, found, 4)
+    basins = dynamics.basins(halves, Box([0], [1], [10], "periodic"))
+    fine = dynamics.refined(halves, basins, 4)
     np.testing.assert_allclose(np.sort(fine.fraction), [0.45, 0.55], atol=1 / 160)
     assert fine.boundary.size == 4
 
@@ -77,8 +77,8 @@ def test_exponent_of_cantor_boundary_is_its_codimension():
         return jnp.where(x < 0, -0.5, jnp.where(x > 1, 1.5, inside))
 
     # The centres of cells of width 3^-3 miss most of the boundary.
-    found = dynamics.basins(thirds, Box([-1], [2], [81]), by="orbits")
-    fine = dynamics.refined(thirds, found, 9)
+    basins = dynamics.basins(thirds, Box([-1], [2], [81]), by="orbits")
+    fine = dynamics.refined(thirds, basins, 9)
     assert fine.exponent == pytest.approx(1 - np.log(2) / np.log(3), abs=0.03)
     np.testing.assert_allclose(fine.fraction, 0.5, atol=0.005)
 
@@ -91,7 +91,7 @@ def newton(x, p):
 
 
 def test_refined_points_are_followed_outside_the_box_as_the_basins_were():
-    found = dynamics.basins(newton, Box([-2, -2], [2, 2], [101, 101]), by="orbits", follow=64)
-    fine = dynamics.refined(newton, found, 2)
-    np.testing.assert_allclose(fine.fraction, found.fraction, atol=0.01)
+    basins = dynamics.basins(newton, Box([-2, -2], [2, 2], [101, 101]), by="orbits", follow=64)
+    fine = dynamics.refined(newton, basins, 2)
+    np.testing.assert_allclose(fine.fraction, basins.fraction, atol=0.01)
     assert fine.fraction.sum() > 0.999

@@ -52,11 +52,11 @@ IMAGES = {
 @pytest.mark.parametrize("kind", IMAGES)
 def test_groups_in_passes_equal_doubling(kind, tmp_path, few):
     image = IMAGES[kind](np.random.default_rng(0), 5000).astype(np.int32)
-    found = passes.groups_in_passes(image, Folder(tmp_path, ""))
+    groups = passes.groups_in_passes(image, Folder(tmp_path, ""))
     expected = jax.device_get(doubled_groups(jnp.asarray(image)))
-    np.testing.assert_array_equal(found.group, expected.group)
-    np.testing.assert_array_equal(found.step, expected.step)
-    np.testing.assert_array_equal(found.group_period, expected.group_period[: expected.count])
+    np.testing.assert_array_equal(groups.group, expected.group)
+    np.testing.assert_array_equal(groups.step, expected.step)
+    np.testing.assert_array_equal(groups.group_period, expected.group_period[: expected.count])
 
 
 @pytest.mark.parametrize("chunks", [1, 20, 40, 75, 110])
@@ -76,8 +76,8 @@ def test_interrupted_passes_are_repeated_to_the_same_groups(chunks, tmp_path, fe
     with pytest.raises(KeyboardInterrupt):
         passes.groups_in_passes(image, Folder(tmp_path / "parts", ""))
     monkeypatch.setattr(passes, "slices", usual)
-    found = passes.groups_in_passes(image, Folder(tmp_path / "parts", ""))
-    for part, other in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
+    groups = passes.groups_in_passes(image, Folder(tmp_path / "parts", ""))
+    for part, other in zip(jax.tree.leaves(groups), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(part, other)
 
 
@@ -102,20 +102,20 @@ def test_killed_computation_continues_to_the_basins_in_memory(tmp_path, few):
     killed = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     steps = []
-    found = dynamics.stored_basins(*HENON, folder=tmp_path, say=lambda *step: steps.append(step))
+    basins = dynamics.stored_basins(*HENON, folder=tmp_path, say=lambda *step: steps.append(step))
     assert steps[0][1] > 2000, "cells were mapped twice"
-    same(found, dynamics.basins(*HENON))
+    same(basins, dynamics.basins(*HENON))
 
 
 def test_stored_basins_are_opened_without_mapping(tmp_path, few, monkeypatch):
-    found = dynamics.stored_basins(*HENON, folder=tmp_path)
+    basins = dynamics.stored_basins(*HENON, folder=tmp_path)
 
     def refuse(*_, **__):
         raise AssertionError("mapped again")
 
     monkeypatch.setattr(stored, "images_of_each", refuse)
-    same(dynamics.stored_basins(*HENON, folder=tmp_path), found)
-    assert np.load(tmp_path / "basin.npy", mmap_mode="r").tolist() == found.basin.tolist()
+    same(dynamics.stored_basins(*HENON, folder=tmp_path), basins)
+    assert np.load(tmp_path / "basin.npy", mmap_mode="r").tolist() == basins.basin.tolist()
     with pytest.raises(ValueError, match=r"folder: .* has arrays of another map, box or options"):
         dynamics.stored_basins(*HENON[:2], {"a": 1.3, "b": 0.3}, folder=tmp_path)
 

@@ -31,15 +31,15 @@ def test_no_weights_are_better(graph, data):
         | st.lists(st.integers(0, graph.vertices - 1), min_size=2, max_size=5, unique=True)
     )
     share = data.draw(st.floats(0, 0.99))
-    found = minimum_commute(graph, emphasis, share)
-    assert found.weights.min() >= 0
-    assert found.weights.sum() == pytest.approx(1, abs=1e-12)
-    assert found.commute_time == pytest.approx(commute_time(graph, found.weights), rel=1e-9)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    walk = minimum_commute(graph, emphasis, share)
+    assert walk.weights.min() >= 0
+    assert walk.weights.sum() == pytest.approx(1, abs=1e-12)
+    assert walk.commute_time == pytest.approx(commute_time(graph, walk.weights), rel=1e-9)
+    assert walk.certificate.outcome is Outcome.CONVERGED
     block = np.ones(len(graph.edges), bool)
     if emphasis is not None:
-        block = on_walk(graph, found.tour)
-        assert found.weights[block].sum() >= share - 1e-12
+        block = on_walk(graph, walk.tour)
+        assert walk.weights[block].sum() >= share - 1e-12
     # Others that keep to the bounds are no better than the certificate allows.
     for seed in range(20):
         random = np.random.default_rng(seed)
@@ -47,8 +47,8 @@ def test_no_weights_are_better(graph, data):
         other *= share / max(other.sum(), 1e-300)
         other += (1 - other.sum()) * random.dirichlet(np.ones(block.size))
         for step in (1e-3, 1e-1, 1):
-            mixed = found.weights + step * (other - found.weights)
-            least = (1 - found.certificate.residual) * found.commute_time
+            mixed = walk.weights + step * (other - walk.weights)
+            least = (1 - walk.certificate.residual) * walk.commute_time
             assert commute_time(graph, mixed) >= least * (1 - 1e-10)
 
 
@@ -59,11 +59,11 @@ def test_no_weights_are_better(graph, data):
 def test_equals_a_cone_program_of_cvxpy(vertices, more, seed, share):
     graph, rules = random_graph(vertices, vertices - 1 + more, seed), []
     emphasis = None if share is None else [0, vertices // 2, vertices - 1]
-    found = minimum_commute(graph, emphasis, share or 0.0)
+    walk = minimum_commute(graph, emphasis, share or 0.0)
     if emphasis is not None:
-        rules = [Linear("the emphasis", on_walk(graph, found.tour), lower=share)]
+        rules = [Linear("the emphasis", on_walk(graph, walk.tour), lower=share)]
     least = conic.least_resistance(graph, rules).least
-    assert found.commute_time == pytest.approx(4 * least / (vertices - 1), rel=1e-6)
+    assert walk.commute_time == pytest.approx(4 * least / (vertices - 1), rel=1e-6)
 
 
 @pytest.mark.parametrize("share", [None, 0.1, 0.9, 1.0])
@@ -75,17 +75,17 @@ def test_steps_of_first_order_on_large_graphs(monkeypatch, share):
     asked = (graph,) if share is None else (graph, stops, share)
     exact = minimum_commute(*asked)
     monkeypatch.setattr(conductance, "MAX_VERTICES", 20)
-    found = minimum_commute(*asked)
-    gap = found.certificate.residual
-    assert found.weights.min() >= 0
-    assert found.weights.sum() == pytest.approx(1, abs=1e-12)
+    walk = minimum_commute(*asked)
+    gap = walk.certificate.residual
+    assert walk.weights.min() >= 0
+    assert walk.weights.sum() == pytest.approx(1, abs=1e-12)
     if share is not None:
-        assert found.weights[on_walk(graph, found.tour)].sum() >= share - 1e-12
-    assert found.commute_time == pytest.approx(commute_time(graph, found.weights), rel=1e-9)
-    assert (1 - gap) * found.commute_time <= exact.commute_time * (1 + 1e-9)
-    assert exact.commute_time <= found.commute_time * (1 + 1e-9)
-    assert found.commute_time <= 1.002 * exact.commute_time
-    assert gap <= 0.01 == found.certificate.tolerance
+        assert walk.weights[on_walk(graph, walk.tour)].sum() >= share - 1e-12
+    assert walk.commute_time == pytest.approx(commute_time(graph, walk.weights), rel=1e-9)
+    assert (1 - gap) * walk.commute_time <= exact.commute_time * (1 + 1e-9)
+    assert exact.commute_time <= walk.commute_time * (1 + 1e-9)
+    assert walk.commute_time <= 1.002 * exact.commute_time
+    assert gap <= 0.01 == walk.certificate.tolerance
     # A looser one is not ignored.
     assert minimum_commute(*asked, tolerance=0.3).certificate.tolerance == 0.3
 
@@ -105,14 +105,14 @@ def test_edges_that_take_time(monkeypatch, limit):
     random = np.random.default_rng(1)
     graph = grid(3, 4)
     durations = random.uniform(0.5, 20, len(graph.edges))
-    found = minimum_commute(graph, durations=durations)
-    assert found.weights.sum() == pytest.approx(1)
-    exact = seconds_there_and_back(graph, found.weights, durations)
-    assert found.commute_time == pytest.approx(exact, rel=1e-9)
-    least = (1 - found.certificate.residual) * exact
+    walk = minimum_commute(graph, durations=durations)
+    assert walk.weights.sum() == pytest.approx(1)
+    exact = seconds_there_and_back(graph, walk.weights, durations)
+    assert walk.commute_time == pytest.approx(exact, rel=1e-9)
+    least = (1 - walk.certificate.residual) * exact
     for step in (1e-3, 0.03, 0.3):
         for _ in range(10):
-            other = found.weights * np.exp(step * random.normal(size=found.weights.size))
+            other = walk.weights * np.exp(step * random.normal(size=walk.weights.size))
             assert seconds_there_and_back(graph, other, durations) >= least * (1 - 1e-9)
     # Long edges are worth less than without their times.
     plain = minimum_commute(graph).weights
@@ -131,10 +131,10 @@ def test_trees(n, seed):
         rest.remove_edge(a, b)
         k = len(nx.node_connected_component(rest, a))
         roots.append(np.sqrt(k * (n - k)))
-    found = minimum_commute(graph, tolerance=1e-11)
-    np.testing.assert_allclose(found.weights, roots / np.sum(roots), atol=1e-8)
+    walk = minimum_commute(graph, tolerance=1e-11)
+    np.testing.assert_allclose(walk.weights, roots / np.sum(roots), atol=1e-8)
     expected = 4 * np.sum(roots) ** 2 / (n * (n - 1))
-    assert found.commute_time == pytest.approx(expected, rel=1e-10)
+    assert walk.commute_time == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("n", [2, 3, 8, 64])
@@ -202,9 +202,9 @@ def test_a_tolerance_below_rounding_is_not_met():
     graph = graph_of(nx.barbell_graph(6, 3))
     with pytest.raises(RuntimeError, match="minimum_commute: the residual stayed above"):
         minimum_commute(graph, tolerance=1e-300)
-    found = minimum_commute(graph, tolerance=1e-300, throw=False)
-    assert found.certificate.outcome is Outcome.STALLED
-    assert found.certificate.residual < 1e-10
+    walk = minimum_commute(graph, tolerance=1e-300, throw=False)
+    assert walk.certificate.outcome is Outcome.STALLED
+    assert walk.certificate.residual < 1e-10
 
 
 @given(connected_graphs(), st.data())

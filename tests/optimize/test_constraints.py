@@ -41,15 +41,15 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_least_commute_time_equals_a_cone_program_of_cvxpy(name):
     constraints = CASES[name]
-    found = minimum_commute(GRID, constraints=constraints)
-    w = found.weights
+    walk = minimum_commute(GRID, constraints=constraints)
+    w = walk.weights
     assert w.min() >= 0
     assert w.sum() == pytest.approx(1, abs=1e-12)
     for one in constraints:
         assert one.lower - 1e-11 <= one.coefficients @ w <= one.upper + 1e-11
-    assert found.certificate.residual <= 1e-8
+    assert walk.certificate.residual <= 1e-8
     least = conic.least_resistance(GRID, constraints).least
-    assert found.commute_time == pytest.approx(4 * least / (GRID.vertices - 1), rel=1e-6)
+    assert walk.commute_time == pytest.approx(4 * least / (GRID.vertices - 1), rel=1e-6)
 
 
 def test_prices_are_what_a_little_more_is_worth():

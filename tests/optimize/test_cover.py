@@ -43,21 +43,21 @@ def smallest_by_trial(sets):
 # More elements than a word has bits.
 @given(families(12, 200), st.integers(0, 4))
 def test_greedy_cover_is_that_of_the_algorithm(sets, choice):
-    found = greedy_cover(sets, choice)
+    cover = greedy_cover(sets, choice)
     chosen, gained = cover_by_sets(sets, choice)
-    assert found.chosen.tolist() == chosen
-    assert found.gained.tolist() == gained
-    assert (sets[found.chosen].any(axis=0) == sets.any(axis=0)).all()
-    np.testing.assert_array_equal(found.uncovered, np.flatnonzero(~sets.any(axis=0)))
+    assert cover.chosen.tolist() == chosen
+    assert cover.gained.tolist() == gained
+    assert (sets[cover.chosen].any(axis=0) == sets.any(axis=0)).all()
+    np.testing.assert_array_equal(cover.uncovered, np.flatnonzero(~sets.any(axis=0)))
 
 
 @given(families(7, 10))
 def test_minimum_cover_is_the_smallest_of_all(sets):
-    found = minimum_cover(sets)
-    assert (sets[found.chosen].any(axis=0) == sets.any(axis=0)).all()
-    assert found.chosen.size == found.bound == smallest_by_trial(sets)
-    assert found.certificate.residual == 0
-    np.testing.assert_array_equal(found.uncovered, np.flatnonzero(~sets.any(axis=0)))
+    cover = minimum_cover(sets)
+    assert (sets[cover.chosen].any(axis=0) == sets.any(axis=0)).all()
+    assert cover.chosen.size == cover.bound == smallest_by_trial(sets)
+    assert cover.certificate.residual == 0
+    np.testing.assert_array_equal(cover.uncovered, np.flatnonzero(~sets.any(axis=0)))
 
 
 @given(families(25, 25))
@@ -76,9 +76,9 @@ def test_no_sets_are_chosen_if_none_has_an_element(cover, shape):
 
 def test_out_of_time_there_is_a_cover_and_a_bound():
     sets = np.random.default_rng(0).random((150, 150)) < 0.08
-    found = minimum_cover(sets, time_limit=0.0, throw=False)
-    assert sets[found.chosen].any(axis=0).all()
-    assert found.certificate.residual == found.chosen.size - found.bound > 0
+    cover = minimum_cover(sets, time_limit=0.0, throw=False)
+    assert sets[cover.chosen].any(axis=0).all()
+    assert cover.certificate.residual == cover.chosen.size - cover.bound > 0
     with pytest.raises(RuntimeError, match="minimum_cover: the residual stayed above"):
         minimum_cover(sets, time_limit=0.0)
 

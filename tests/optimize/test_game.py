@@ -76,9 +76,9 @@ def test_both_methods_equal_brute_force(game):
     leader, follower, prior = game
     best = best_by_corners(*game)
     for method in METHODS:
-        found = stackelberg(leader, follower, prior, method=method)
-        assert_consistent(leader, follower, prior, found)
-        assert found.value == pytest.approx(best, abs=1e-6)
+        solution = stackelberg(leader, follower, prior, method=method)
+        assert_consistent(leader, follower, prior, solution)
+        assert solution.value == pytest.approx(best, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -98,11 +98,11 @@ def test_both_methods_agree_on_larger_games(seed):
 def test_a_game_by_hand(method, pay):
     # Of the commitments that keep the follower on its second target, the leader takes the one
     # where it is indifferent. What the first strategy pays for either target does not matter.
-    found = stackelberg([[2, 4], [1, 3]], [[1 + pay, pay], [0, 2]], method=method)
-    np.testing.assert_allclose(found.weights, [2 / 3, 1 / 3], atol=1e-6 if pay else 1e-9)
-    assert found.answer.tolist() == [1]
-    assert found.value == pytest.approx(11 / 3, rel=1e-6)
-    assert found.follower_value.tolist() == pytest.approx([2 / 3 * (1 + pay)])
+    solution = stackelberg([[2, 4], [1, 3]], [[1 + pay, pay], [0, 2]], method=method)
+    np.testing.assert_allclose(solution.weights, [2 / 3, 1 / 3], atol=1e-6 if pay else 1e-9)
+    assert solution.answer.tolist() == [1]
+    assert solution.value == pytest.approx(11 / 3, rel=1e-6)
+    assert solution.follower_value.tolist() == pytest.approx([2 / 3 * (1 + pay)])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -110,12 +110,12 @@ def test_a_game_of_opposite_interests(method):
     # A guard at one of four doors; behind a door that is not guarded the thief gets what it holds.
     worth = np.array([1.0, 3.0, 4.0, 6.0])
     thief = worth * (1 - np.eye(4))
-    found = stackelberg(-thief, thief, method=method)
+    solution = stackelberg(-thief, thief, method=method)
     # The first door is not worth guarding, and the others pay the thief alike, more than that one.
     alike = (3 - 1) / (1 / 3 + 1 / 4 + 1 / 6)
     assert 1 < alike < 3
-    assert found.value == pytest.approx(-alike, abs=1e-9)
-    np.testing.assert_allclose(found.weights, [0, *(1 - alike / worth[1:])], atol=1e-8)
+    assert solution.value == pytest.approx(-alike, abs=1e-9)
+    np.testing.assert_allclose(solution.weights, [0, *(1 - alike / worth[1:])], atol=1e-8)
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-6, 1e6, 1e150])
@@ -131,14 +131,14 @@ def test_the_scale_does_not_matter(scale):
 @pytest.mark.parametrize("difference", 10.0 ** np.arange(-11, -3))
 def test_answers_that_nearly_tie(method, difference):
     # The leader is paid only if the follower takes the target that pays it a little less.
-    found = stackelberg(
+    solution = stackelberg(
         [[0.0, 1.0, 0.0]], [[1.0, 1.0 - difference, 0.0]], method=method, throw=False
     )
-    assert found.value in (0, 1)
-    if found.certificate.outcome is Outcome.CONVERGED and difference > 1e-5:
-        assert found.value == 0
+    assert solution.value in (0, 1)
+    if solution.certificate.outcome is Outcome.CONVERGED and difference > 1e-5:
+        assert solution.value == 0
     if difference < 1e-10:
-        assert found.value == 1
+        assert solution.value == 1
 
 
 def test_payoffs_are_those_of_the_table():
@@ -210,8 +210,8 @@ def test_a_program_that_is_not_good_enough_is_solved_by_another(monkeypatch):
     leader, follower = larger(2, 3, 4)
     exact = stackelberg(leader, follower, method="multiple-lp")
     monkeypatch.setattr("scipy.optimize.milp", off)
-    found = stackelberg(leader, follower)
-    assert found.value == pytest.approx(exact.value, abs=1e-9)
+    solution = stackelberg(leader, follower)
+    assert solution.value == pytest.approx(exact.value, abs=1e-9)
     with pytest.raises(RuntimeError, match="residual stayed above"):
         stackelberg(leader, follower, method="dobss")
 

@@ -47,11 +47,11 @@ def least_by_cvxpy(graph, stationary):
 
 def test_the_small_graph():
     # The rate is published with the example; the weights are by another interior-point method.
-    found = fastest_mixing(SMALL)
-    assert found.rate == pytest.approx(0.6809607, abs=5e-8)
-    np.testing.assert_allclose(8 * found.weights, MIXING, atol=2e-5)
-    check_chain(SMALL, found, np.full(8, 1 / 8))
-    np.testing.assert_allclose(found.weights[[1, 2, 8]], found.weights[[4, 9, 11]], atol=1e-6)
+    walk = fastest_mixing(SMALL)
+    assert walk.rate == pytest.approx(0.6809607, abs=5e-8)
+    np.testing.assert_allclose(8 * walk.weights, MIXING, atol=2e-5)
+    check_chain(SMALL, walk, np.full(8, 1 / 8))
+    np.testing.assert_allclose(walk.weights[[1, 2, 8]], walk.weights[[4, 9, 11]], atol=1e-6)
 
 
 def closed_forms():
@@ -68,9 +68,9 @@ def closed_forms():
 
 @pytest.mark.parametrize(("joined", "rate", "transition", "atol"), [*closed_forms()])
 def test_closed_forms(joined, rate, transition, atol):
-    found = fastest_mixing(graph_of(nx.from_numpy_array(joined)))
-    assert found.rate == pytest.approx(rate, abs=1e-7)
-    np.testing.assert_allclose(found.transition, transition, atol=atol)
+    walk = fastest_mixing(graph_of(nx.from_numpy_array(joined)))
+    assert walk.rate == pytest.approx(rate, abs=1e-7)
+    np.testing.assert_allclose(walk.transition, transition, atol=atol)
 
 
 @given(st.integers(2, 9), st.integers(0, 12), st.integers(0, 10_000), st.booleans())
@@ -78,17 +78,17 @@ def test_no_chain_is_faster(n, more, seed, even):
     random = np.random.default_rng(seed)
     graph = random_graph(n, min(n - 1 + more, n * (n - 1) // 2), seed)
     pi = np.full(n, 1 / n) if even else random.dirichlet(np.full(n, 5.0))
-    found = fastest_mixing(graph, None if even else pi)
-    assert found.certificate.outcome is Outcome.CONVERGED
-    check_chain(graph, found, pi)
+    walk = fastest_mixing(graph, None if even else pi)
+    assert walk.certificate.outcome is Outcome.CONVERGED
+    check_chain(graph, walk, pi)
     # Other chains, near and far, are no faster than the certificate allows.
-    least = found.rate - found.certificate.residual * (1 - found.rate)
+    least = walk.rate - walk.certificate.residual * (1 - walk.rate)
     for scale in (1e-3, 1e-1, 1):
         for _ in range(5):
             other = random.uniform(0, 1, len(graph.edges))
             at = np.bincount(graph.edges.ravel(), np.repeat(other, 2), n)
             other *= np.minimum(1, pi / at)[graph.edges].min(axis=1)
-            mixed = found.weights + scale * (other - found.weights)
+            mixed = walk.weights + scale * (other - walk.weights)
             flow = graph.matrix(mixed).toarray()
             np.fill_diagonal(flow, pi - flow.sum(axis=0))
             assert second_modulus(flow / pi[:, None]) >= least - 1e-9
@@ -107,19 +107,19 @@ def test_equals_cvxpy(vertices, edges, seed):
 def test_a_given_distribution_is_that_of_the_chain():
     pi = np.array([0.1, 0.2, 0.3, 0.4])
     graph = Graph(list(itertools.combinations(range(4), 2)))
-    found = fastest_mixing(graph, pi)
+    walk = fastest_mixing(graph, pi)
     # Independent draws are possible, and nothing forgets faster.
-    np.testing.assert_allclose(found.transition, np.tile(pi, (4, 1)), atol=1e-6)
-    later = found.chain.push(np.array([1.0, 0, 0, 0]))
+    np.testing.assert_allclose(walk.transition, np.tile(pi, (4, 1)), atol=1e-6)
+    later = walk.chain.push(np.array([1.0, 0, 0, 0]))
     np.testing.assert_allclose(later, pi, atol=1e-6)
 
 
 def test_a_tolerance_below_rounding_is_not_met():
     with pytest.raises(RuntimeError, match="fastest_mixing: the residual stayed above"):
         fastest_mixing(SMALL, tolerance=1e-300)
-    found = fastest_mixing(SMALL, tolerance=1e-300, throw=False)
-    assert found.certificate.outcome is Outcome.STALLED
-    assert found.certificate.residual < 1e-9
+    walk = fastest_mixing(SMALL, tolerance=1e-300, throw=False)
+    assert walk.certificate.outcome is Outcome.STALLED
+    assert walk.certificate.residual < 1e-9
 
 
 @pytest.mark.parametrize(

@@ -69,41 +69,41 @@ def test_polynomials_count_all_sequences_of_coins(movement, segments, robots):
 def test_maximin_of_small_perimeters(distance, time, movement, p, value):
     # Found once from the roots of the derivatives and of the differences of the polynomials.
     polynomials = detection_polynomials(Perimeter(2 * distance, 2, movement), time)
-    found = maximin(polynomials)
-    assert found.value == pytest.approx(value, abs=6e-7)
-    one = max(found.p, 1 - found.p) if movement is Movement.BMP else found.p
+    solution = maximin(polynomials)
+    assert solution.value == pytest.approx(value, abs=6e-7)
+    one = max(solution.p, 1 - solution.p) if movement is Movement.BMP else solution.p
     assert one == pytest.approx(p, abs=2e-6)
-    assert found.value == pytest.approx(at(polynomials, found.p).min(), abs=1e-13)
-    assert at(polynomials, found.p)[found.segment] == pytest.approx(found.value, abs=1e-9)
+    assert solution.value == pytest.approx(at(polynomials, solution.p).min(), abs=1e-13)
+    assert at(polynomials, solution.p)[solution.segment] == pytest.approx(solution.value, abs=1e-9)
 
 
 def test_robots_that_always_go_ahead_detect_in_time():
     for movement in Movement:
-        found = maximin(detection_polynomials(Perimeter(12, 2, movement), 6))
-        assert found.value == 1
-        assert found.p == 1
+        solution = maximin(detection_polynomials(Perimeter(12, 2, movement), 6))
+        assert solution.value == 1
+        assert solution.p == 1
     # In one step less, only the robot's own segment is missed.
     assert maximin(detection_polynomials(RING, 5)[1:]).value == 1
 
 
 @given(hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.floats(0, 1)))
 def test_maximin_is_no_worse_than_a_grid(polynomials):
-    found = maximin(polynomials)
+    solution = maximin(polynomials)
     grid = np.linspace(0, 1, 1001)
-    assert found.certificate.outcome is Outcome.CONVERGED
-    assert found.value >= at(polynomials, grid).min(axis=1).max() - 1e-11
-    assert found.value == pytest.approx(at(polynomials, found.p).min(), abs=1e-11)
+    assert solution.certificate.outcome is Outcome.CONVERGED
+    assert solution.value >= at(polynomials, grid).min(axis=1).max() - 1e-11
+    assert solution.value == pytest.approx(at(polynomials, solution.p).min(), abs=1e-11)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e6, 1e9])
 def test_maximin_ends_where_intervals_are_too_narrow_to_tell(scale):
     # Bounds of numbers so large do not come within the tolerance before intervals of p end.
-    found = maximin(scale * np.array([[0, 0.5, 1], [1, 0, 0]]))
+    solution = maximin(scale * np.array([[0, 0.5, 1], [1, 0, 0]]))
     best = (3 - 5**0.5) / 2
-    assert found.p == pytest.approx(best, abs=2.0**-44)
-    assert abs(found.value - scale * best) <= found.certificate.residual <= scale * 2.0**-43
-    assert found.certificate.iterations <= 44
-    assert found.certificate.outcome is Outcome.STALLED
+    assert solution.p == pytest.approx(best, abs=2.0**-44)
+    assert abs(solution.value - scale * best) <= solution.certificate.residual <= scale * 2.0**-43
+    assert solution.certificate.iterations <= 44
+    assert solution.certificate.outcome is Outcome.STALLED
 
 
 @pytest.mark.parametrize("movement", Movement)

@@ -28,13 +28,13 @@ def test_a_store_has_what_is_in_memory(monkeypatch, tmp_path, name, cell, direct
     # A run longer than what is followed at once; files of the second end within a direction.
     monkeypatch.setattr("jaxcell.bounce.straight_runs.AT_ONCE", 7)
     monkeypatch.setattr(cells_by_direction, "CHUNK", 37)
-    found = groups_of(name, cell, directions, [3, 0, 1], **motion)
-    record.save_cells(found, tmp_path / "groups.zarr", spec={"bounce_deg": 3})
+    groups = groups_of(name, cell, directions, [3, 0, 1], **motion)
+    record.save_cells(groups, tmp_path / "groups.zarr", spec={"bounce_deg": 3})
     with xr.open_zarr(tmp_path / "groups.zarr") as stored:
         stored.load()
-    image = np.asarray(bounce_map(found.cells, found.bounce, motion=found.motion).image)
+    image = np.asarray(bounce_map(groups.cells, groups.bounce, motion=groups.motion).image)
     np.testing.assert_array_equal(stored.image.values.reshape(image.shape), image)
-    expected = record.dataset(found, spec={"bounce_deg": 3})
+    expected = record.dataset(groups, spec={"bounce_deg": 3})
     xr.testing.assert_equal(stored.drop_vars("image"), expected)
     for one in expected.variables:
         assert stored[one].attrs == expected[one].attrs
@@ -59,8 +59,8 @@ def test_a_store_is_written_whole_or_not_at_all(monkeypatch, tmp_path):
 
 
 def test_cells_that_contradict_the_numbers_are_not_written(tmp_path):
-    found = groups_of("lab_a", 1.0, 4, [1])
-    found.largest_basin[0] += 1
+    groups = groups_of("lab_a", 1.0, 4, [1])
+    groups.largest_basin[0] += 1
     with pytest.raises(RuntimeError, match="numbers_not_those_of_cells is 1, expected at most 0"):
-        record.save_cells(found, tmp_path / "groups.zarr")
+        record.save_cells(groups, tmp_path / "groups.zarr")
     assert not [*tmp_path.iterdir()]

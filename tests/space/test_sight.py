@@ -39,7 +39,7 @@ def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(room,
     cells = cells_of(room, 1.1)
     x, y, _ = cells.centre(np.arange(cells.positions))
     of, corners = parts_of(cells)
-    found = visible_cells(cells, reach)
+    visible = visible_cells(cells, reach)
     for i in range(cells.positions):
         here = np.broadcast_to([x[i], y[i]], (len(of), 1, 2))
         hulls = shapely.convex_hull(shapely.multipoints(np.concatenate([here, corners], axis=1)))
@@ -50,7 +50,7 @@ def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(room,
         # Cases that a rounding error decides have tests of their own below.
         clear = ((hidden < 1e-12) | (hidden > 1e-6)) & (np.abs(far) > 1e-6)
         expected = (hidden < 1e-6) & (far < 0)
-        np.testing.assert_array_equal(found[i][clear], expected[clear])
+        np.testing.assert_array_equal(visible[i][clear], expected[clear])
 
 
 @given(
@@ -62,13 +62,13 @@ def test_squares_are_exact(free, reach):
     cells = CellSpace.of_grid(free, 1)
     squares = [box(c, r, c + 1, r + 1) for r, c in np.argwhere(free)]
     environment = shapely.union_all(squares)
-    found = visible_cells(cells, reach)
+    visible = visible_cells(cells, reach)
     for i, here in enumerate(squares):
         for j, there in enumerate(squares):
             hull = shapely.union(here.centroid, there).convex_hull
             x, y = shapely.get_coordinates(there).T
             near = np.hypot(x - here.centroid.x, y - here.centroid.y).max() <= reach
-            assert found[i, j] == (near and environment.covers(hull))
+            assert visible[i, j] == (near and environment.covers(hull))
 
 
 @given(
@@ -91,7 +91,7 @@ def test_a_map_of_any_scale_is_as_its_grid(free, side):
 @given(slanted_rooms(radii=RADII), st.floats(0.5, 7))
 def test_a_centre_is_visible_if_the_segment_to_it_is_free(room, reach):
     cells = cells_of(room, 0.7)
-    found = visible_cells(cells, reach, part=AT_CENTRE)
+    visible = visible_cells(cells, reach, part=AT_CENTRE)
     surely, maybe = (cells.workspace.environment.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))
     i, j = np.nonzero(~np.eye(cells.positions, dtype=bool))
@@ -101,7 +101,7 @@ def test_a_centre_is_visible_if_the_segment_to_it_is_free(room, reach):
     covered = shapely.covers(surely, lines)
     clear = (covered == shapely.covers(maybe, lines)) & (np.abs(distance - reach) > 1e-6)
     expected = covered & (distance <= reach)
-    np.testing.assert_array_equal(found[i, j][clear], expected[clear])
+    np.testing.assert_array_equal(visible[i, j][clear], expected[clear])
 
 
 @given(slanted_rooms(radii=RADII), st.floats(0.5, 4), st.floats(0, 3))
@@ -155,10 +155,10 @@ def test_the_blocked_part_of_a_cell_need_not_be_seen():
 
 def test_a_cell_that_a_wall_cuts_in_two_is_never_seen():
     cells = cells_among(box(2.6, 0, 2.7, 6))
-    found = visible_cells(cells, 20.0)
+    visible = visible_cells(cells, 20.0)
     cut = cells.index(2.5, np.arange(6) + 0.5)
-    assert not found[:, cut].any()
-    assert np.delete(found, cut, axis=1).any(axis=0).all()
+    assert not visible[:, cut].any()
+    assert np.delete(visible, cut, axis=1).any(axis=0).all()
 
 
 def test_a_centre_on_a_wall_sees_its_free_side():

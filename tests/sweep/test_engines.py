@@ -86,8 +86,8 @@ def test_the_engine_processes_gives_the_same_bytes(stub_spec, tmp_path, whole):
 def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path, calls):
     # Chunks 1 and 4 have it; the first of them to come kills its worker, once.
     spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"\nfolder = "{calls}"')
-    found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
-    assert found.complete
+    status = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
+    assert status.complete
     assert (tmp_path / "once").exists()
     processes = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
     assert len(processes) >= 2
@@ -272,9 +272,9 @@ def test_workers_of_a_killed_run_end(stub_spec, tmp_path, calls):
 
 def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path, calls):
     spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
-    assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
+    status = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
+    assert [one.parameters for one in status.failures] == [{"x": 1}]
+    assert status.failures[0].message == "TimeoutError: it was not done after 2 s"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1, 2]
     assert not any(is_running(int(path.name.partition("-")[0])) for path in calls.iterdir())
@@ -291,7 +291,7 @@ def test_jobs_of_a_dask_worker_that_dies_are_tried_again(cluster, stub_spec, tmp
     assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
     assert (tmp_path / "once").exists()
     always = stub_spec("kill = 1", text="[grid]\nx = [1]", name="always.toml")
-    found = run_sweep(always, tmp_path / "always", engine=cluster)
-    assert found.done == 0
-    assert [one.parameters["x"] for one in found.failures] == [1]
-    assert found.failures[0].message.startswith("KilledWorker: ")
+    status = run_sweep(always, tmp_path / "always", engine=cluster)
+    assert status.done == 0
+    assert [one.parameters["x"] for one in status.failures] == [1]
+    assert status.failures[0].message.startswith("KilledWorker: ")

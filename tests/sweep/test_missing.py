@@ -22,10 +22,10 @@ def test_a_resume_computes_the_members_that_failed(stub_spec, tmp_path, whole, t
     assert len(run_sweep(spec, out).failures) == 6
     calls.clear()
     bad.discard(5)
-    found = run_sweep(spec, out, resume=True)
+    status = run_sweep(spec, out, resume=True)
     # Four chunks have failures: of x 0 to 3 and of x 4 to 7.
     assert values(calls) == [[1], [5, 6], [5], [6]] * 2
-    assert [one.parameters["x"] for one in found.failures] == [1, 6, 1, 6]
+    assert [one.parameters["x"] for one in status.failures] == [1, 6, 1, 6]
     bad.clear()
     calls.clear()
     assert run_sweep(spec, out, resume=True).complete
@@ -60,9 +60,9 @@ def test_members_that_fail_after_growth_do_not_change_older_members(stub_spec, t
     run_sweep(small, tmp_path / "out")
     calls.clear()
     bad |= {4}
-    found = run_sweep(large, tmp_path / "out", resume=True)
+    status = run_sweep(large, tmp_path / "out", resume=True)
     assert values(calls) == [[2, 4], [2], [4]]
-    assert [one.parameters for one in found.failures] == [{"x": 4}]
+    assert [one.parameters for one in status.failures] == [{"x": 4}]
     with open_sweep(tmp_path / "out") as dataset, open_sweep(tmp_path / "whole") as expected:
         assert dataset.status.values.tolist() == [1, 1, 1, 2]
         kept = dataset.x != 4

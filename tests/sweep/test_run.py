@@ -24,9 +24,9 @@ def test_the_result_of_a_member_is_that_of_a_batch_of_one(stub_spec, tmp_path):
     text = "[grid]\ny = [0.5, 1.5, 2.5]\n[random]\nsamples = 11\nx = {integers = [0, 99]}"
     spec = stub_spec(text=text)
     assert 11 % spec.lengths["sample"] != 0
-    found = run_sweep(spec, tmp_path / "out")
-    assert found.complete
-    assert (found.members, found.chunks, found.done) == (33, 9, 9)
+    status = run_sweep(spec, tmp_path / "out")
+    assert status.complete
+    assert (status.members, status.chunks, status.done) == (33, 9, 9)
     with open_sweep(tmp_path / "out") as dataset:
         assert dict(dataset.sizes) == {"y": 3, "sample": 11, "exponent": 3}
         assert set(dataset.coords) == {"y", "sample", "x", "exponent"}
@@ -97,17 +97,17 @@ def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, task):
 def test_a_member_that_fails_is_reported_and_does_not_stop_others(stub_spec, tmp_path, whole):
     spec, out = stub_spec("fail = 5"), tmp_path / "out"
     seen = []
-    found = run_sweep(spec, out, progress=seen.append)
-    assert not found.complete
-    assert (found.done, found.chunks) == (4, 6)
-    assert [one.chunk for one in found.failures] == [1, 4]
-    first, second = found.failures
+    status = run_sweep(spec, out, progress=seen.append)
+    assert not status.complete
+    assert (status.done, status.chunks) == (4, 6)
+    assert [one.chunk for one in status.failures] == [1, 4]
+    first, second = status.failures
     assert first.index == {"y": 0, "x": 5}
     assert first.parameters == {"y": 0.5, "x": 5}
     assert second.parameters == {"y": 1.5, "x": 5}
     assert first.message == "RuntimeError: x is 5"
     assert "sweep_stub.py" in first.trace
-    assert [failure for one in seen for failure in one.failures] == list(found.failures)
+    assert [failure for one in seen for failure in one.failures] == list(status.failures)
     assert [(one.done, one.failed) for one in seen] == [
         (0, 0), (1, 0), (2, 1), (3, 1), (4, 1), (5, 2), (6, 2)
     ]  # fmt: skip
@@ -120,15 +120,15 @@ def test_a_member_that_fails_is_reported_and_does_not_stop_others(stub_spec, tmp
             assert dataset[name].identical(good[name].where(~missing)), name
 
     listed = json.loads((out / "failures.json").read_text())
-    assert listed == [dataclasses.asdict(one) for one in found.failures]
+    assert listed == [dataclasses.asdict(one) for one in status.failures]
 
 
 @pytest.mark.parametrize("bad", [8, 9])
 def test_a_member_of_a_padded_chunk_fails_alone(stub_spec, tmp_path, bad):
     spec = stub_spec(f"fail = {bad}")
     assert spec.chunk(2).shape != tuple(spec.lengths.values())
-    found = run_sweep(spec, tmp_path / "out")
-    assert [one.index for one in found.failures] == [{"y": 0, "x": bad}, {"y": 1, "x": bad}]
+    status = run_sweep(spec, tmp_path / "out")
+    assert [one.index for one in status.failures] == [{"y": 0, "x": bad}, {"y": 1, "x": bad}]
     with open_sweep(tmp_path / "out") as dataset:
         assert (dataset.status == xr.where(dataset.x == bad, 2, 1)).all()
         assert (dataset["count"] == xr.where(dataset.x == bad, -1, dataset.x)).all()
@@ -136,16 +136,16 @@ def test_a_member_of_a_padded_chunk_fails_alone(stub_spec, tmp_path, bad):
 
 def test_a_sweep_whose_chunks_all_fail_has_no_result(stub_spec, tmp_path):
     out = tmp_path / "out"
-    found = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
-    assert (found.done, [one.index["member"] for one in found.failures]) == (0, [0, 1])
+    status = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
+    assert (status.done, [one.index["member"] for one in status.failures]) == (0, [0, 1])
     with pytest.raises(ValueError, match="no chunk is done yet, of 1"):
         open_sweep(out)
 
 
 def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, tmp_path):
     spec = stub_spec("fail = 1", text="[list]\nx = [1, 1, 1, 1, 1, 2]")
-    found = run_sweep(spec, tmp_path / "out")
-    assert (found.done, len(found.failures)) == (0, 5)
+    status = run_sweep(spec, tmp_path / "out")
+    assert (status.done, len(status.failures)) == (0, 5)
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [2] * 5 + [1]
 

@@ -231,11 +231,11 @@ def test_a_number_for_each_vertex(tmp_path):
 def test_stakes_of_each_vertex(tmp_path):
     path = tmp_path / "stakes.txt"
     path.write_text("b 1 2 3 4\nhall 5 5 6 7 8\n")
-    found = load_stakes(path, ["hall 5", "b"])
-    assert [one.tolist() for one in vars(found).values()] == [[5, 1], [6, 2], [7, 3], [8, 4]]
+    stakes = load_stakes(path, ["hall 5", "b"])
+    assert [one.tolist() for one in vars(stakes).values()] == [[5, 1], [6, 2], [7, 3], [8, 4]]
     path.write_text("b 1\nhall 5 2\n")
-    found = load_stakes(path, ["hall 5", "b"])
-    assert (found.values.tolist(), found.adversary_values) == ([2, 1], None)
+    stakes = load_stakes(path, ["hall 5", "b"])
+    assert (stakes.values.tolist(), stakes.adversary_values) == ([2, 1], None)
 
 
 def test_the_bundled_graphs_are_made_by_their_script(tmp_path):

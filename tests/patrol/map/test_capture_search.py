@@ -22,10 +22,10 @@ def least_capture(matrix, visible, start):
 @pytest.mark.parametrize("start", ["uniform", "stationary", "worst"])
 def test_no_walk_on_a_fine_grid_captures_more(start):
     graph, visible = examples.patrol()
-    found = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
-    (policy,) = found.policies
+    policies = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
+    (policy,) = policies.policies
     matrix = policy.chain.to_scipy().toarray()
-    assert found.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
+    assert policies.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
     best = 0.0
     for chances in itertools.product(np.linspace(0, 1, 15), repeat=3):
         walk = np.zeros((5, 5))
@@ -33,9 +33,11 @@ def test_no_walk_on_a_fine_grid_captures_more(start):
         for place, right in enumerate(chances, 1):
             walk[place, place + 1], walk[place, place - 1] = right, 1 - right
         best = max(best, least_capture(walk, visible, start))
-    assert found.value > best - 1e-3
+    assert policies.value > best - 1e-3
     (commuting,) = distributed_policies(graph, visible, 1, 0.0)
-    assert found.value > 1.05 * least_capture(commuting.chain.to_scipy().toarray(), visible, start)
+    assert policies.value > 1.05 * least_capture(
+        commuting.chain.to_scipy().toarray(), visible, start
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +63,11 @@ def test_every_step_keeps_the_floor_of_randomness(lab):
 
 def test_capture_falls_along_the_frontier_and_entropy_rises():
     graph, visible = examples.patrol()
-    found = capture_frontier(graph, visible, 1, Attack(STEPS), [0.5, 0.0, 0.9])
-    assert found.floor.tolist() == [0.0, 0.5, 0.9]
-    assert (np.diff(found.least_capture) < 0).all()
+    frontier = capture_frontier(graph, visible, 1, Attack(STEPS), [0.5, 0.0, 0.9])
+    assert frontier.floor.tolist() == [0.0, 0.5, 0.9]
+    assert (np.diff(frontier.least_capture) < 0).all()
     # A corridor has no more entropy than log 2 at each of its three inner places.
-    assert 0 <= found.entropy.min() < found.entropy.max() < np.log(2)
+    assert 0 <= frontier.entropy.min() < frontier.entropy.max() < np.log(2)
     uniform = capture_policies(graph, visible, 1, Attack(STEPS), randomness=0.9999, starts=1)
     (policy,) = uniform.policies
     assert entropy_rate(graph, policy) == pytest.approx(0.75 * np.log(2), abs=1e-3)
@@ -73,10 +75,10 @@ def test_capture_falls_along_the_frontier_and_entropy_rises():
 
 def test_the_best_of_several_starts_captures_more_than_tours_and_visits_all_cells(lab):
     graph, visible, _ = lab
-    found = capture_policies(graph, visible, 2, Attack(6), starts=3)
-    assert found.tried.shape == (3,)
-    assert found.value == found.tried.max() > 1.3 * found.tours
-    for policy in found.policies:
+    policies = capture_policies(graph, visible, 2, Attack(6), starts=3)
+    assert policies.tried.shape == (3,)
+    assert policies.value == policies.tried.max() > 1.3 * policies.tours
+    for policy in policies.policies:
         share = policy.share_of_time(graph)
         matrix = policy.chain.to_scipy().toarray()
         np.testing.assert_allclose(share @ matrix, share, atol=1e-12)
@@ -126,5 +128,5 @@ def test_wrong_searches_are_refused(change, message):
 
 def test_nothing_is_searched_if_all_cells_are_always_seen():
     graph, visible = examples.patrol()
-    found = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
-    assert (found.value, found.iterations) == (1.0, 0)
+    policies = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
+    assert (policies.value, policies.iterations) == (1.0, 0)

@@ -13,17 +13,17 @@ def test_a_walk_comes_as_often_as_its_share_of_time_says():
     graph = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     P = walk_on(graph, [1, 2, 1, 1, 3])
     share = np.linalg.matrix_power((P + np.eye(4)) / 2, 200)[0]
-    found = simulate_idleness(graph, P[None], attack_time=3)
+    idleness = simulate_idleness(graph, P[None], attack_time=3)
     # A thousandth of a move is a visit more or less.
-    assert found.mean[0] == pytest.approx((1 / share).mean(), rel=0.1)
-    assert found.worst[0] == pytest.approx((1 / share).max(), rel=0.15)
+    assert idleness.mean[0] == pytest.approx((1 / share).mean(), rel=0.1)
+    assert idleness.worst[0] == pytest.approx((1 / share).max(), rel=0.15)
     # From any time on, the attack of three steps fails unless the vertex is avoided.
     missed = []
     for target in range(4):
         keep = np.arange(4) != target
         Q = P[np.ix_(keep, keep)]
         missed.append(float(share @ P[:, keep] @ Q @ Q @ np.ones(3)))
-    assert found.least_capture[0] == pytest.approx(1 - max(missed), abs=0.06)
+    assert idleness.least_capture[0] == pytest.approx(1 - max(missed), abs=0.06)
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -31,13 +31,13 @@ def test_robots_on_a_tour_are_equally_far_apart():
     """Of networkx's ring of 12, and with edges that take longer than others."""
     graph = graph_of(nx.cycle_graph(12))
     matrices = np.stack([walk_on(graph)] * 3)
-    found = simulate_idleness(graph, matrices)
-    assert found.patrol == ["walk", "tour", "random", "reactive"]
-    tour = [getattr(found, name)[1] for name in ("mean", "worst", "longest")]
+    idleness = simulate_idleness(graph, matrices)
+    assert idleness.patrol == ["walk", "tour", "random", "reactive"]
+    tour = [getattr(idleness, name)[1] for name in ("mean", "worst", "longest")]
     assert tour == pytest.approx([4, 4, 4])
     # No patrol does better than that, and random robots do worse.
-    assert found.mean.min() >= 4 - 1e-9
-    assert found.worst[2] > 4
+    assert idleness.mean.min() >= 4 - 1e-9
+    assert idleness.worst[2] > 4
     times = np.where(np.arange(12) < 6, 1, 3)
     slow = simulate_idleness(graph, matrices, times=times)
     assert slow.mean[1] == pytest.approx(times.sum() / 3, rel=1e-3)
@@ -45,19 +45,19 @@ def test_robots_on_a_tour_are_equally_far_apart():
 
 def test_a_reactive_robot_walks_round_a_ring():
     graph = graph_of(nx.cycle_graph(9))
-    found = simulate_idleness(graph, walk_on(graph)[None], attack_time=[5] * 9)
-    assert found.longest[3] == found.mean[3] == 9
-    assert found.least_capture[3] == pytest.approx(5 / 9)
+    idleness = simulate_idleness(graph, walk_on(graph)[None], attack_time=[5] * 9)
+    assert idleness.longest[3] == idleness.mean[3] == 9
+    assert idleness.least_capture[3] == pytest.approx(5 / 9)
 
 
 @pytest.mark.usefixtures("unchecked")
 def test_idleness_of_vertices_that_a_walk_leaves_out_is_infinite():
     graph = Graph([[0, 1], [1, 2]])
     to_and_fro = np.array([[[0.0, 1, 0], [1, 0, 0], [0, 1, 0]]])
-    found = simulate_idleness(graph, to_and_fro, attack_time=2)
-    assert found.worst[0] == found.longest[0] == np.inf
-    assert found.least_capture[0] == 0
-    assert np.isfinite(found.worst[1:]).all()
+    idleness = simulate_idleness(graph, to_and_fro, attack_time=2)
+    assert idleness.worst[0] == idleness.longest[0] == np.inf
+    assert idleness.least_capture[0] == 0
+    assert np.isfinite(idleness.worst[1:]).all()
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -42,25 +42,25 @@ def ages(team):
 def test_two_robots_against_a_run_of_them(times):
     lazy = 0.7 * walk_on(GRAPH, [3, 1, 1, 4, 1]) + 0.3 * np.eye(4)
     walks = np.stack([walk_on(GRAPH, [1, 2, 1, 1, 3]), lazy])
-    found = age_of_news(GRAPH, walks, BASE, times=times, unit=2.0)
+    news = age_of_news(GRAPH, walks, BASE, times=times, unit=2.0)
     each = np.ones(5) if times is None else times.astype(float)
     delays = GRAPH.matrix(each).toarray() + np.eye(4)
     random = np.random.default_rng(0)
     aged = ages([positions(walk, delays, random) for walk in walks])
-    np.testing.assert_allclose(found.mean_age, 2 * aged[:, :4].mean(axis=0), rtol=0.04)
-    assert found.mean_since_passed == pytest.approx(2 * aged[:, 4].mean(), rel=0.04)
+    np.testing.assert_allclose(news.mean_age, 2 * aged[:, :4].mean(axis=0), rtol=0.04)
+    assert news.mean_since_passed == pytest.approx(2 * aged[:, 4].mean(), rel=0.04)
     for age in (0, 2, 5, 9):
         law = (aged <= age).mean(axis=0)
-        np.testing.assert_allclose(found.known[age], law[:4], atol=0.015)
-        assert found.passed[age] == pytest.approx(law[4], abs=0.015)
-    assert found.checks()["news_newer_than_the_robot"][0] <= 1e-12
+        np.testing.assert_allclose(news.known[age], law[:4], atol=0.015)
+        assert news.passed[age] == pytest.approx(law[4], abs=0.015)
+    assert news.checks()["news_newer_than_the_robot"][0] <= 1e-12
     late = np.quantile(2 * aged[:, :4], 0.95, axis=0)
-    np.testing.assert_allclose(found.late_age, late, atol=4)
+    np.testing.assert_allclose(news.late_age, late, atol=4)
 
 
 def test_news_of_a_vertex_that_is_never_visited_are_infinitely_old():
     to_and_fro = np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 0]])
     graph = Graph([[0, 1], [1, 2]])
-    found = age_of_news(graph, to_and_fro[None], 0)
-    assert found.mean_age.tolist() == [0.5, 1.5, np.inf]
-    assert np.isinf(found.late_age[2])
+    news = age_of_news(graph, to_and_fro[None], 0)
+    assert news.mean_age.tolist() == [0.5, 1.5, np.inf]
+    assert np.isinf(news.late_age[2])

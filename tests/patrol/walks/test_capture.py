@@ -51,22 +51,22 @@ def test_capture_against_all_walks(stay, times, attack):
     ],
 )
 def test_known_optima_from_the_default_start(graph, attack, optimum):
-    found = maximin_capture(graph, attack, starts=1)
+    walk = maximin_capture(graph, attack, starts=1)
     # Which of the starts is best by a rounding error is left open.
-    assert found.value == pytest.approx(optimum, rel=1e-6)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    assert walk.value == pytest.approx(optimum, rel=1e-6)
+    assert walk.certificate.outcome is Outcome.CONVERGED
     # Another program, whose sums may be in another order.
-    least = walk_capture_probabilities(graph, found.matrices[0], attack).min()
-    assert least == pytest.approx(found.value, rel=1e-14)
-    assert found.chains[0].cells == graph.vertices
+    least = walk_capture_probabilities(graph, walk.matrices[0], attack).min()
+    assert least == pytest.approx(walk.value, rel=1e-14)
+    assert walk.chains[0].cells == graph.vertices
 
 
 def test_no_chain_of_another_solver_is_better():
     attack = np.array([5, 6, 5, 7])
-    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4, stay=True)
+    walk = maximin_capture(KITE, attack, travel_times=TIMES, starts=4, stay=True)
     delays = delays_of(KITE, TIMES)
-    least = by_walks(found.matrices[0], delays, attack).min()
-    assert found.value == pytest.approx(least, rel=1e-9)
+    least = by_walks(walk.matrices[0], delays, attack).min()
+    assert walk.value == pytest.approx(least, rel=1e-9)
     among = ChainPolytope.on(KITE, stay=True)
     arguments = on_device(*whole_numbers(KITE, attack, TIMES))
     sums, sides = among.equalities()
@@ -85,20 +85,20 @@ def test_no_chain_of_another_solver_is_better():
             method="SLSQP",
         )
         if np.abs(equal["fun"](other.x)).max() < 1e-9 and above["fun"](other.x).min() > -1e-9:
-            assert found.value >= other.x[-1] * (1 - 1e-4)
+            assert walk.value >= other.x[-1] * (1 - 1e-4)
 
 
 def test_robots_are_all_where_they_are_worst():
-    found = maximin_capture(KITE, 3, robots=2, starts=1)
-    each = [by_walks(matrix, delays_of(KITE, 1), np.full(4, 3)) for matrix in found.matrices]
+    walk = maximin_capture(KITE, 3, robots=2, starts=1)
+    each = [by_walks(matrix, delays_of(KITE, 1), np.full(4, 3)) for matrix in walk.matrices]
     least = min(
         1 - (1 - each[0][first, target]) * (1 - each[1][second, target])
         for first, second, target in itertools.product(range(4), repeat=3)
     )
-    assert found.value == pytest.approx(least, rel=1e-9)
+    assert walk.value == pytest.approx(least, rel=1e-9)
     # Two that do the same are not better.
     one = maximin_capture(KITE, 3, starts=1).value
-    assert found.value >= 1 - (1 - one) ** 2 - 1e-6
+    assert walk.value >= 1 - (1 - one) ** 2 - 1e-6
 
 
 @pytest.mark.parametrize(
@@ -140,10 +140,10 @@ def test_wrong_matrices_are_refused():
 def test_gradients_and_programs_find_more_on_a_grid_than_either():
     # Gradients alone lead to 0.1812, descent and programs to 0.1564.
     graph = grid(4, 4)
-    found = maximin_capture(graph, 8, starts=1)
-    assert found.value > 0.1819
-    exact = walk_capture_probabilities(graph, found.matrices[0], 8)
-    assert found.value == pytest.approx(exact.min(), abs=1e-9)
+    walk = maximin_capture(graph, 8, starts=1)
+    assert walk.value > 0.1819
+    exact = walk_capture_probabilities(graph, walk.matrices[0], 8)
+    assert walk.value == pytest.approx(exact.min(), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,10 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
 def test_too_large_for_linear_programs(monkeypatch):
     monkeypatch.setattr(capture, "POLISHED", 0)
     monkeypatch.setattr(capture, "STEPS", 300)
-    found = maximin_capture(GRID, 4, starts=1, throw=False)
-    assert found.value == pytest.approx(
-        walk_capture_probabilities(GRID, found.matrices[0], 4).min()
-    )
-    assert found.value > 0.15
-    assert found.certificate.tolerance == 0.02
+    walk = maximin_capture(GRID, 4, starts=1, throw=False)
+    assert walk.value == pytest.approx(walk_capture_probabilities(GRID, walk.matrices[0], 4).min())
+    assert walk.value > 0.15
+    assert walk.certificate.tolerance == 0.02
 
 
 def test_with_travel_times_too_large_for_linear_programs(monkeypatch):
@@ -209,6 +207,6 @@ def test_with_travel_times_too_large_for_linear_programs(monkeypatch):
     options = {"travel_times": TIMES, "starts": 2, "stay": True, "throw": False}
     best = maximin_capture(KITE, 6, **options).value
     monkeypatch.setattr(capture, "POLISHED", 0)
-    found = maximin_capture(KITE, 6, **options)
-    assert best * (1 - 1e-3) < found.value <= best * (1 + 1e-9)
-    assert found.certificate.tolerance == 0.02
+    walk = maximin_capture(KITE, 6, **options)
+    assert best * (1 - 1e-3) < walk.value <= best * (1 + 1e-9)
+    assert walk.certificate.tolerance == 0.02

@@ -58,7 +58,7 @@ def test_steps_are_those_of_the_law():
 
 
 def test_no_walk_of_a_fine_grid_of_all_captures_more():
-    found = charged_capture(KITE, walk_on(KITE)[None], CHARGER, EVERY, ATTACK)
+    walk = charged_capture(KITE, walk_on(KITE)[None], CHARGER, EVERY, ATTACK)
     tenths = np.arange(0, 1.01, 0.1)
     best = max(
         Charged.of(policy([a, b, 1 - a - b], stray), CHARGER, attack_time=ATTACK).least_capture
@@ -66,7 +66,7 @@ def test_no_walk_of_a_fine_grid_of_all_captures_more():
         if a + b < 1 + 1e-9
         for stray in itertools.product(tenths[::2], tenths[::2])
     )
-    assert found.least_capture > best - 1e-3 > found.led_back
+    assert walk.least_capture > best - 1e-3 > walk.led_back
 
 
 @pytest.mark.parametrize(
@@ -80,20 +80,20 @@ def test_no_walk_of_a_fine_grid_of_all_captures_more():
 )
 def test_known_optima(graph, every, attack, optimum, led_back):
     graph = graph_of(graph)
-    found = charged_capture(graph, walk_on(graph)[None], 0, every, attack, starts=1)
-    assert found.least_capture == pytest.approx(optimum, abs=1e-3)
-    assert found.led_back < led_back + 1e-9
-    assert found.interval.sum() == pytest.approx(1)
-    assert (found.chance[0, -1].argmax(axis=1)[found.chance[0, -1].any(axis=1)] == 0).all()
+    walk = charged_capture(graph, walk_on(graph)[None], 0, every, attack, starts=1)
+    assert walk.least_capture == pytest.approx(optimum, abs=1e-3)
+    assert walk.led_back < led_back + 1e-9
+    assert walk.interval.sum() == pytest.approx(1)
+    assert (walk.chance[0, -1].argmax(axis=1)[walk.chance[0, -1].any(axis=1)] == 0).all()
 
 
 def test_two_robots_capture_no_less_than_when_they_are_led_back():
     star = graph_of(nx.star_graph(3))
-    found = charged_capture(star, np.stack([walk_on(star)] * 2), 0, 2, 2, starts=2)
+    walk = charged_capture(star, np.stack([walk_on(star)] * 2), 0, 2, 2, starts=2)
     # A robot that goes to each leaf equally often captures a third there; two may share them.
-    assert found.led_back == pytest.approx(1 - (2 / 3) ** 2)
-    assert found.least_capture >= found.led_back
-    assert found.chance.shape == (2, 2, 4, 4)
+    assert walk.led_back == pytest.approx(1 - (2 / 3) ** 2)
+    assert walk.least_capture >= walk.led_back
+    assert walk.chance.shape == (2, 2, 4, 4)
 
 
 def test_too_large_graphs_are_refused():

@@ -57,10 +57,10 @@ def test_the_game_of_the_small_graph():
     # pay most.
     leader, follower = map(np.asarray, payoffs(TABLE_4_2))
     for method in ("dobss", "multiple-lp"):
-        found = stackelberg(leader, follower, method=method)
-        assert found.value == pytest.approx(8, abs=1e-6)
-        assert int(found.answer[0]) == 6
-        assert np.asarray(found.weights)[[6, 8]].sum() == pytest.approx(1, abs=1e-6)
+        solution = stackelberg(leader, follower, method=method)
+        assert solution.value == pytest.approx(8, abs=1e-6)
+        assert int(solution.answer[0]) == 6
+        assert np.asarray(solution.weights)[[6, 8]].sum() == pytest.approx(1, abs=1e-6)
     # Against the published mixture, an attack on vertex 7 is as good as any.
     replies = np.array([0.9012, 0.0988]) @ follower[[6, 8]]
     assert replies[6] == pytest.approx(replies.max(), abs=1e-4)

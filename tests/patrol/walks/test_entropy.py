@@ -24,15 +24,15 @@ TRIANGLE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
 
 @given(connected_graphs(), st.booleans())
 def test_free_entropy_rate_is_the_growth_of_the_number_of_walks(graph, stay):
-    found = maximum_entropy_rate(graph, stay=stay)
+    walk = maximum_entropy_rate(graph, stay=stay)
     ways = graph.matrix(np.ones(len(graph.edges))).toarray() + stay * np.eye(graph.vertices)
-    assert found.value == pytest.approx(np.log(np.linalg.norm(ways, 2)), abs=1e-10)
-    values, vectors = np.linalg.eig(found.matrix.T)
+    assert walk.value == pytest.approx(np.log(np.linalg.norm(ways, 2)), abs=1e-10)
+    values, vectors = np.linalg.eig(walk.matrix.T)
     share = vectors[:, np.argmin(np.abs(values - 1))].real
-    surprise = -np.log(np.where(found.matrix > 0, found.matrix, 1))
-    rate = share @ (found.matrix * surprise).sum(axis=1) / share.sum()
-    assert found.value == pytest.approx(rate, abs=1e-9)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    surprise = -np.log(np.where(walk.matrix > 0, walk.matrix, 1))
+    rate = share @ (walk.matrix * surprise).sum(axis=1) / share.sum()
+    assert walk.value == pytest.approx(rate, abs=1e-9)
+    assert walk.certificate.outcome is Outcome.CONVERGED
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -40,16 +40,16 @@ def test_given_entropy_rate_against_cvxpy(seed):
     cvxpy = pytest.importorskip("cvxpy")
     graph = random_graph(6, 9, seed)
     share = np.random.default_rng(seed).dirichlet(np.full(6, 3.0))
-    found = maximum_entropy_rate(graph, share, stay=True)
-    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-12)
+    walk = maximum_entropy_rate(graph, share, stay=True)
+    np.testing.assert_allclose(share @ walk.matrix, share, atol=1e-12)
     among = ChainPolytope.on(graph, share, stay=True)
     chain = cvxpy.Variable(among.tails.size, nonneg=True)
     sums, sides = among.equalities()
     rate = share[among.tails] @ cvxpy.entr(chain)
     problem = cvxpy.Problem(cvxpy.Maximize(rate), [sums @ chain == sides])
     problem.solve(solver="CLARABEL")
-    assert found.value == pytest.approx(problem.value, abs=1e-6)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    assert walk.value == pytest.approx(problem.value, abs=1e-6)
+    assert walk.certificate.outcome is Outcome.CONVERGED
 
 
 def test_entropy_rate_where_some_moves_are_ruled_out():
@@ -59,9 +59,9 @@ def test_entropy_rate_where_some_moves_are_ruled_out():
     share = np.array([0.25, 0.375, 0.25, 0.125])
     path = Graph([[0, 1], [1, 2], [2, 3]])
     # In a tree the flows are determined: 2/8 between 0 and 1, 1/8 between the others.
-    found = maximum_entropy_rate(path, share)
+    walk = maximum_entropy_rate(path, share)
     expected = [[0, 1, 0, 0], [2 / 3, 0, 1 / 3, 0], [0, 1 / 2, 0, 1 / 2], [0, 0, 1, 0]]
-    np.testing.assert_allclose(found.matrix, expected, atol=1e-9)
+    np.testing.assert_allclose(walk.matrix, expected, atol=1e-9)
 
 
 def test_return_time_entropy_against_all_walks():
@@ -87,21 +87,21 @@ def test_independent_draws_have_the_most_return_time_entropy():
     # each vertex independently from pi has it at all of them.
     graph = graph_of(nx.complete_graph(3))
     share = np.array([0.25, 0.35, 0.4])
-    found = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)
+    walk = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)
     most = -np.sum((1 - share) * np.log(1 - share) + share * np.log(share))
-    assert found.value == pytest.approx(most, rel=1e-7)
-    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
+    assert walk.value == pytest.approx(most, rel=1e-7)
+    np.testing.assert_allclose(share @ walk.matrix, share, atol=1e-9)
 
 
 # SLSQP of SciPy before 1.16 leaves its bounds by rounding.
 @pytest.mark.filterwarnings("ignore:Values in x were outside bounds:RuntimeWarning")
 def test_no_chain_of_another_solver_is_better():
-    found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
+    walk = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
     entropy = jax.jit(return_time_entropy, static_argnums=1)
-    assert found.value == pytest.approx(float(entropy(found.matrix, 12)))
+    assert walk.value == pytest.approx(float(entropy(walk.matrix, 12)))
     among = ChainPolytope.on(TRIANGLE)
     others = by_slsqp(among, lambda matrix: -float(entropy(matrix, 12)), 4, 7)
-    assert found.value >= -min(others) - 1e-6
+    assert walk.value >= -min(others) - 1e-6
 
 
 def test_no_horizon_is_refused():

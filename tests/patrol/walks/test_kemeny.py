@@ -27,25 +27,25 @@ KITES = nx.Graph([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (0, 4), (4, 5)])
 def test_the_least_of_all_chains(network):
     # (2 n - k - 1) / 2 with k the length of the longest cycle (Kirkland 2010).
     longest = max(len(cycle) for cycle in nx.simple_cycles(network.to_directed()))
-    found = minimum_kemeny(graph_of(network))
-    assert found.value == pytest.approx((2 * 6 - longest - 1) / 2, rel=1e-5)
-    assert found.value == pytest.approx(kemeny(found.matrix), rel=1e-6)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    walk = minimum_kemeny(graph_of(network))
+    assert walk.value == pytest.approx((2 * 6 - longest - 1) / 2, rel=1e-5)
+    assert walk.value == pytest.approx(kemeny(walk.matrix), rel=1e-6)
+    assert walk.certificate.outcome is Outcome.CONVERGED
 
 
 def test_the_default_start_goes_round():
-    found = minimum_kemeny(graph_of(GRID), starts=1)
-    assert found.value == pytest.approx(2.5, rel=1e-6)
-    assert kemeny_constant(found.chain) == pytest.approx(found.value, rel=1e-6)
+    walk = minimum_kemeny(graph_of(GRID), starts=1)
+    assert walk.value == pytest.approx(2.5, rel=1e-6)
+    assert kemeny_constant(walk.chain) == pytest.approx(walk.value, rel=1e-6)
 
 
 def test_no_chain_of_another_solver_is_better():
     share = np.random.default_rng(1).dirichlet(np.full(6, 4.0))
     graph = graph_of(GRID)
-    found = minimum_kemeny(graph, share, stay=True)
-    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
+    walk = minimum_kemeny(graph, share, stay=True)
+    np.testing.assert_allclose(share @ walk.matrix, share, atol=1e-9)
     among = ChainPolytope.on(graph, share, stay=True)
-    assert found.value <= min(by_slsqp(among, kemeny, 6, 5)) * (1 + 1e-5)
+    assert walk.value <= min(by_slsqp(among, kemeny, 6, 5)) * (1 + 1e-5)
 
 
 def test_no_starts_and_a_gap_that_stays_are_refused():

@@ -65,8 +65,8 @@ def brief(monkeypatch):
 def test_two_states_are_a_direction_on_a_ring(attack):
     """The exact optimum of the directional model on a perimeter is the least that is expected."""
     best = maximin(detection_polynomials(Perimeter(8, 1, Movement.DNCP), attack))
-    found = maximin_capture(RING, attack, memory=2, starts=2)
-    assert found.value >= best.value * (1 - 1e-3)
+    walk = maximin_capture(RING, attack, memory=2, starts=2)
+    assert walk.value >= best.value * (1 - 1e-3)
 
 
 @pytest.mark.usefixtures("brief")
@@ -75,10 +75,10 @@ def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
     # Few programs.
     monkeypatch.setattr(capture, "EXACT", 0)
     graph, attack = grid(3, 3), 4
-    found = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
-    assert 0.21 < found.value < capture_bound(graph, attack)
-    exact = walk_capture_probabilities(graph, found.matrices[0], attack)
-    assert found.value == pytest.approx(exact.min(), rel=1e-9)
+    walk = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
+    assert 0.21 < walk.value < capture_bound(graph, attack)
+    exact = walk_capture_probabilities(graph, walk.matrices[0], attack)
+    assert walk.value == pytest.approx(exact.min(), rel=1e-9)
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -119,10 +119,10 @@ def test_copies_of_states_capture_the_same_and_a_search_from_them_is_not_worse(
     )
     # From one random start alone, walks with three states can be worse.
     options = {"travel_times": times, "memory": 3, "starts": 1, "throw": False}
-    found = maximin_capture(KITE, 5, known=known.matrices, **options)
-    assert found.value >= known.value * (1 - 1e-12)
-    least = walk_capture_probabilities(KITE, found.matrices[0], 5, times).min()
-    assert found.value == pytest.approx(least, rel=1e-9)
+    walk = maximin_capture(KITE, 5, known=known.matrices, **options)
+    assert walk.value >= known.value * (1 - 1e-12)
+    least = walk_capture_probabilities(KITE, walk.matrices[0], 5, times).min()
+    assert walk.value == pytest.approx(least, rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(1, 4, 8), (1, 6, 6), (1, 12, 12)])
@@ -135,10 +135,10 @@ def test_known_walks_that_do_not_fit_are_refused(shape):
 def test_memory_is_divided_among_symmetries():
     """On a line of nine, whose walk with two states is nearly the best with any memory."""
     line = Graph([[i, i + 1] for i in range(8)])
-    found = maximin_capture(line, 8, memory=2, starts=1, throw=False)
-    assert found.value > 0.147
-    exact = walk_capture_probabilities(line, found.matrices[0], 8)
-    assert found.value == pytest.approx(exact.min(), rel=1e-9)
+    walk = maximin_capture(line, 8, memory=2, starts=1, throw=False)
+    assert walk.value > 0.147
+    exact = walk_capture_probabilities(line, walk.matrices[0], 8)
+    assert walk.value == pytest.approx(exact.min(), rel=1e-9)
 
 
 def test_the_bound_proves_that_walks_are_best():
@@ -217,31 +217,31 @@ def test_the_bound_against_the_games_with_all_walks(graph, attack, times, tight)
 @pytest.mark.usefixtures("unchecked", "brief")
 def test_walks_with_memory_against_a_simulation():
     graph = grid(2, 3)
-    found = memory_patrol(graph, 4, 2, walk_on(graph)[None], names="abcdef", tests=1)
-    assert found.patrol == ["memory 1", "memory 2", "tour"]
-    assert found.memory == 2
-    assert found.state_vertex == [*"abcdefabcdef"]
-    exact = walk_capture_probabilities(graph, found.chance[0], 4)
-    assert found.least_capture[1] == pytest.approx(exact.min(), abs=1e-9)
-    np.testing.assert_allclose(found.captured, exact.min(axis=0), atol=1e-9)
-    assert found.gap == pytest.approx(1 - found.least_capture.max() / found.upper_bound)
-    simulated = simulate_idleness(graph, found.chance, attack_time=4)
-    assert simulated.least_capture[0] == pytest.approx(found.any_time[1], abs=0.03)
-    assert simulated.least_capture[1] == pytest.approx(found.any_time[2], abs=0.03)
+    patrol = memory_patrol(graph, 4, 2, walk_on(graph)[None], names="abcdef", tests=1)
+    assert patrol.patrol == ["memory 1", "memory 2", "tour"]
+    assert patrol.memory == 2
+    assert patrol.state_vertex == [*"abcdefabcdef"]
+    exact = walk_capture_probabilities(graph, patrol.chance[0], 4)
+    assert patrol.least_capture[1] == pytest.approx(exact.min(), abs=1e-9)
+    np.testing.assert_allclose(patrol.captured, exact.min(axis=0), atol=1e-9)
+    assert patrol.gap == pytest.approx(1 - patrol.least_capture.max() / patrol.upper_bound)
+    simulated = simulate_idleness(graph, patrol.chance, attack_time=4)
+    assert simulated.least_capture[0] == pytest.approx(patrol.any_time[1], abs=0.03)
+    assert simulated.least_capture[1] == pytest.approx(patrol.any_time[2], abs=0.03)
 
 
 @pytest.mark.usefixtures("unchecked")
 def test_several_robots_are_independent():
-    found = memory_patrol(KITE, 3, 1, np.stack([random_chain(KITE, 1, False, s) for s in (0, 1)]))
-    each = [walk_capture_probabilities(KITE, matrix, 3).min(axis=0) for matrix in found.chance]
-    assert found.least_capture.tolist() == [
+    patrol = memory_patrol(KITE, 3, 1, np.stack([random_chain(KITE, 1, False, s) for s in (0, 1)]))
+    each = [walk_capture_probabilities(KITE, matrix, 3).min(axis=0) for matrix in patrol.chance]
+    assert patrol.least_capture.tolist() == [
         pytest.approx((1 - (1 - each[0]) * (1 - each[1])).min())
     ]
-    assert found.least_capture[0] <= found.upper_bound == capture_bound(KITE, 3, robots=2)
+    assert patrol.least_capture[0] <= patrol.upper_bound == capture_bound(KITE, 3, robots=2)
 
 
 def test_a_tour_that_is_in_time_everywhere_captures_all():
     for attack, least in ((7, 0.0), (8, 1.0)):
-        found = memory_patrol(RING, attack, 1, walk_on(RING)[None], tests=0)
-        assert found.least_capture[1] == least
-        assert found.any_time[1] == attack / 8
+        patrol = memory_patrol(RING, attack, 1, walk_on(RING)[None], tests=0)
+        assert patrol.least_capture[1] == least
+        assert patrol.any_time[1] == attack / 8

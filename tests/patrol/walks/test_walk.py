@@ -17,15 +17,15 @@ def test_the_chain_has_the_probabilities_of_its_definition():
 
 
 def test_the_small_graph():
-    found = minimum_commute(SMALL, tolerance=1e-11)
+    walk = minimum_commute(SMALL, tolerance=1e-11)
     # Of the optimum as a semidefinite program, and of another interior-point method.
     expected = (
         ".115657 .052148 .069178 .103238 .052148 .068108 .080961 .068046 .093542 .069178 .107600 "
         ".093542 .026655"
     )
-    np.testing.assert_allclose(found.weights, np.array(expected.split(), float), atol=1e-6)
-    assert found.commute_time == pytest.approx(18.626151, abs=1e-6)
-    np.testing.assert_allclose(found.weights[[1, 2, 8]], found.weights[[4, 9, 11]], atol=1e-8)
+    np.testing.assert_allclose(walk.weights, np.array(expected.split(), float), atol=1e-6)
+    assert walk.commute_time == pytest.approx(18.626151, abs=1e-6)
+    np.testing.assert_allclose(walk.weights[[1, 2, 8]], walk.weights[[4, 9, 11]], atol=1e-8)
 
 
 def test_order_of_the_vertices_of_the_small_graph():
