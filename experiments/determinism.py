@@ -74,7 +74,7 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
     if values.dtype.kind in "OU":
         return {"sha256": digest(json.dumps(values.tolist()).encode())}
     described = f"{values.dtype.str} {values.shape} ".encode()
-    found: dict[str, Any] = {"sha256": digest(described + values.tobytes())}
+    fingerprints: dict[str, Any] = {"sha256": digest(described + values.tobytes())}
     if values.dtype.kind == "f":
         flat = values.astype(float).ravel()
         finite = np.isfinite(flat)
@@ -83,10 +83,10 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
         numbers = np.where(finite, flat, 0)
         weights = np.random.default_rng(0).uniform(0.5, 1, (3, flat.size))
         weights *= np.random.default_rng(1).choice([-1, 1], weights.shape)
-        found["known"] = digest(described + places.tobytes())
-        found["sums"] = [float(row @ numbers) for row in weights]
-        found["size"] = float(np.abs(numbers).sum())
-    return found
+        fingerprints["known"] = digest(described + places.tobytes())
+        fingerprints["sums"] = [float(row @ numbers) for row in weights]
+        fingerprints["size"] = float(np.abs(numbers).sum())
+    return fingerprints
 
 
 def digest(content: bytes) -> str:
@@ -100,15 +100,15 @@ def run(name: str, args: list[str], folder: Path) -> dict[str, Any]:
         status = jaxcell([*args, "--out", str(out), "--json"])
     if status:
         raise SystemExit(f"{name}: exit status {status}: {output.getvalue()}")
-    found = {}
+    fingerprints = {}
     for file in sorted(out.rglob("*.nc")):
         with xr.open_dataset(file, decode_times=False) as dataset:
             for variable in sorted(dataset.variables):
                 values = dataset.variables[variable].values
-                found[f"{name}: {file.name}: {variable}"] = fingerprint(values)
-    if not found:
+                fingerprints[f"{name}: {file.name}: {variable}"] = fingerprint(values)
+    if not fingerprints:
         raise SystemExit(f"{name}: expected a NetCDF file in {out}, found none")
-    return found
+    return fingerprints
 
 
 def run_all() -> dict[str, Any]:
@@ -139,7 +139,7 @@ def compare(
     same, rounded, different = 0, [], []
     names = {*now["variables"], *then["variables"]}
     for name in sorted(names):
-        one, other = (found["variables"].get(name) for found in (now, then))
+        one, other = (files["variables"].get(name) for files in (now, then))
         if one is None or other is None:
             different.append(f"{name}: only in the {'earlier' if one is None else 'new'} run")
         elif one["sha256"] == other["sha256"]:

@@ -91,7 +91,7 @@ def by_program(graph: Graph, program: str, solver: str) -> np.ndarray:
         laplacian = columns @ cvxpy.diag(w) @ columns.T
         objective = cvxpy.tr_inv(laplacian + np.ones((n, n)) / n)
         cvxpy.Problem(cvxpy.Minimize(objective), [cvxpy.sum(w) == 1]).solve(solver=solver)
-        found = w.value
+        solution = w.value
     else:
         # For a square V, in coordinates of the vectors with sum 0, the trace of the inverse is at
         # least (tr V)^2 if |V' b| <= 1 for each column b of the incidence matrix.
@@ -99,8 +99,8 @@ def by_program(graph: Graph, program: str, solver: str) -> np.ndarray:
         V = cvxpy.Variable((n - 1, n - 1))
         limit = cvxpy.sum(cvxpy.square(V.T @ (coordinates @ columns)), axis=0) <= 1
         cvxpy.Problem(cvxpy.Maximize(cvxpy.trace(V)), [limit]).solve(solver=solver)
-        found = limit.dual_value
-    weights = np.maximum(found, 0)
+        solution = limit.dual_value
+    weights = np.maximum(solution, 0)
     return weights / weights.sum()
 
 
@@ -134,16 +134,16 @@ def side_by_side(side: int, blocked: int, repeats: int, full: bool) -> list[Row]
             programs[f"cvxpy, {solver}, {program}"] = lambda program=program, solver=solver: (
                 by_program(graph, program, solver)
             )
-    found: dict[str, Any] = {}
-    timings = take_turns(programs, repeats, found.update, patience_s=1)
+    values: dict[str, Any] = {}
+    timings = take_turns(programs, repeats, values.update, patience_s=1)
     optimum = minimum_commute(graph, tolerance=1e-9).commute_time
     for name, timing in timings.items():
         if name in ours:
             best = minimum_commute(graph, ours[name], tolerance=1e-9).commute_time
-            above = found[name].commute_time / best - 1
-            row(graph, name, timing, above, found[name].certificate.iterations)
+            above = values[name].commute_time / best - 1
+            row(graph, name, timing, above, values[name].certificate.iterations)
         else:
-            row(graph, name, timing, commute_time(graph, found[name]) / optimum - 1, "")
+            row(graph, name, timing, commute_time(graph, values[name]) / optimum - 1, "")
     del timings["jaxcell, emphasis"]
     return rows_of("commute", "walk with the least commute time", size_of(graph), timings)
 
@@ -166,11 +166,11 @@ def constrained(side: int, blocked: int, repeats: int, peer: bool) -> list[Row]:
     if peer:
         name = "cvxpy, CLARABEL, second-order cones"
         programs[name] = lambda: conic.least_resistance(graph, rules)
-    found: dict[str, Any] = {}
-    timings = take_turns(programs, repeats, found.update, patience_s=1)
+    values: dict[str, Any] = {}
+    timings = take_turns(programs, repeats, values.update, patience_s=1)
     best = minimum_commute(graph, constraints=rules, tolerance=1e-9).commute_time
     for name, timing in timings.items():
-        above = commute_time(graph, found[name].weights) / best - 1
+        above = commute_time(graph, values[name].weights) / best - 1
         row(graph, f"{name}, {len(rules)} constraints", timing, above, "")
     what = "walk with the least commute time, edges and vertices bounded"
     return rows_of("commute", what, size_of(graph), timings)
@@ -178,8 +178,8 @@ def constrained(side: int, blocked: int, repeats: int, peer: bool) -> list[Row]:
 
 def alone(graph: Graph) -> Row:
     """Time our solver on a graph that is too large for the others."""
-    seconds, found = timed(lambda: minimum_commute(graph, tolerance=1e-6))
-    timing, certificate = Timing.of(seconds, [seconds]), found.certificate
+    seconds, walk = timed(lambda: minimum_commute(graph, tolerance=1e-6))
+    timing, certificate = Timing.of(seconds, [seconds]), walk.certificate
     name = "jaxcell (gap for the optimum)"
     row(graph, name, timing, certificate.residual, certificate.iterations)
     return Row("commute", "walk with the least commute time", size_of(graph), seconds)

@@ -107,20 +107,20 @@ def report(results: xr.Dataset) -> dict[str, object]:
     return {"columns": columns, "orders": rows, "variance_explained": shares}
 
 
-def draw(found: xr.Dataset, path: Path) -> None:
+def draw(data: xr.Dataset, path: Path) -> None:
     """Draw each quantity by the angle and by its order."""
-    bounce = found.bounce.values
+    bounce = data.bounce.values
     order = order_of(bounce)
     figure, panels = plt.subplots(
         3, 2, figsize=(12, 9), layout="constrained", sharey="row", width_ratios=[2.2, 1]
     )
     for name, (by_angle, by_order) in zip(QUANTITIES, panels, strict=True):
-        values = 1.0 * found[name].values
+        values = 1.0 * data[name].values
         low, median, high = np.quantile(values, [0.1, 0.5, 0.9], axis=0)
         colors = plt.get_cmap("viridis_r")(np.log(order) / math.log(DIRECTIONS))
         by_angle.vlines(bounce, low, high, colors=colors, linewidth=1.2, alpha=0.6)
         by_angle.scatter(bounce, median, c=colors, s=9, zorder=3)
-        by_angle.set(yscale="log", ylabel=found[name].attrs["long_name"].replace(" of a", "\nof a"))
+        by_angle.set(yscale="log", ylabel=data[name].attrs["long_name"].replace(" of a", "\nof a"))
         by_angle.set_xticks(range(0, 361, 30))
         by_angle.grid(alpha=0.25)
         for one in np.unique(order).tolist():
@@ -132,9 +132,9 @@ def draw(found: xr.Dataset, path: Path) -> None:
         by_order.grid(alpha=0.25)
     panels[-1, 0].set_xlabel("bouncing angle, degrees")
     panels[-1, 1].set_xlabel("order: bumps until the first heading again")
-    cells = int(found.positions.median())
+    cells = int(data.positions.median())
     figure.suptitle(
-        f"{found.sizes['room']:,} random rooms of about {cells:,} cells x {DIRECTIONS} directions: "
+        f"{data.sizes['room']:,} random rooms of about {cells:,} cells x {DIRECTIONS} directions: "
         "median and 10 to 90 % of rooms, darker for higher orders"
     )
     save(figure, path)
@@ -147,12 +147,12 @@ def main() -> None:
     options = read_options(parser)
 
     began = time.perf_counter()
-    found = sweep(options.out, options.rooms, options.seed, options.workers)
+    data = sweep(options.out, options.rooms, options.seed, options.workers)
     seconds = time.perf_counter() - began
-    summary = report(found)
+    summary = report(data)
     (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-    draw(found, options.out / "angle_study.png")
-    pairs = found["count"].size
+    draw(data, options.out / "angle_study.png")
+    pairs = data["count"].size
     print(f"{pairs:,} pairs of a room and an angle in {seconds:.0f} s; results in {options.out}")
 
 

@@ -40,8 +40,8 @@ def groups_and_transients(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     - `free`: the free squares, `[rooms, rows, columns]`.
     """
-    found = bounce.grid_groups(free, math.radians(BOUNCE_DEG), DIRECTIONS, motion=ENDPOINT)
-    return found.count, found.longest_transient
+    data = bounce.grid_groups(free, math.radians(BOUNCE_DEG), DIRECTIONS, motion=ENDPOINT)
+    return data.count, data.longest_transient
 
 
 def study(runs: int, seed: int) -> xr.Dataset:
@@ -86,27 +86,27 @@ def study(runs: int, seed: int) -> xr.Dataset:
     )
 
 
-def report(found: xr.Dataset) -> None:
+def report(data: xr.Dataset) -> None:
     """Print a table, and compare it with section 2.5.1 of the source."""
     rows = []
-    for name in found.environment.values.tolist():
+    for name in data.environment.values.tolist():
         row = {"environment": name}
         for quantity, short in (("groups", "groups"), ("longest_transient", "transient")):
-            values = found[quantity].sel(environment=name).values
+            values = data[quantity].sel(environment=name).values
             for label, statistic in {"min": np.min, "median": np.median, "max": np.max}.items():
                 row[f"{short}, {label}"] = float(statistic(values))
         rows.append(row)
     show("Periodic groups and longest transients", rows, ",.0f")
 
-    middle = found.groups.median("run").values
-    spread = (found.groups.max("run") - found.groups.min("run")).values
-    longest = found.longest_transient.median("run").values
-    side = found.square_side.sel(environment="E4").values
-    trend = np.corrcoef(side, found.groups.sel(environment="E4").values)[0, 1]
+    middle = data.groups.median("run").values
+    spread = (data.groups.max("run") - data.groups.min("run")).values
+    longest = data.longest_transient.median("run").values
+    side = data.square_side.sel(environment="E4").values
+    trend = np.corrcoef(side, data.groups.sel(environment="E4").values)[0, 1]
     rises = middle[0] < middle[1] < middle[2]
-    quartiles = found.longest_transient.quantile([0.25, 0.75], "run")
+    quartiles = data.longest_transient.quantile([0.25, 0.75], "run")
     fence = quartiles[1] + 1.5 * (quartiles[1] - quartiles[0])
-    outliers = int((found.longest_transient > fence).sum())
+    outliers = int((data.longest_transient > fence).sum())
     print("Statements of section 2.5.1 on the number r of groups, and our results:")
     print(
         f"- r increases with the addition of obstacles: {'yes' if rises else 'no'}, medians "
@@ -124,9 +124,9 @@ def report(found: xr.Dataset) -> None:
     print("The source shows its numbers and the sizes of its obstacles as pictures only.")
 
 
-def draw(found: xr.Dataset, seed: int, path: Path) -> None:
+def draw(data: xr.Dataset, seed: int, path: Path) -> None:
     """Draw a room of each environment, and the results as boxes."""
-    names = list(found.environment.values)
+    names = list(data.environment.values)
     figure = plt.figure(figsize=(9, 6.2), layout="constrained")
     rooms, boxes = figure.subfigures(2, 1, height_ratios=[1, 2.2])
     for i, axes in enumerate(rooms.subplots(1, len(names))):
@@ -134,15 +134,15 @@ def draw(found: xr.Dataset, seed: int, path: Path) -> None:
         axes.set_title(f"{names[i]}, placement 0")
     panels = boxes.subplots(1, 2)
     for letter, quantity, axes in zip("ab", ("groups", "longest_transient"), panels, strict=True):
-        draw_boxes(axes, found[quantity].values.T, "#9ecae1", tick_labels=names)
-        unit = found[quantity].attrs.get("units")
-        axes.set_title(f"({letter}) {found[quantity].attrs['long_name']}", fontsize=10)
+        draw_boxes(axes, data[quantity].values.T, "#9ecae1", tick_labels=names)
+        unit = data[quantity].attrs.get("units")
+        axes.set_title(f"({letter}) {data[quantity].attrs['long_name']}", fontsize=10)
         axes.set(xlabel="environment", ylabel=unit or "groups")
         axes.set_ylim(bottom=0)
         axes.grid(axis="y", alpha=0.3)
     figure.suptitle(
         f"Room of 200 x 125 cells, {DIRECTIONS} directions, bounce {BOUNCE_DEG}°, "
-        f"{found.sizes['run']} placements of each kind"
+        f"{data.sizes['run']} placements of each kind"
     )
     save(figure, path)
 

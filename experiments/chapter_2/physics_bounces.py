@@ -121,17 +121,21 @@ def statistics(count: int, processes: int) -> xr.Dataset:
     )
 
 
-def chosen(found: xr.Dataset, speed: float, wall: float, incidence: float) -> xr.Dataset:
+def chosen(measurements: xr.Dataset, speed: float, wall: float, incidence: float) -> xr.Dataset:
     """Select the bounces with these conditions, to either side."""
-    same = (found.speed == speed) & (found.wall == wall) & (abs(found.incidence) == incidence)
-    return found.isel(bounce=np.flatnonzero(same))
+    same = (
+        (measurements.speed == speed)
+        & (measurements.wall == wall)
+        & (abs(measurements.incidence) == incidence)
+    )
+    return measurements.isel(bounce=np.flatnonzero(same))
 
 
-def rows(found: xr.Dataset) -> Rows:
+def rows(measurements: xr.Dataset) -> Rows:
     """Tabulate means over bounces by speed, friction of the wall, and incidence."""
     table: Rows = []
     for speed, wall, incidence in itertools.product(SPEEDS, WALLS, INCIDENCES):
-        one = chosen(found, speed, wall, incidence)
+        one = chosen(measurements, speed, wall, incidence)
         if not one.bounce.size:
             continue
         error = abs(one.error)
@@ -165,8 +169,8 @@ def measured(
         for incidence, speed, back, _, assumed in jobs
         for phase in range(phases)
     ]
-    found = batch(bounces, processes)
-    every = [found[name].reshape(-1, phases)[job] for job, (*_, name, _) in enumerate(jobs)]
+    measurements = batch(bounces, processes)
+    every = [measurements[name].reshape(-1, phases)[job] for job, (*_, name, _) in enumerate(jobs)]
     return np.array([[np.nanmean(one), np.nanstd(one)] for one in every])
 
 
@@ -174,17 +178,17 @@ def assumptions(phases: int, processes: int) -> tuple[Rows, Rows]:
     """Tabulate the measurements under all assumptions, and as a protocol for a real robot."""
     variants = [(name, values) for name, some in ASSUMED.items() for values in some]
     jobs = [(*job, values) for _, values in variants for job in PROTOCOL]
-    found = measured(jobs, phases, processes).reshape(len(variants), len(PROTOCOL), 2)
+    measurements = measured(jobs, phases, processes).reshape(len(variants), len(PROTOCOL), 2)
     names = [name for name, _ in variants]
     table: Rows = []
     for name in ASSUMED:
-        some = found[[index for index, one in enumerate(names) if one == name], :, 0]
+        some = measurements[[index for index, one in enumerate(names) if one == name], :, 0]
         shown = [" to ".join(f"{value:.1f}" for value in column) for column in some.T.tolist()]
         labels = [str(number) for number in range(1, len(PROTOCOL) + 1)]
         table.append({"varied": name, **dict(zip(labels, shown, strict=True))})
     protocol: Rows = []
     for number, (incidence, speed, back, name) in enumerate(PROTOCOL):
-        mean, spread = found[0, number].tolist()
+        mean, spread = measurements[0, number].tolist()
         protocol.append(
             {
                 "measurement": str(number + 1),
@@ -194,8 +198,8 @@ def assumptions(phases: int, processes: int) -> tuple[Rows, Rows]:
                 "what": f"{name}, {UNITS[name]}",
                 "expected": _rounded(mean),
                 "spread": _rounded(spread),
-                "least": _rounded(np.nanmin(found[:, number, 0])),
-                "most": _rounded(np.nanmax(found[:, number, 0])),
+                "least": _rounded(np.nanmin(measurements[:, number, 0])),
+                "most": _rounded(np.nanmax(measurements[:, number, 0])),
             }
         )
     return table, protocol
@@ -206,13 +210,15 @@ def _rounded(value: float) -> float:
     return round(float(value), 2) + 0.0
 
 
-def draw(found: xr.Dataset, path: Path) -> None:
+def draw(measurements: xr.Dataset, path: Path) -> None:
     """Draw the turn by the bump against the incidence."""
     figure, panels = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", sharey=True)
     colors, marks = ("#0072b2", "#d55e00", "#009e73"), "osD"
     for panel, speed in zip(panels, SPEEDS, strict=True):
         for wall, color, mark in zip(WALLS, colors, marks, strict=True):
-            gained = [chosen(found, speed, wall, incidence).gained for incidence in INCIDENCES]
+            gained = [
+                chosen(measurements, speed, wall, incidence).gained for incidence in INCIDENCES
+            ]
             means, spreads = [float(x.mean()) for x in gained], [float(x.std()) for x in gained]
             style = {"color": color, "marker": mark, "markersize": 5, "capsize": 3}
             label = f"friction of the wall {wall}"
@@ -232,11 +238,11 @@ def main() -> None:
     parser.add_argument("--processes", type=at_least(1), default=os.cpu_count())
     options = read_options(parser)
 
-    found = statistics(options.bounces, options.processes)
-    found.attrs["physics"] = str(dataclasses.asdict(Physics()))
-    save_dataset(found, options.out / "bounces.nc")
-    draw(found, options.out / "bounces.png")
-    emit("Bounces, in degrees", rows(found), options.out / "bounces.csv", spec=".2f")
+    measurements = statistics(options.bounces, options.processes)
+    measurements.attrs["physics"] = str(dataclasses.asdict(Physics()))
+    save_dataset(measurements, options.out / "bounces.nc")
+    draw(measurements, options.out / "bounces.png")
+    emit("Bounces, in degrees", rows(measurements), options.out / "bounces.csv", spec=".2f")
     table, protocol = assumptions(options.phases, options.processes)
     emit("The ten measurements under other assumptions", table, options.out / "assumptions.csv")
     emit("Ten measurements on a real robot", protocol, options.out / "protocol.csv", spec=".2f")

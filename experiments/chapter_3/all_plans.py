@@ -168,10 +168,10 @@ def report(data: xr.Dataset, plans: AllPlans) -> None:
     show("Plans by the number of angles that they use", rows, ",.0f")
     rows = []
     for query in QUERIES:
-        found = plans.plan(query.start, query.goal)
-        same = "the same" if turns(found) == query.turns else str(turns(found))
+        query_plan = plans.plan(query.start, query.goal)
+        same = "the same" if turns(query_plan) == query.turns else str(turns(query_plan))
         row = {"figure": query.figure, "start and goal": f"{query.start}, {query.goal}"}
-        rows.append(row | {"turns": str(query.turns), "ours": same, "cost": str(found.cost)})
+        rows.append(row | {"turns": str(query.turns), "ours": same, "cost": str(query_plan.cost)})
     show("The plans of Figure 3.6, on our map in place of the lab", rows)
     print(f"Pairs whose plan has a different cost in the layered search: {', '.join(different)}.")
     print(f"Time for costs and first actions of all pairs: {', '.join(times)}.")
@@ -200,7 +200,7 @@ def lab_candidates() -> Iterator[np.ndarray]:
 def search() -> None:
     """Print the maps that give the plans of Figure 3.6 and the order of Figure 3.11."""
     bounces = np.deg2rad(BOUNCES_DEG)
-    tried, both, found = 0, 0, []
+    tried, both, fitting = 0, 0, []
     with Console(stderr=True).status("searching") as shown:
         for free in lab_candidates():
             tried += 1
@@ -212,9 +212,9 @@ def search() -> None:
             both += 1
             counts = histogram(all_plans(cells, bounces, **OPTIONS))
             if ordered(counts, ORDER["lab"]):
-                found.append((counts.tolist(), free))
-    print(f"{tried} maps, {both} with both plans, {len(found)} of these with the order:")
-    for counts, free in sorted(found, key=lambda one: one[0]):
+                fitting.append((counts.tolist(), free))
+    print(f"{tried} maps, {both} with both plans, {len(fitting)} of these with the order:")
+    for counts, free in sorted(fitting, key=lambda one: one[0]):
         print(f"\nno path {counts[0]:,}; 0, 1, 2, 3 angles: {counts[1:]}")
         print("\n".join("".join(".#"[not square] for square in row) for row in free[::-1]))
 
@@ -239,9 +239,9 @@ def draw(data: xr.Dataset, plans: AllPlans, path: Path) -> None:
         axes.spines[["top", "right"]].set_visible(False)
     lab, cells = panels[1], spaces["lab"]
     for axes, query in zip(lab, QUERIES, strict=False):
-        found = plans.plan(query.start, query.goal)
-        _draw_plan(axes, cells, found)
-        degrees = ", ".join(f"{turn}°" for turn in turns(found))
+        query_plan = plans.plan(query.start, query.goal)
+        _draw_plan(axes, cells, query_plan)
+        degrees = ", ".join(f"{turn}°" for turn in turns(query_plan))
         axes.set_title(f"lab, Figure {query.figure}: turns {degrees}", fontsize=10)
     draw_room(lab[2], spaces["room"].free, grid=True)
     lab[2].set_title("room", fontsize=10)
@@ -249,12 +249,12 @@ def draw(data: xr.Dataset, plans: AllPlans, path: Path) -> None:
     save(figure, path)
 
 
-def _draw_plan(axes, cells: CellSpace, found: Plan) -> None:
+def _draw_plan(axes, cells: CellSpace, query_plan: Plan) -> None:
     draw_room(axes, cells.free, grid=True)
-    again = replay(cells, found.start, found.actions, motion=OPTIONS["motion"])
-    assert (again == found.visited).all()
-    x, y, _ = cells.centre(found.visited)
-    corners = np.flatnonzero(np.append(found.actions != 0, True))
+    again = replay(cells, query_plan.start, query_plan.actions, motion=OPTIONS["motion"])
+    assert (again == query_plan.visited).all()
+    x, y, _ = cells.centre(query_plan.visited)
+    corners = np.flatnonzero(np.append(query_plan.actions != 0, True))
     for a, b in zip(np.append(0, corners[:-1]), corners, strict=True):
         if a != b and (x[a] != x[b] or y[a] != y[b]):
             arrow = {"arrowstyle": "->", "color": "#0072b2", "linewidth": 2}

@@ -191,7 +191,7 @@ def study(steps: int, robots: int, seed: int) -> tuple[xr.Dataset, float]:
     time_share = {"long_name": "share of time", "units": "1"}
     total_variation = {"long_name": "total variation between visits and prediction"}
     by_angle, each = ("collision", "bounce_deg"), policies.values()
-    found = xr.Dataset(
+    results = xr.Dataset(
         {
             "alpha": (by_angle, [np.asarray(p.alpha) for p in each]),
             "table_3_1": ("bounce_deg", list(TABLE_3_1), {"long_name": "alpha of the source"}),
@@ -233,14 +233,14 @@ def study(steps: int, robots: int, seed: int) -> tuple[xr.Dataset, float]:
             "seed": seed,
         },
     )
-    return found, seconds
+    return results, seconds
 
 
-def report(found: xr.Dataset, seconds: float) -> None:
+def report(results: xr.Dataset, seconds: float) -> None:
     """Print the shares of time, and the distances of robots from the prediction."""
     rows = []
     for angle in BOUNCES_DEG:
-        here = found.sel(bounce_deg=angle)
+        here = results.sel(bounce_deg=angle)
         row = {"angle": f"{angle}°", "Table 3.1, another room": float(here.table_3_1)}
         for collision in COLLISIONS:
             row[f"here, {collision}"] = float(here.alpha.sel(collision=collision))
@@ -248,22 +248,22 @@ def report(found: xr.Dataset, seconds: float) -> None:
             row[f"persistent, cells, {collision}"] = f"{cells:,}"
         rows.append(row)
     show("Share of time of each bouncing angle, even target", rows, ".8f")
-    print(f"Persistent groups of an angle: at most {int(found.groups.max())}.")
+    print(f"Persistent groups of an angle: at most {int(results.groups.max())}.")
     print(
         "The source shows its room as a picture only, and ours is another room, so the columns "
         "need not agree.\nIn section 3.5.3, 315 deg has about half of the time, and the others a "
         "quarter each."
     )
-    distances = ", ".join(f"{float(v):.3f}" for v in found.total_variation)
+    distances = ", ".join(f"{float(v):.3f}" for v in results.total_variation)
     print(f"Total variation of the mixture from the even target: {distances}.")
     print(
-        f"Stationarity residuals up to {float(found.residual.max()):.1e} (1-norm). A policy takes "
-        f"{seconds:.3f} s after compilation.\n"
+        f"Stationarity residuals up to {float(results.residual.max()):.1e} (1-norm). A policy "
+        f"takes {seconds:.3f} s after compilation.\n"
     )
-    checks = found.step.values[[0, len(found.step) // 3, 2 * len(found.step) // 3, -1]]
+    checks = results.step.values[[0, len(results.step) // 3, 2 * len(results.step) // 3, -1]]
     rows = []
-    for name in found.cycle.values.tolist():
-        row = found.sel(cycle=name)
+    for name in results.cycle.values.tolist():
+        row = results.sel(cycle=name)
         middle = row.distance.sel(step=checks).median("robot").values.tolist()
         headings = [f"after {check:,} steps" for check in checks]
         rows.append({"steps of a cycle": name, **dict(zip(headings, middle, strict=True))})
@@ -271,21 +271,21 @@ def report(found: xr.Dataset, seconds: float) -> None:
     show("Total variation between single robots and the prediction, medians", rows)
 
 
-def draw(found: xr.Dataset, path: Path) -> None:
+def draw(results: xr.Dataset, path: Path) -> None:
     """Draw coverages on the room, and the distances of robots over time."""
     from matplotlib.colors import LogNorm
 
     cells = CellSpace.of(Workspace.load(MAP), 1.0, DIRECTIONS)
     figure = plt.figure(figsize=(10, 6.6), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.35])
-    swept = found.sel(collision="swept")
+    swept = results.sel(collision="swept")
     pictures = [
         *(
             (f"{a}° ± {ERROR_DEG}°, share {float(swept.alpha.sel(bounce_deg=a)):.3f}", c)
             for a, c in zip(BOUNCES_DEG, swept.coverage.values, strict=True)
         ),
         ("the mixture", swept.mixture.values),
-        ("visited, growing cycles", found.visits.sel(cycle=GROWING).values),
+        ("visited, growing cycles", results.visits.sel(cycle=GROWING).values),
     ]
     panels = top.subplots(1, len(pictures))
     for axes, (title, values) in zip(panels, pictures, strict=True):
@@ -304,16 +304,16 @@ def draw(found: xr.Dataset, path: Path) -> None:
     bar.set_label("time in a position, relative to an even share (white: never)", fontsize=8)
     axes = bottom.subplots()
     colors = ["#e69f00", "#56b4e9", "#cc79a7", "#009e73"]
-    for name, color in zip(found.cycle.values, colors, strict=True):
-        row = found.sel(cycle=name)
+    for name, color in zip(results.cycle.values, colors, strict=True):
+        row = results.sel(cycle=name)
         low, middle, high = row.distance.quantile([0.1, 0.5, 0.9], "robot").values
-        axes.fill_between(found.step, low, high, color=color, alpha=0.2, linewidth=0)
-        axes.plot(found.step, middle, color=color, label=f"cycles of {name} steps")
+        axes.fill_between(results.step, low, high, color=color, alpha=0.2, linewidth=0)
+        axes.plot(results.step, middle, color=color, label=f"cycles of {name} steps")
         if name != GROWING:
             axes.axhline(float(row.distance_that_stays), color=color, linestyle=":", linewidth=1)
     axes.set(xscale="log", yscale="log", xlabel="steps", ylabel="total variation")
     axes.set_title(
-        f"Visits of each of {found.sizes['robot']} robots against the predicted coverage "
+        f"Visits of each of {results.sizes['robot']} robots against the predicted coverage "
         "(median, 10 to 90 %; dotted: computed limit)",
         fontsize=9,
     )
@@ -330,10 +330,10 @@ def main() -> None:
 
     configure_jax()
     began = time.perf_counter()
-    found, seconds = study(options.steps, options.robots, options.seed)
-    report(found, seconds)
-    found.to_netcdf(options.out / "coverage.nc")
-    draw(found, options.out / "coverage.png")
+    results, seconds = study(options.steps, options.robots, options.seed)
+    report(results, seconds)
+    results.to_netcdf(options.out / "coverage.nc")
+    draw(results, options.out / "coverage.png")
     print(f"{time.perf_counter() - began:.0f} s in all; data and figure in {options.out}")
 
 

@@ -125,7 +125,7 @@ def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
     above = (row == row[:, None] + 1) & (first <= last[:, None]) & (last >= first[:, None])
     # A run continues in the run above it if neither touches another run of the other's row.
     continued = above & (above.sum(axis=1, keepdims=True) == 1) & (above.sum(axis=0) == 1)
-    found: list[list[int]] = []
+    results: list[list[int]] = []
     of_run: dict[int, list[int]] = {}
     for run in range(len(row)):
         below = np.flatnonzero(continued[:, run])
@@ -133,13 +133,13 @@ def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
             of_run[run] = of_run[int(below[0])]
         else:
             of_run[run] = []
-            found.append(of_run[run])
+            results.append(of_run[run])
         of_run[run].append(run)
     position = cells.position_of_square
     ends = [
         (int(position[r, a]), int(position[r, b])) for r, a, b in zip(row, first, last, strict=True)
     ]
-    return [[ends[run] for run in strip] for strip in found]
+    return [[ends[run] for run in strip] for strip in results]
 
 
 def sweep(cells: CellSpace, roads: Roads) -> list[int]:
@@ -249,13 +249,13 @@ def row_of(robots: int, rule: str, steps: np.ndarray, done: np.ndarray) -> dict[
     return row
 
 
-def report(found: xr.Dataset) -> None:
+def report(results: xr.Dataset) -> None:
     """Print a table for each grid, and compare it with section 3.5.4 of the source."""
-    swept = found.sweep_moves + found.sweep_turns
-    for name in found.environment.values:
-        here, rows = found.sel(environment=name), []
-        for robots in found.robots.values:
-            for rule in found.rule.values:
+    swept = results.sweep_moves + results.sweep_turns
+    for name in results.environment.values:
+        here, rows = results.sel(environment=name), []
+        for robots in results.robots.values:
+            for rule in results.rule.values:
                 one = here.sel(rule=rule, robots=robots)
                 row = row_of(robots, str(rule), one.steps.values, (one.uncovered == 0).values)
                 row["parts"] = float(np.median(one.parts))
@@ -265,17 +265,17 @@ def report(found: xr.Dataset) -> None:
         show(f"{name} squares, {int(here.positions)} free: steps to cover all", rows, ",.0f")
 
     print("Statements of section 3.5.4, and our medians by the rule `repeat`:")
-    for name in found.environment.values:
-        middle = found.steps.sel(rule="repeat", environment=name).median("run").values
+    for name in results.environment.values:
+        middle = results.steps.sel(rule="repeat", environment=name).median("run").values
         falls = "yes" if (np.diff(middle) < 0).all() else "no"
         listed = ", ".join(f"{steps:,.0f}" for steps in middle)
         print(f"- steps decrease with more robots: {falls} in {name} ({listed});")
-    last = found.steps.sel(environment="15 x 15", rule="repeat", robots=[4, 5]).values
+    last = results.steps.sel(environment="15 x 15", rule="repeat", robots=[4, 5]).values
     print(
         "- in the larger grid 5 robots can take longer than 4: "
         f"of {last[0].size ** 2} pairs of such teams here, in {(last[1] > last[0][:, None]).sum()}."
     )
-    ratio = (found.steps.sel(rule="repeat") / swept).median("run").values
+    ratio = (results.steps.sel(rule="repeat") / swept).median("run").values
     print(
         f"Their steps are {ratio.min():.0f} to {ratio.max():.0f} times those of a boustrophedon "
         "sweep by robots that know where they are."
@@ -283,7 +283,7 @@ def report(found: xr.Dataset) -> None:
     print("The source shows its numbers and its grids as pictures only.")
 
 
-def draw(found: xr.Dataset, path: Path) -> None:
+def draw(results: xr.Dataset, path: Path) -> None:
     """Draw each grid with its sweep, and the steps of the teams as boxes."""
     series = {
         "bouncing, parts end at a repetition (Alg. 3.4)": ("repeat", "#9ecae1"),
@@ -293,8 +293,8 @@ def draw(found: xr.Dataset, path: Path) -> None:
     figure, panels = plt.subplots(
         len(GRIDS), 2, figsize=(10, 8), layout="constrained", width_ratios=[1, 2]
     )
-    for (plan, boxes), name in zip(panels, found.environment.values, strict=True):
-        cells, here = grid(name), found.sel(environment=name)
+    for (plan, boxes), name in zip(panels, results.environment.values, strict=True):
+        cells, here = grid(name), results.sel(environment=name)
         draw_room(plan, cells.free)
         row, column = np.divmod(cells.square[sweep(cells, Roads.of(cells))], cells.free.shape[1])
         plan.plot(column + 0.5, row + 0.5, "-o", color="#31a354", linewidth=1, markevery=[0])
@@ -321,7 +321,7 @@ def draw(found: xr.Dataset, path: Path) -> None:
     figure.legend(handles, series, loc="outside lower center", fontsize=9)
     figure.suptitle(
         f"Bouncing angle {BOUNCE_DEG}°, {DIRECTIONS} directions, "
-        f"{found.sizes['run']} random starts of each team"
+        f"{results.sizes['run']} random starts of each team"
     )
     save(figure, path)
 
@@ -333,12 +333,12 @@ def main() -> None:
 
     configure_jax()
     began = time.perf_counter()
-    found = study(options.runs, options.seed)
+    results = study(options.runs, options.seed)
     seconds = time.perf_counter() - began
-    report(found)
-    found.to_netcdf(options.out / "team_coverage.nc")
-    draw(found, options.out / "team_coverage.png")
-    print(f"{found.steps.size} trajectories in {seconds:.1f} s; data and figure in {options.out}")
+    report(results)
+    results.to_netcdf(options.out / "team_coverage.nc")
+    draw(results, options.out / "team_coverage.png")
+    print(f"{results.steps.size} trajectories in {seconds:.1f} s; data and figure in {options.out}")
 
 
 if __name__ == "__main__":

@@ -184,10 +184,10 @@ def _policy(axes: plt.Axes, site: Site, policy: Policy) -> None:
 # Vulnerability.
 
 
-def targets(sites: Sequence[Site], found: Sequence[Vulnerability], path: Path) -> None:
+def targets(sites: Sequence[Site], vulnerabilities: Sequence[Vulnerability], path: Path) -> None:
     """Draw the cells that see a target, and the first of them on a way: Figures 4.14 and 4.16."""
     figure, panels = plt.subplots(2, 2, figsize=(9.5, 9.2), layout="constrained")
-    for line, site, one in zip(panels, sites, found, strict=True):
+    for line, site, one in zip(panels, sites, vulnerabilities, strict=True):
         for axes in line:
             draw_base(axes, site)
             draw_map(axes, site)
@@ -205,12 +205,14 @@ def targets(sites: Sequence[Site], found: Sequence[Vulnerability], path: Path) -
     save(figure, path)
 
 
-def arrivals(sites: Sequence[Site], found: Sequence[Sequence[Vulnerability]], path: Path) -> None:
+def arrivals(
+    sites: Sequence[Site], vulnerabilities: Sequence[Sequence[Vulnerability]], path: Path
+) -> None:
     """Draw simulated arrivals, the fit, the exact law, and the errors: Figures 4.15 and 4.17."""
     figure, panels = plt.subplots(
         2, len(sites), figsize=(12, 7.6), layout="constrained", height_ratios=[1.5, 1]
     )
-    for column, site, of_site in zip(panels.T, sites, found, strict=True):
+    for column, site, of_site in zip(panels.T, sites, vulnerabilities, strict=True):
         _histogram(column[0], of_site[0])
         number = "4.15" if site.regions is None else "4.17"
         column[0].set_title(f"{site.name}, typical cell (Figure {number})")

@@ -147,10 +147,10 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
     ]
 
 
-def capture_rows(site: Site, found: Sequence[Vulnerability]) -> Rows:
+def capture_rows(site: Site, vulnerabilities: Sequence[Vulnerability]) -> Rows:
     """Compare the exact, simulated and fitted probabilities at both cells with the source."""
     rows = []
-    for name, one in zip(("typical", "weakest"), found, strict=True):
+    for name, one in zip(("typical", "weakest"), vulnerabilities, strict=True):
         of = f"{site.name}, {name} {site.at(one.target)}"
         rows += [
             by_time(of, "exact", one.exact),

@@ -89,16 +89,16 @@ def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
         checks.append(Check(name, chain, drifted, compare(water, chain, drifted, HOURS)))
     rows = []
     for check in checks:
-        row, found = {"map": check.name}, check.found
+        row, distance = {"map": check.name}, check.found
         columns = {
-            "wrong": found.total_variation,
-            "noise": found.sampling,
-            "cells": found.transport,
+            "wrong": distance.total_variation,
+            "noise": distance.sampling,
+            "cells": distance.transport,
         }
         for at, hour in enumerate(HOURS):
             for name, values in columns.items():
                 # There is nothing to compare before the first step.
-                row[f"{name}, {hour} h"] = float(values[at]) if found.hours[at] > 0 else None
+                row[f"{name}, {hour} h"] = float(values[at]) if distance.hours[at] > 0 else None
         rows.append(row)
     return rows, checks
 
@@ -123,12 +123,12 @@ def ridge_rows(ocean: Ocean, record: int) -> tuple[Rows, list[Ridges]]:
     points = ocean.layer(record, spread="sampled", edge="exit")
     water, flow = double_gyre()
     gyre = Layer.of(water, flow, None, spread="sampled", edge="exit", method="rk4", substeps=4)
-    found, rows = [], []
+    of_layers, rows = [], []
     for name, layer in (("this sea", points), ("double gyre", gyre)):
         exponent = ftle(layer.water, layer.flow, STRETCH * layer.duration, steps=STRETCH * FINE)
         ridge = ridges(layer.water, exponent)
         label = np.asarray(layer.behaviour.basin)
-        found.append(Ridges(name, layer.water, 3600 * exponent, ridge, label))
+        of_layers.append(Ridges(name, layer.water, 3600 * exponent, ridge, label))
         if len(np.unique(label)) > 1:
             agree = agreement(layer.water, label, ridge, within=NEAR)
             rows.append(
@@ -141,7 +141,7 @@ def ridge_rows(ocean: Ocean, record: int) -> tuple[Rows, list[Ridges]]:
                     "ratio": agree.ratio,
                 }
             )
-    return rows, found
+    return rows, of_layers
 
 
 # Voyage: Figure 5.16.
@@ -172,27 +172,27 @@ def voyages(ocean: Ocean, record: int, goal: int, edge: str) -> Voyages:
     **Raises:** `RuntimeError` if a solver does not converge.
     """
     sea, duration = ocean.sea(record, edge=edge)
-    found = {
+    policies = {
         f"discount {discount}": discounted_voyage(sea, goal, discount) for discount in DISCOUNTS
     }
-    return Voyages(sea, duration, goal, found | {"surest": surest_voyage(sea, goal)})
+    return Voyages(sea, duration, goal, policies | {"surest": surest_voyage(sea, goal)})
 
 
-def voyage_rows(of: str, found: Voyages, starts: tuple[int, ...], seed: int) -> Rows:
+def voyage_rows(of: str, voyages: Voyages, starts: tuple[int, ...], seed: int) -> Rows:
     """Compare the arrival probabilities of drifting and of policies with simulated drifters."""
-    hours, drift, key = found.duration / 3600, found.sea.drift, jax.random.key(seed)
+    hours, drift, key = voyages.duration / 3600, voyages.sea.drift, jax.random.key(seed)
 
     def row(name: str, number: int, chain: Chain, probability: Any, time: Any) -> dict[str, Any]:
         start = starts[number]
         predicted = _predicted(np.asarray(probability), np.asarray(time), start, hours)
-        within = float(first_passage(chain, start, found.goal, SAILING).sum())
+        within = float(first_passage(chain, start, voyages.goal, SAILING).sum())
         known = {"edge": of, "policy": name, "start": number + 1, **predicted}
         return known | {f"{SAILING}, steps": within, "seen": None, "errors": None}
 
-    probability = arrival_probabilities(drift, found.goal, throw=False).value
-    time = conditional_hitting_times(drift, found.goal, throw=False).value
+    probability = arrival_probabilities(drift, voyages.goal, throw=False).value
+    time = conditional_hitting_times(drift, voyages.goal, throw=False).value
     rows = [row("only drifts", k, drift, probability, time) for k in range(len(starts))]
-    for place, (name, voyage) in enumerate(found.policies.items()):
+    for place, (name, voyage) in enumerate(voyages.policies.items()):
         for number, start in enumerate(starts):
             one = row(name, number, voyage.chain, voyage.probability, voyage.conditional_time)
             draw = jax.random.fold_in(jax.random.fold_in(key, place), number)

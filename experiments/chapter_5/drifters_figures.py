@@ -266,7 +266,7 @@ def _by_group(axes: plt.Axes, layer: Layer, most: int = 10) -> None:
     axes.set(xlabel="persistent groups that the cells lead to", ylabel="hours (diamond: mean)")
 
 
-def views(layer: Layer, found: VisibleDeployment, reach: float, path: Path) -> None:
+def views(layer: Layer, deployment: VisibleDeployment, reach: float, path: Path) -> None:
     """Draw cells from which cameras see all cells, and their deployment: Figure 5.9."""
     water = layer.water
     width = 5.6
@@ -276,7 +276,7 @@ def views(layer: Layer, found: VisibleDeployment, reach: float, path: Path) -> N
     plain = np.broadcast_to(to_rgb(SEEN), (water.cells, 3)).copy()
     for group, color in enumerate(group_colors(layer)):
         plain[layer.group == group] = paler(color, 0.5)
-    for axes, cells in zip(panels, (found.cover, found.cells), strict=True):
+    for axes, cells in zip(panels, (deployment.cover, deployment.cells), strict=True):
         draw_map(axes, water, plain)
         for x, y in zip(*xy(water, cells), strict=True):
             axes.add_patch(
@@ -284,6 +284,6 @@ def views(layer: Layer, found: VisibleDeployment, reach: float, path: Path) -> N
             )
         axes.plot(*xy(water, cells), "o", color=CAMERA, mec="white", mew=0.8, ms=8)
         axes.set_xlabel("km", fontsize=8)
-    panels[0].set_title(f"a) {found.cover.size} cells that see all cells (Figure 5.9(a))")
-    panels[1].set_title(f"b) {found.cells.size} of them for deployment (Figure 5.9(b))")
+    panels[0].set_title(f"a) {deployment.cover.size} cells that see all cells (Figure 5.9(a))")
+    panels[1].set_title(f"b) {deployment.cells.size} of them for deployment (Figure 5.9(b))")
     save(figure, path)

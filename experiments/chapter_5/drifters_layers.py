@@ -87,32 +87,37 @@ def moment(ocean: Ocean, one: Moment, path: Path) -> None:
 # Figure 5.16.
 
 
-def voyage(ocean: Ocean, record: int, found: Voyages, path: Path) -> None:
+def voyage(ocean: Ocean, record: int, voyages: Voyages, path: Path) -> None:
     """Draw values, policies and times of each layer."""
     waters = ocean.waters
     first = ocean.first
     width = 4.6
     figure, panels = _panels(4, len(waters), width, height_for(waters[0], width, 6.0) + 0.4)
-    hours = found.duration / 3600
-    times = [np.asarray(v.conditional_time) * hours for v in (found.discounted, found.surest)]
+    hours = voyages.duration / 3600
+    times = [np.asarray(v.conditional_time) * hours for v in (voyages.discounted, voyages.surest)]
     reasonable = [np.where(np.isfinite(time), time, np.nan) for time in times]
     latest = np.nanquantile(reasonable[1], 0.95)
-    value = np.asarray(found.discounted.value)
+    value = np.asarray(voyages.discounted.value)
     for k, (column, water) in enumerate(zip(panels.T, waters, strict=True)):
         inside = slice(first[k], first[k + 1])
         scale = {"cmap": "viridis", "vmin": value.min(), "vmax": value.max()}
         images = [draw_map(column[0], water, value[inside], **scale)]
         column[0].set_title(f"{water.depth:g} m", fontsize=11)
-        for axes, policy in ((column[1], found.discounted), (column[2], found.surest)):
+        for axes, policy in ((column[1], voyages.discounted), (column[2], voyages.surest)):
             action = np.asarray(policy.action)[inside]
             draw_map(axes, water, _action_colors(action))
             _drifts(axes, ocean.layer(record, k), action == 0)
         scale = {"cmap": "magma_r", "norm": PowerNorm(0.5, 0, latest)}
         images.append(draw_map(column[3], water, reasonable[1][inside], **scale))
         for axes in column:
-            if first[k] <= found.goal < first[k + 1]:
+            if first[k] <= voyages.goal < first[k + 1]:
                 axes.plot(
-                    *xy(water, found.goal - first[k]), "*", color=GOAL, mec="white", ms=15, zorder=5
+                    *xy(water, voyages.goal - first[k]),
+                    "*",
+                    color=GOAL,
+                    mec="white",
+                    ms=15,
+                    zorder=5,
                 )
     figure.colorbar(images[0], ax=panels[0], label="value", shrink=0.9, pad=0.01)
     figure.colorbar(
@@ -150,11 +155,11 @@ def directions(layer: Layer) -> np.ndarray:
     return speed / np.maximum(np.hypot(*speed), 1e-12)
 
 
-def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> None:
+def stack(ocean: Ocean, record: int, voyages: Voyages, seed: int, path: Path) -> None:
     """Draw the layers above each other, with goal, value, policy, and simulated drifters."""
     figure = plt.figure(figsize=(15, 12.5), layout="constrained")
     panels = [figure.add_subplot(2, 2, n + 1, projection="3d") for n in range(4)]
-    value = np.asarray(found.discounted.value)
+    value = np.asarray(voyages.discounted.value)
     shade = plt.get_cmap("viridis")((value - value.min()) / max(np.ptp(value), 1e-12))[:, :3]
     plain = np.broadcast_to(to_rgb("#dcecf7"), (len(value), 3))
     titles = (
@@ -166,11 +171,11 @@ def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> N
     for axes, title, colors in zip(panels, titles, (plain, shade, plain, plain), strict=True):
         _layers(axes, ocean, colors, 0.5 if colors is plain else 0.85)
         axes.set_title(title)
-        axes.plot(*_place(ocean, found.goal), "*", color=GOAL, ms=16, mec="white", zorder=9)
+        axes.plot(*_place(ocean, voyages.goal), "*", color=GOAL, ms=16, mec="white", zorder=9)
     scale = plt.cm.ScalarMappable(plt.Normalize(value.min(), value.max()), "viridis")
     figure.colorbar(scale, ax=panels[1], label="value", shrink=0.6, pad=0.08)
-    _policy(panels[2], ocean, record, found.discounted)
-    _tracks(panels[3], ocean, found, seed)
+    _policy(panels[2], ocean, record, voyages.discounted)
+    _tracks(panels[3], ocean, voyages, seed)
     save(figure, path)
 
 
@@ -227,7 +232,7 @@ def _policy(axes: Axes3D, ocean: Ocean, record: int, policy: Voyage) -> None:
         axes.scatter(*(here + upright)[inside != 0].T, color=UP, s=4, depthshade=False)
 
 
-def _tracks(axes: Axes3D, ocean: Ocean, found: Voyages, seed: int, drifters: int = 12) -> None:
+def _tracks(axes: Axes3D, ocean: Ocean, voyages: Voyages, seed: int, drifters: int = 12) -> None:
     """Draw the paths of some drifters, shifted so that paths in one cell remain visible."""
     random = np.random.default_rng(seed)
     waters, first = ocean.waters, ocean.first
@@ -237,7 +242,7 @@ def _tracks(axes: Axes3D, ocean: Ocean, found: Voyages, seed: int, drifters: int
     layer = np.repeat(np.arange(len(waters)), np.diff(first))
     for number, start in enumerate(ocean.starts):
         key = jax.random.fold_in(jax.random.key(seed), number)
-        tracks = simulate_voyages(key, found.discounted, start, drifters, SAILING)
+        tracks = simulate_voyages(key, voyages.discounted, start, drifters, SAILING)
         for track, time in zip(np.asarray(tracks.cell).T, np.asarray(tracks.time), strict=True):
             way = track[: int(min(time, SAILING)) + 1]
             way = way[way >= 0]

@@ -37,26 +37,26 @@ def test_velocities_and_grid_may_be_in_separate_files(stream, tmp_path):
         positions.to_netcdf(tmp_path / "grid.nc")
     grid, names = tmp_path / "grid.nc", ("east", "north")
     apart = Drift(file=(tmp_path / "e*.nc", tmp_path / "north.nc"), grid=grid, variables=names)
-    found, expected = apart.currents(), open_currents(stream)
-    xr.testing.assert_equal(found, expected)
+    answer, expected = apart.currents(), open_currents(stream)
+    xr.testing.assert_equal(answer, expected)
 
 
 def test_a_goal_upstream_has_no_answer(capsys, stream):
     args = "drift", stream, "--method source --edge exit --rho 1 --start 0.04,0.01"
-    status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0")
+    status, answer, error = run(capsys, *args, "--goal", "0.01,0.01,0")
     assert status == 1
-    assert found["surest"]["start_probability"] == 0
-    assert found["surest"]["start_hours"] is None
-    assert found["surest"]["start_hours_if_it_arrives"] is None
+    assert answer["surest"]["start_probability"] == 0
+    assert answer["surest"]["start_hours"] is None
+    assert answer["surest"]["start_hours_if_it_arrives"] is None
     assert error == "No policy brings a drifter from the start to the goal.\n"
-    status, found, error = run(capsys, *args, "--goal", "0.07,0.01,0")
+    status, answer, error = run(capsys, *args, "--goal", "0.07,0.01,0")
     assert (status, error) == (0, "")
-    assert found["voyage"]["start_probability"] == 1
+    assert answer["voyage"]["start_probability"] == 1
     # Four cells, a kilometre each, at a kilometre an hour.
-    assert found["voyage"]["start_hours"] == pytest.approx(4, rel=0.01)
-    assert found["layers"][0]["mean_leaving"] == 1
-    assert found["layers"][0]["persistent_groups"] == 0
-    assert [one["groups"] for one in found["sensitivity"]][1:] == [0, 0]
+    assert answer["voyage"]["start_hours"] == pytest.approx(4, rel=0.01)
+    assert answer["layers"][0]["mean_leaving"] == 1
+    assert answer["layers"][0]["persistent_groups"] == 0
+    assert [one["groups"] for one in answer["sensitivity"]][1:] == [0, 0]
 
 
 def test_a_step_that_is_too_short_causes_a_warning(capsys):
@@ -79,9 +79,9 @@ def test_a_current_around_the_earth_is_verified(capsys, tmp_path, spread):
     east[1, 3] = np.nan
     jet = products.regular(values=(east, 0 * east), lon=lon, lat=lat, time=products.hours(count=1))
     jet.to_netcdf(file := tmp_path / "jet.nc")
-    status, found, error = run(capsys, "drift", file, f"--edge exit --spread {spread} --verify")
+    status, answer, error = run(capsys, "drift", file, f"--edge exit --spread {spread} --verify")
     assert status == 0, error
-    assert any("goes round the Earth" in note for note in found["notes"])
+    assert any("goes round the Earth" in note for note in answer["notes"])
 
 
 def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(

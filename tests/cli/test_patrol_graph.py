@@ -36,8 +36,8 @@ def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
 
 
 def test_a_periodic_walk_never_mixes(capsys):
-    status, found, _ = run(capsys, "patrol graph", GRAPHS / "line.json")
-    assert (status, found["mixing_time"], found["slem"]) == (0, None, 1.0)
+    status, answer, _ = run(capsys, "patrol graph", GRAPHS / "line.json")
+    assert (status, answer["mixing_time"], answer["slem"]) == (0, None, 1.0)
     assert main(["patrol", "graph", str(GRAPHS / "line.json")]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"steps until within 1/4 of the shares of time +│ never", shown)
@@ -45,8 +45,8 @@ def test_a_periodic_walk_never_mixes(capsys):
 
 def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol.MAX_ARRIVALS", 7)
-    status, found, said = run(capsys, "patrol graph", EIGHT, "--robots", 2)
-    assert (status, "mean_first_arrival" in found) == (0, False)
+    status, answer, said = run(capsys, "patrol graph", EIGHT, "--robots", 2)
+    assert (status, "mean_first_arrival" in answer) == (0, False)
     assert "on graphs of up to 7 vertices; other times are of one patroller" in said
 
 
@@ -64,24 +64,24 @@ def test_constraints_are_met_and_verified(capsys, tmp_path):
         {"edges": [["6", "7"], ["7", 8]], "factors": [2, 3], "most": 0.48},
         {"same": [["2", "3"], ["2", "8"], ["3", "4"]]},
     )
-    _, found, _ = run(capsys, "patrol graph", EIGHT, "--constraints", file, "--verify")
-    weight = {frozenset(edge["ends"]): edge["weight"] for edge in found["edges"]}
+    _, answer, _ = run(capsys, "patrol graph", EIGHT, "--constraints", file, "--verify")
+    weight = {frozenset(edge["ends"]): edge["weight"] for edge in answer["edges"]}
     assert weight[frozenset("12")] + weight[frozenset("15")] <= 0.2 + 1e-9
-    assert min(one["stationary"] for one in found["vertices"]) >= 0.09 - 1e-9
+    assert min(one["stationary"] for one in answer["vertices"]) >= 0.09 - 1e-9
     assert 2 * weight[frozenset("67")] + 3 * weight[frozenset("78")] <= 0.48 + 1e-9
     assert weight[frozenset("23")] == pytest.approx(weight[frozenset("28")], abs=1e-9)
     assert weight[frozenset("23")] == pytest.approx(weight[frozenset("34")], abs=1e-9)
-    assert found["mean_commute_time"] > 18.626151
-    told = {one["constraint"]: one for one in found["bounds"]["constraints"]}
+    assert answer["mean_commute_time"] > 18.626151
+    told = {one["constraint"]: one for one in answer["bounds"]["constraints"]}
     assert len(told) == 12
     assert told["edge 6-7, edge 7-8"]["active"]
     assert told["edge 6-7, edge 7-8"]["saves"] > 0
     assert not told["vertex 7"]["active"]
     assert told["vertex 7"]["saves"] == 0
-    compared = {one["what"]: one for one in found["verified"]["comparisons"]}
+    compared = {one["what"]: one for one in answer["verified"]["comparisons"]}
     assert compared["least commute time, by cvxpy"]["count"] == 1
     assert compared["violation of constraints"]["count"] == 12
-    assert found["verified"]["agrees"]
+    assert answer["verified"]["agrees"]
     assert main(["patrol", "graph", str(EIGHT), "--constraints", str(file)]) == 0
     assert re.search(r"corridor .*│ 0\.2 +│ (yes|no)", capsys.readouterr().out)
 
@@ -93,8 +93,8 @@ def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
         {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.1},
         {"vertices": ["1"], "least": 0.06},
     )
-    status, found, error = run(capsys, "patrol graph", EIGHT, "--constraints", file)
-    assert (status, found) == (1, None)
+    status, answer, error = run(capsys, "patrol graph", EIGHT, "--constraints", file)
+    assert (status, answer) == (1, None)
     assert error.endswith("constraints: these contradict each other: corridor, vertex 1\n")
 
 
@@ -148,7 +148,7 @@ def line(tmp_path):
     ],
 )
 def test_parts_of_a_result_are_remarked(capsys, line, options, part, remark):
-    status, found, said = run(capsys, "patrol graph", line, *options)
+    status, answer, said = run(capsys, "patrol graph", line, *options)
     assert status == 0
-    assert found[part]
+    assert answer[part]
     assert remark in said

@@ -29,13 +29,13 @@ from jaxcell.robot.walker import Walker
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
     filter_file = save_filter(tmp_path, map=str(MAPS / "lab_a.json"), name=LAB.workspace.name)
     out, seen = tmp_path / "out", tmp_path / "seen"
-    code, found = run(simulated(filter_file, start="70", heading=135.0, out=out), capsys)
+    code, answer = run(simulated(filter_file, start="70", heading=135.0, out=out), capsys)
     assert code == 0
-    assert found["result"] == "localized"
-    assert found["emulated"]["start"] == 70
-    assert found["emulated"]["end"] in found["cells"]
-    assert found["emulated"]["truth_is_a_candidate"] is True
-    assert json.loads((out / "summary.json").read_text()) == found
+    assert answer["result"] == "localized"
+    assert answer["emulated"]["start"] == 70
+    assert answer["emulated"]["end"] in answer["cells"]
+    assert answer["emulated"]["truth_is_a_candidate"] is True
+    assert json.loads((out / "summary.json").read_text()) == answer
 
     recorded = (out / "run.rrd").read_bytes()
     with pytest.raises(FileExistsError, match=r"^--out .*: it has the run\.jsonl of another run"):
@@ -47,7 +47,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
     code, again = run(RobotReplay(log=log, file=moved, out=seen, json=True), capsys)
     assert code == 0
     for name in ("result", "observations", "colors", "cells", "reason"):
-        assert again[name] == found[name]
+        assert again[name] == answer[name]
     chunks = [RrdReader(folder / "run.rrd").stream().to_chunks() for folder in (out, seen)]
     here, there = ({chunk.entity_path for chunk in each} for each in chunks)
     assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= here <= there
@@ -57,7 +57,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
     ]
     assert rows[0] == rows[1] > 5
     assert RobotReplay(log=log, file=moved).run() == 0
-    assert found["observations"] in capsys.readouterr().out
+    assert answer["observations"] in capsys.readouterr().out
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
     with pytest.raises(ValueError, match=r"run\.jsonl: the log is of another filter"):
         RobotReplay(log=log).run()
@@ -90,9 +90,9 @@ def test_a_plan_runs_from_its_start(tmp_path, capsys, about):
     path = plan_file(tmp_path, **about)
     # The file of a plan says its heading if it has the number of positions.
     heading = None if about else 45.0
-    code, found = run(simulated(path, heading=heading, out=tmp_path / "out"), capsys)
-    assert (code, found["result"]) == (0, "arrived")
-    assert found["emulated"]["end"] == model_run(135, PLAN_START, 5)[0]
+    code, answer = run(simulated(path, heading=heading, out=tmp_path / "out"), capsys)
+    assert (code, answer["result"]) == (0, "arrived")
+    assert answer["emulated"]["end"] == model_run(135, PLAN_START, 5)[0]
     code, again = run(RobotReplay(log=tmp_path / "out" / "run.jsonl", json=True), capsys)
     assert (code, again["result"]) == (0, "arrived")
 
@@ -100,16 +100,16 @@ def test_a_plan_runs_from_its_start(tmp_path, capsys, about):
 @pytest.mark.usefixtures("patient")
 def test_check_reports_sensors_and_danger(capsys):
     with Emulator(Body(LAB.workspace, (0.5, 0.5, 0.0)), line=Line(speedup=20.0)) as robot:
-        code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
+        code, answer = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
         assert code == 0
-        assert found["forward_m"] == pytest.approx(0.1, abs=0.01)
-        assert found["back_m"] == pytest.approx(-0.1, abs=0.01)
-        assert found["battery_percent"] == pytest.approx(100 * 2000 / 2696, abs=0.5)
+        assert answer["forward_m"] == pytest.approx(0.1, abs=0.01)
+        assert answer["back_m"] == pytest.approx(-0.1, abs=0.01)
+        assert answer["battery_percent"] == pytest.approx(100 * 2000 / 2696, abs=0.5)
         assert robot.pose == pytest.approx((0.5, 0.5, 0.0), abs=0.02)
         robot.contact = Contact.WHEEL_DROP_LEFT
-        code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
+        code, answer = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
         assert code == 1
-        assert "wheel" in found["danger"]
+        assert "wheel" in answer["danger"]
 
 
 # The error that stops a run at its fourth step, the exit status, and the reason in the summary.
@@ -135,19 +135,19 @@ def test_a_stopped_run_reports_the_reason(
     out = tmp_path / "out" if to_files else None
     code = simulated(filter_file, start="70", heading=135.0, out=out).run()
     told = capsys.readouterr()
-    found = json.loads(told.out)
+    answer = json.loads(told.out)
     assert why in told.err
-    assert (code, found["result"], found["observations"]) == (status, "stopped", observed)
-    assert found["reason"].startswith(f"{why}; not localized after 3 observations; ")
-    assert len(found["colors"]) == 3
-    assert found["cells"]
-    assert found["emulated"]["start"] == 70
+    assert (code, answer["result"], answer["observations"]) == (status, "stopped", observed)
+    assert answer["reason"].startswith(f"{why}; not localized after 3 observations; ")
+    assert len(answer["colors"]) == 3
+    assert answer["cells"]
+    assert answer["emulated"]["start"] == 70
     if out is not None:
-        assert json.loads((out / "summary.json").read_text()) == found
+        assert json.loads((out / "summary.json").read_text()) == answer
         code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
         assert code == 0
         for name in ("result", "observations", "colors", "cells", "reason"):
-            assert again[name] == found[name]
+            assert again[name] == answer[name]
 
 
 def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, monkeypatch):
@@ -155,9 +155,9 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
         raise RobotStopped("it is on the charger")
 
     monkeypatch.setattr(Create, "arm", arm)
-    code, found = run(simulated(filter_file, start="70", heading=135.0), capsys)
-    assert (code, found["result"], found["observations"]) == (1, "stopped", "")
-    assert found["reason"] == "the robot was stopped: it is on the charger"
+    code, answer = run(simulated(filter_file, start="70", heading=135.0), capsys)
+    assert (code, answer["result"], answer["observations"]) == (1, "stopped", "")
+    assert answer["reason"] == "the robot was stopped: it is on the charger"
 
 
 def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_path):
@@ -250,8 +250,8 @@ def test_a_filter_runs_on_a_robot_that_the_physics_engine_moves(tmp_path, capsys
     about = {**SPEC, "cell_m": 0.5, "step_m": 0.5, "robot_radius_m": 0.17, "directions": 16}
     bounce_filter(cells, 90, metadata={**about, "bounce_deg": 90}).save(path)
     command = simulated(path, "cafe.json", physics=True, limit=6, out=out, seed=3, heading=0)
-    _, found = run(command, capsys)
-    assert len(found["observations"]) > 0
+    _, answer = run(command, capsys)
+    assert len(answer["observations"]) > 0
     chunks = RrdReader(out / "run.rrd").stream().to_chunks()
     assert "/map/robots/robot/body" in {chunk.entity_path for chunk in chunks}
 

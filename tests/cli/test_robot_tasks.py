@@ -32,20 +32,20 @@ def patrol_file(tmp_path):
     return path
 
 
-def check_replay(out, found, capsys):
+def check_replay(out, answer, capsys):
     """Check that the log of a run has the outcome of the run."""
     code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
     assert code == 0
     del again["log"], again["whole"]
-    assert again.items() <= found.items()
+    assert again.items() <= answer.items()
 
 
 def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     out = tmp_path / "out"
     fields = {"robot": 1, "visits": 3, "start": "3.5,0.5,90", "out": out}
-    code, found = run(simulated(patrol_file, **fields), capsys)
-    assert (code, found["result"]) == (0, "patrolled")
-    check_replay(out, found, capsys)
+    code, answer = run(simulated(patrol_file, **fields), capsys)
+    assert (code, answer["result"]) == (0, "patrolled")
+    check_replay(out, answer, capsys)
     assert RobotReplay(log=out / "run.jsonl").run() == 0
     assert "3 cells" in capsys.readouterr().out
     patrol = read_log(out / "run.jsonl").header["patrol"]
@@ -61,11 +61,11 @@ def test_an_intruder_is_reported_from_a_cell_that_sees_it(patrol_file, capsys):
     sees = visible_cells(LAB, 1.6)
     hidden = next(int(z) for z in ways[:, ways[:, 0]].ravel() if not sees[0, z])
     x, y, _ = map(float, LAB.centre(hidden))
-    code, found = run(simulated(patrol_file, intruder=f"{x},{y}"), capsys)
-    assert (code, found["result"]) == (0, "reported")
-    assert found["intruder"] == {"x": x, "y": y}
-    assert sees[found["position"], hidden]
-    assert "0" in found["observations"]
+    code, answer = run(simulated(patrol_file, intruder=f"{x},{y}"), capsys)
+    assert (code, answer["result"]) == (0, "reported")
+    assert answer["intruder"] == {"x": x, "y": y}
+    assert sees[answer["position"], hidden]
+    assert "0" in answer["observations"]
 
 
 def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
@@ -76,10 +76,10 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
     marked[60 : 60 + len(cross), 90 : 90 + len(cross)] = cross
     for i, picture in enumerate([blank, blank, marked]):
         assert cv2.imwrite(str(tmp_path / f"{i}.png"), picture)
-    code, found = run(simulated(patrol_file, camera=str(tmp_path)), capsys)
-    assert (code, found["result"]) == (0, "reported")
-    assert found["intruder"].startswith("cross at 140")
-    assert len(found["observations"]) == 2
+    code, answer = run(simulated(patrol_file, camera=str(tmp_path)), capsys)
+    assert (code, answer["result"]) == (0, "reported")
+    assert answer["intruder"].startswith("cross at 140")
+    assert len(answer["observations"]) == 2
 
 
 @pytest.mark.parametrize("steps", ["encoder", "clock"])
@@ -94,8 +94,8 @@ def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
         out = tmp_path / f"robot{robot}"
         options = {"robot": robot, "steps": steps, "speedup": 1e6, "out": out, "json": True}
         command = RobotRun(file=path, simulate=tmp_path / "hall.json", **options)
-        code, found = run(command, capsys)
-        assert (code, found["result"]) == (0, "arrived"), found["reason"]
-        check_replay(out, found, capsys)
+        code, answer = run(command, capsys)
+        assert (code, answer["result"]) == (0, "arrived"), answer["reason"]
+        check_replay(out, answer, capsys)
         if robot == 1:
-            assert found["emulated"]["end"] == int(cells.index(*end))
+            assert answer["emulated"]["end"] == int(cells.index(*end))

@@ -39,10 +39,10 @@ def test_a_belief_has_at_most_the_given_number_of_fine_cells(capsys, room):
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
     args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
-    status, found, _ = run(capsys, *args, "--out", out, "--verify")
+    status, answer, _ = run(capsys, *args, "--out", out, "--verify")
     assert status == 0
-    assert (found["bounces_deg"], found["slip"]) == ([90, 135], 0.02)
-    assert {"bounce_deg", "goal", "aim", "open_world"}.isdisjoint(found)
+    assert (answer["bounces_deg"], answer["slip"]) == ([90, 135], 0.02)
+    assert {"bounce_deg", "goal", "aim", "open_world"}.isdisjoint(answer)
     hidden = HiddenMap.load(out / "belief.jxb")
     assert hidden.angles == 2
     with xr.open_dataset(out / "localization.nc") as dataset:
@@ -51,7 +51,7 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
         assert set(turned.tolist()) <= {-1, 0, 1}
     belief = Belief(hidden)
     state = belief.start()
-    for observation, turn in zip(found["word"], turned[1:].tolist(), strict=True):
+    for observation, turn in zip(answer["word"], turned[1:].tolist(), strict=True):
         state = belief.observe(state, int(observation))
         assert state.turn == (None if turn < 0 else turn)
     words = f"--simulate {room} --heading 0 --noise 0.02 --speedup 1000 --out {again}"
@@ -63,16 +63,16 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
 
 def test_plan_and_emulated_robot_arrive_alike_despite_slips(capsys, room):
     ends = ("--start", "1.5,1.5,0", "--goal", "1.5,1.5,180")
-    status, found, _ = run(
+    status, answer, _ = run(
         capsys, "navigate", room, "--bounces", 90, 135, *ends, "--slip", 0.02, "--directions", 8
     )
     assert status == 0
-    assert 0 <= found["plan_arrives"] <= found["plan_as_foretold"] <= 1
-    assert found["policy_surely_arrives"]
-    assert found["policy_mean_steps"] >= 1
-    assert found["simulated_runs"] == 50
-    least, most = found["plan_arrives_from"], found["plan_arrives_to"]
-    assert least <= found["plan_arrives"] <= most <= least + 0.02
+    assert 0 <= answer["plan_arrives"] <= answer["plan_as_foretold"] <= 1
+    assert answer["policy_surely_arrives"]
+    assert answer["policy_mean_steps"] >= 1
+    assert answer["simulated_runs"] == 50
+    least, most = answer["plan_arrives_from"], answer["plan_arrives_to"]
+    assert least <= answer["plan_arrives"] <= most <= least + 0.02
     # Runs of the emulated robot, of which there are 50, share no code with those of the plan.
-    assert found["simulated_plan_arrives"] == pytest.approx(found["plan_arrives"], abs=0.2)
-    assert found["simulated_policy_arrives"] > 0.3
+    assert answer["simulated_plan_arrives"] == pytest.approx(answer["plan_arrives"], abs=0.2)
+    assert answer["simulated_policy_arrives"] > 0.3

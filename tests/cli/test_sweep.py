@@ -33,12 +33,12 @@ def spec(tmp_path):
 
 def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    status, found, _ = run(capsys, "sweep", spec(), "--netcdf")
+    status, answer, _ = run(capsys, "sweep", spec(), "--netcdf")
     assert status == 0
-    assert found.pop("seconds") >= 0
+    assert answer.pop("seconds") >= 0
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
         xr.testing.assert_identical(one.load(), other.load())
-    assert run(capsys, "sweep status runs/some") == (0, found, "")
+    assert run(capsys, "sweep status runs/some") == (0, answer, "")
     assert main(["sweep", "status", "runs/some"]) == 0
     printed = capsys.readouterr()
     assert "3 of 3" in printed.out
@@ -53,9 +53,9 @@ def test_failures_are_reported(spec, tmp_path, capsys):
     assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in printed.err
     assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in printed.err
     assert "To compute the rest: the same command with --resume" in printed.err
-    status, found, _ = run(capsys, "sweep status", out)
-    assert (status, found["done"], found["failed"]) == (1, 2, 1)
-    assert found["failures"] == [
+    status, answer, _ = run(capsys, "sweep status", out)
+    assert (status, answer["done"], answer["failed"]) == (1, 2, 1)
+    assert answer["failures"] == [
         {"chunk": 1, "parameters": {"x": 5}, "message": "RuntimeError: x is 5"}
     ]
 
@@ -84,8 +84,8 @@ def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, engi
 
 def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys):
     words = "sweep", spec("fail = 1", chunk=1), "--out", tmp_path / "out", "--max-failures"
-    status, found, note = run(capsys, *words, 0)
-    assert (status, found["done"], found["failed"]) == (1, 1, 1)
+    status, answer, note = run(capsys, *words, 0)
+    assert (status, answer["done"], answer["failed"]) == (1, 1, 1)
     assert "Stopped: more than 0 members failed" in note
     status, _, error = run(capsys, *words, -1)
     assert status == 2
@@ -128,10 +128,10 @@ def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, 
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in printed
-    status, found, _ = run(capsys, "sweep status", out)
+    status, answer, _ = run(capsys, "sweep status", out)
     assert status == 1
-    assert 0 < found["done"] < found["chunks"]
-    assert found["running"] is None
+    assert 0 < answer["done"] < answer["chunks"]
+    assert answer["running"] is None
 
 
 def test_sweep_status_imports_no_slow_package(spec, tmp_path):

@@ -28,13 +28,13 @@ def test_drifters_that_do_not_strand_drift_on():
     matrix = random.dirichlet(np.ones(5), 5) * 0.9
     at_coast = np.array([False, True, False, True, True])
     chain, cell = drift.beaching(Chain.from_scipy(matrix), at_coast, HOUR, afloat=HOUR)
-    found = chain.to_scipy().toarray()
+    beached = chain.to_scipy().toarray()
     half = np.where(at_coast, 0.5, 1.0)[:, None]
-    np.testing.assert_allclose(found[:5, :5], half * matrix)
+    np.testing.assert_allclose(beached[:5, :5], half * matrix)
     np.testing.assert_array_equal(cell, [1, 3, 4])
-    np.testing.assert_array_equal(found[[1, 3, 4], [5, 6, 7]], 0.5)
+    np.testing.assert_array_equal(beached[[1, 3, 4], [5, 6, 7]], 0.5)
     # No drifter comes afloat again, so that each beach is an end.
-    np.testing.assert_array_equal(found[5:], np.eye(8)[5:])
+    np.testing.assert_array_equal(beached[5:], np.eye(8)[5:])
     assert drift.long_term_behaviour(chain, HOUR).groups.count == 3
 
 
@@ -46,18 +46,18 @@ def test_stranded_shares_are_those_of_powers_of_the_matrix():
     matrix = np.random.default_rng(1).dirichlet(np.ones(7), 7) * 0.9
     behaviour = drift.long_term_behaviour(Chain.from_scipy(matrix), HOUR)
     times = {"afloat": 2 * HOUR, "stranded": 5 * HOUR}
-    found = drift.Stranded.of(water, behaviour, 3.2 * HOUR, **times)
+    stranded = drift.Stranded.of(water, behaviour, 3.2 * HOUR, **times)
     chain, cell = drift.beaching(behaviour.chain, drift.coast(water), HOUR, **times)
     after = np.linalg.matrix_power(chain.to_scipy().toarray(), 3)[:7]
-    assert (found.after_hours, found.beaches) == (3, cell.size)
-    assert found.share == pytest.approx(after[:, 7:].sum() / 7)
-    assert found.left == pytest.approx(1 - after.sum() / 7)
-    assert 0.1 < found.left < 0.9
+    assert (stranded.after_hours, stranded.beaches) == (3, cell.size)
+    assert stranded.share == pytest.approx(after[:, 7:].sum() / 7)
+    assert stranded.left == pytest.approx(1 - after.sum() / 7)
+    assert 0.1 < stranded.left < 0.9
     chance, on_beach = np.full((2, 2, 4), np.nan)
     chance[wet] = after[:, 7:].sum(axis=1)
-    np.testing.assert_allclose(found.chance, chance)
+    np.testing.assert_allclose(stranded.chance, chance)
     on_beach[water.row[cell], water.column[cell]] = after[:, 7:].mean(axis=0)
-    np.testing.assert_allclose(found.on_beach, on_beach)
+    np.testing.assert_allclose(stranded.on_beach, on_beach)
 
 
 def test_a_coast_is_beside_land():

@@ -40,9 +40,9 @@ def test_whole_periods_make_a_window_and_small_pieces_are_left_out():
     image = np.where(image < 100, image // 50 * 50 + (image + 1) % 50, image)
     turn = mapping.Chain(image, np.ones((1, 101)))
     tide = mapping.ChainSequence.of([still, turn, turn, turn, turn])
-    found = drift.nearly_closed_sets(water, tide, 3600.0, 2)
-    assert found.steps == 25
-    assert found.begin.tolist() == [0] * 50 + [1] * 50 + [-1]
+    closed = drift.nearly_closed_sets(water, tide, 3600.0, 2)
+    assert closed.steps == 25
+    assert closed.begin.tolist() == [0] * 50 + [1] * 50 + [-1]
 
 
 def test_sets_are_numbered_from_layer_to_layer():
@@ -52,15 +52,15 @@ def test_sets_are_numbered_from_layer_to_layer():
     half = np.arange(24) % 8 // 4
     same = (half[:, None] == half) / 12
     chains = [mapping.Chain.from_scipy((1 - e) * same + e * same[::-1]) for e in (0.001, 0.01)]
-    found = drift.ClosedSets.of(waters, chains, 12 * 3600.0, 2)
-    assert found.number[:, 0].tolist() == [[0] * 4 + [1] * 4, [2] * 4 + [3] * 4]
-    assert found.size.tolist() == [12] * 4
-    assert found.depth.tolist() == [0, 0, 5, 5]
-    assert found.window_hours == 24
+    closed = drift.ClosedSets.of(waters, chains, 12 * 3600.0, 2)
+    assert closed.number[:, 0].tolist() == [[0] * 4 + [1] * 4, [2] * 4 + [3] * 4]
+    assert closed.size.tolist() == [12] * 4
+    assert closed.depth.tolist() == [0, 0, 5, 5]
+    assert closed.window_hours == 24
     leaves = 1 - np.repeat([0.999**2 + 0.001**2, 0.99**2 + 0.01**2], 2)
-    np.testing.assert_allclose(found.leakage, leaves)
-    np.testing.assert_allclose(found.hours, -24 / np.log(1 - leaves))
+    np.testing.assert_allclose(closed.leakage, leaves)
+    np.testing.assert_allclose(closed.hours, -24 / np.log(1 - leaves))
     lon, lat = waters[0].lon, waters[0].lat
-    np.testing.assert_allclose(found.lat, lat[1, 0])
-    assert set(found.lon[[0, 2]]) <= set(lon[0, 1:3])
-    assert set(found.lon[[1, 3]]) <= set(lon[0, 5:7])
+    np.testing.assert_allclose(closed.lat, lat[1, 0])
+    assert set(closed.lon[[0, 2]]) <= set(lon[0, 1:3])
+    assert set(closed.lon[[1, 3]]) <= set(lon[0, 5:7])

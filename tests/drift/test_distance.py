@@ -32,12 +32,12 @@ def test_an_exact_map_has_distance_0(eastward):
     hours = 3600 / step
     # As slow as it must be for 6 and 24 h to be 1 and 4 steps.
     slow = drift.Flow(flow.rate / (6 * hours), flow.time, flow.wraps)
-    (found,) = drift.distances(water, slow, [(chain, 6 * 3600.0)])
-    assert found.hours.tolist() == [6, 24]
-    np.testing.assert_allclose(found.total_variation, 0, atol=1e-12)
+    (distance,) = drift.distances(water, slow, [(chain, 6 * 3600.0)])
+    assert distance.hours.tolist() == [6, 24]
+    np.testing.assert_allclose(distance.total_variation, 0, atol=1e-12)
     # Two of nine columns are left in every step.
-    np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
-    np.testing.assert_allclose(found.map_left, found.drifters_left)
+    np.testing.assert_allclose(distance.drifters_left, [2 / 9, 8 / 9])
+    np.testing.assert_allclose(distance.map_left, distance.drifters_left)
 
 
 def test_a_closed_edge_holds_drifters_that_leave(eastward):
@@ -45,19 +45,19 @@ def test_a_closed_edge_holds_drifters_that_leave(eastward):
     step = 6 * 3600.0
     slow = drift.Flow(2 * flow.rate / (step * float(flow.rate.max())), flow.time, flow.wraps)
     chain = drift.drift_map(water, slow, drift.METHODS["source"].lasting(step))
-    (found,) = drift.distances(water, slow, [(chain, step)])
-    np.testing.assert_allclose(found.map_left, 0, atol=1e-12)
-    np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
-    assert (found.total_variation >= found.drifters_left - 1e-12).all()
+    (distance,) = drift.distances(water, slow, [(chain, step)])
+    np.testing.assert_allclose(distance.map_left, 0, atol=1e-12)
+    np.testing.assert_allclose(distance.drifters_left, [2 / 9, 8 / 9])
+    assert (distance.total_variation >= distance.drifters_left - 1e-12).all()
 
 
 def test_times_are_whole_steps_and_at_least_one(eddies):
     water, flow = eddies
     seconds = 10 * 3600.0
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
-    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(2, 6, 24, 96))
-    assert found.hours.tolist() == [10, 20, 100]
-    assert found.replay.hours.tolist() == [2, 6, 10, 20, 24, 96, 100]
+    (distance,) = drift.distances(water, flow, [(chain, seconds)], hours=(2, 6, 24, 96))
+    assert distance.hours.tolist() == [10, 20, 100]
+    assert distance.replay.hours.tolist() == [2, 6, 10, 20, 24, 96, 100]
 
 
 def test_the_noise_is_the_distance_of_drifters_from_an_exact_map(eddies):
@@ -78,14 +78,14 @@ def test_the_distance_of_a_cell_is_that_of_its_drifters(eddies):
     water, flow = eddies
     seconds = 4 * drift.crossing_time(water, flow)
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
-    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(96,))
-    apart, noise = drift.distances_by_cell(water, chain, seconds, found)
+    (distance,) = drift.distances(water, flow, [(chain, seconds)], hours=(96,))
+    apart, noise = drift.distances_by_cell(water, chain, seconds, distance)
     power = np.linalg.matrix_power(
-        chain.to_scipy().toarray(), round(found.hours[0] * 3600 / seconds)
+        chain.to_scipy().toarray(), round(distance.hours[0] * 3600 / seconds)
     )
     part = 6 * (water.row // 4) + water.column // 4
     for cell in (0, 77, 300):
-        end = found.replay.cell[0][found.replay.origin == cell]
+        end = distance.replay.cell[0][distance.replay.origin == cell]
         seen = np.bincount(part[end[end >= 0]], minlength=36) / end.size
         mapped = np.bincount(part, power[cell], 36)
         expected = (np.abs(seen - mapped).sum() + abs(seen.sum() - mapped.sum())) / 2
@@ -99,9 +99,9 @@ def test_drifters_that_leave_in_a_long_step_do_not_come_back():
     water, flow = water_and_flow(sea(-y * 0.02, x * 0.02))
     seconds = 1.8 * np.pi * 1000 / 0.02
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
-    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(seconds / 3600,))
-    assert found.drifters_left[0] > 0.9
-    assert found.map_left[0] == pytest.approx(found.drifters_left[0], abs=0.02)
+    (distance,) = drift.distances(water, flow, [(chain, seconds)], hours=(seconds / 3600,))
+    assert distance.drifters_left[0] > 0.9
+    assert distance.map_left[0] == pytest.approx(distance.drifters_left[0], abs=0.02)
 
 
 def test_the_step_depends_on_the_time_that_is_asked():
@@ -122,13 +122,13 @@ def test_the_distance_is_that_from_random_drifters():
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     step = 7200.0
     chain = drift.drift_map(water, flow.mean(), drift.METHODS["drifters"].lasting(step))
-    (found,) = drift.distances(water, flow, [(chain, step)])
+    (distance,) = drift.distances(water, flow, [(chain, step)])
     anywhere = np.ones(water.cells, bool)
     drifted = drift.simulate_drifters(
         jax.random.key(1), water, flow, anywhere, step, 12, drifters=10_000
     )
-    expected = drift.compare(water, chain, drifted, found.hours.tolist())
-    np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
+    expected = drift.compare(water, chain, drifted, distance.hours.tolist())
+    np.testing.assert_allclose(distance.total_variation, expected.total_variation, atol=0.03)
 
 
 def test_few_drifters_per_cell_give_the_same_distance(eddies):
@@ -154,9 +154,9 @@ def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward, 
     maps = [(drift.drift_map(water, tide.mean(), options.lasting(step)), step) for step in steps]
     compared = drift.distances(water, tide, maps, hours=(6, 24, 120))
     worst = [one.total_variation.max() for one in compared]
-    found = drift.nearest_step([water], [tide], options, 120).duration
-    assert found == pytest.approx(steps[int(np.argmin(worst))])
+    distance = drift.nearest_step([water], [tide], options, 120).duration
+    assert distance == pytest.approx(steps[int(np.argmin(worst))])
     monkeypatch.setattr("jaxcell.drift.validation.distance.MOST_CELLS", 0)
-    found, made = nearest_maps([water], [tide], [tide.mean()], options)
-    assert found.duration == pytest.approx(10 * 3600)
+    distance, made = nearest_maps([water], [tide], [tide.mean()], options)
+    assert distance.duration == pytest.approx(10 * 3600)
     assert made is None

@@ -185,7 +185,7 @@ def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
 def test_reached_cells_are_reached_at_some_phase(tidal_sea):
     matrices, sea = tidal_sea
     steps = list(moves(matrices))
-    for found, actions in (
+    for arrivals, actions in (
         (drift.reachable_by_layer(sea, 3), [0]),
         (drift.reachable_at_depth(sea, 3), [0, 1, 2]),
     ):
@@ -195,43 +195,43 @@ def test_reached_cells_are_reached_at_some_phase(tidal_sea):
         for n in range(200):
             here = (here @ sum(steps[n % 3][one] for one in actions)) > 0
             met |= here
-        np.testing.assert_array_equal(found, met)
+        np.testing.assert_array_equal(arrivals, met)
 
 
 def test_the_mean_replaces_too_many_phases(monkeypatch):
     monkeypatch.setattr(drift.SeaDrift, "largest", 100)
-    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
-    assert found.phases is None
-    assert found.remarks[0].startswith(
+    sea = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
+    assert sea.phases is None
+    assert sea.remarks[0].startswith(
         "The current has 160 cells at its 4 phases, and 100 are as many as take minutes; "
     )
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
     monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
     monkeypatch.setattr(drift.SeaDrift, "largest", 1000)
-    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
-    assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in found.remarks[0]
+    sea = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
+    assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in sea.remarks[0]
 
 
 def test_a_step_is_changed_to_fit_the_period():
-    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(1.2 * STEP))
-    assert found.step == pytest.approx(4 * STEP / 3)
-    assert found.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
+    sea = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(1.2 * STEP))
+    assert sea.step == pytest.approx(4 * STEP / 3)
+    assert sea.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
 
 
 def test_drifters_begin_in_separate_parts_of_a_large_sea():
     water, flow = water_and_flow(strait(rows=6, columns=12).isel(time=slice(1)))
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(STEP))
     sampling = Sampling(drifters=400, part=3)
-    (found,) = drift.distances(water, flow, [(chain, STEP)], sampling)
-    assert found.cells == 36
-    assert found.total_variation.max() < 0.4
-    (found,) = drift.distances(water, flow, [(chain, STEP)])
-    assert found.cells == 72
+    (distance,) = drift.distances(water, flow, [(chain, STEP)], sampling)
+    assert distance.cells == 36
+    assert distance.total_variation.max() < 0.4
+    (distance,) = drift.distances(water, flow, [(chain, STEP)])
+    assert distance.cells == 72
 
 
 def test_verification_agrees_on_a_tide(both):
-    found = dataclasses.replace(both[0], start=0).towards(30)
-    assert all(one.agrees in (True, None) for one in verify.compare_drift(found))
+    sea = dataclasses.replace(both[0], start=0).towards(30)
+    assert all(one.agrees in (True, None) for one in verify.compare_drift(sea))
 
 
 def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):

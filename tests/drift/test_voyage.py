@@ -70,13 +70,13 @@ def test_a_drifter_that_cannot_arrive_drifts():
     wets = [np.array([[True, True, True]]), np.array([[True, True, False]])]
     chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (3, 2)]
     sea = Sea.of([water(wet) for wet in wets], chains)
-    for found in (discounted_voyage(sea, 4, 0.9), surest_voyage(sea, 4)):
-        assert found.action.tolist() == [0, 1, 0, 0, 0]
-        assert found.probability.tolist() == [0, 1, 0, 0, 1]
-        assert found.time.tolist() == [math.inf, 1, math.inf, math.inf, 0]
-    found = discounted_voyage(sea, 4, 0.9)
+    for best in (discounted_voyage(sea, 4, 0.9), surest_voyage(sea, 4)):
+        assert best.action.tolist() == [0, 1, 0, 0, 0]
+        assert best.probability.tolist() == [0, 1, 0, 0, 1]
+        assert best.time.tolist() == [math.inf, 1, math.inf, math.inf, 0]
+    best = discounted_voyage(sea, 4, 0.9)
     never = -0.9 / (1 - 0.9)
-    np.testing.assert_allclose(found.value, [never, 90, never, never, 0], atol=1e-12)
+    np.testing.assert_allclose(best.value, [never, 90, never, never, 0], atol=1e-12)
 
 
 @given(seeds, st.sampled_from([0.0, 0.3]))
@@ -85,8 +85,8 @@ def test_the_closed_loop_follows_the_actions(seed, leak):
     sea = random_sea(seed, leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
     surest = surest_voyage(sea, goal)
-    for found in (discounted_voyage(sea, goal, 0.95), surest):
-        action = np.asarray(found.action)
+    for best in (discounted_voyage(sea, goal, 0.95), surest):
+        action = np.asarray(best.action)
         up, down = action == -1, action == 1
         assert (sea.above[up] >= 0).all()
         assert (sea.below[down] >= 0).all()
@@ -94,13 +94,13 @@ def test_the_closed_loop_follows_the_actions(seed, leak):
         expected[up] = np.eye(sea.cells)[sea.above[up]]
         expected[down] = np.eye(sea.cells)[sea.below[down]]
         expected[goal] = np.eye(sea.cells)[goal]
-        np.testing.assert_array_equal(found.chain.to_scipy().toarray(), expected)
+        np.testing.assert_array_equal(best.chain.to_scipy().toarray(), expected)
         law = np.linalg.matrix_power(expected, 2**20)[:, goal]
-        np.testing.assert_allclose(found.probability, law, atol=1e-9)
-        np.testing.assert_allclose(found.time, hitting_times(found.chain, goal).value, rtol=1e-9)
-        assert found.certificate.outcome is Outcome.CONVERGED
-        assert (np.asarray(found.probability) <= np.asarray(surest.probability) + 1e-9).all()
-        assert (np.asarray(found.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
+        np.testing.assert_allclose(best.probability, law, atol=1e-9)
+        np.testing.assert_allclose(best.time, hitting_times(best.chain, goal).value, rtol=1e-9)
+        assert best.certificate.outcome is Outcome.CONVERGED
+        assert (np.asarray(best.probability) <= np.asarray(surest.probability) + 1e-9).all()
+        assert (np.asarray(best.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
 
 
 def test_a_goal_may_have_several_cells():

@@ -12,25 +12,25 @@ def dumb(x, p):
 
 
 @pytest.fixture(scope="module")
-def found():
+def basins():
     """The example of Attractors.jl: nine cells, of which those with `x >= 0` go to (1, 1)."""
     return dynamics.basins(dumb, Box([-1.5, -1.5], [1.5, 1.5], [3, 3]))
 
 
-def test_basin_stability_weighs_starts(found):
-    np.testing.assert_allclose(dynamics.basin_stability(found), [2 / 3, 1 / 3])
-    left = dynamics.basin_stability(found, lambda x: (x[:, 0] < 0.5).astype(float))
+def test_basin_stability_weighs_starts(basins):
+    np.testing.assert_allclose(dynamics.basin_stability(basins), [2 / 3, 1 / 3])
+    left = dynamics.basin_stability(basins, lambda x: (x[:, 0] < 0.5).astype(float))
     np.testing.assert_allclose(left, [0.5, 0.5])
 
 
-def test_minimal_critical_shocks_equal_attractors_jl(found):
-    np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+def test_minimal_critical_shocks_equal_attractors_jl(basins):
+    np.testing.assert_allclose(dynamics.minimal_critical_shock(basins), [2, 1])
 
 
-def test_times_equal_attractors_jl(found):
+def test_times_equal_attractors_jl(basins):
     # Attractors.jl divides sums over a basin by all nine starts.
-    np.testing.assert_allclose(found.mean_steps * [2 / 3, 1 / 3], [5 / 9, 2 / 9])
-    np.testing.assert_allclose(dynamics.basin_stability(found, within=0.5), [1 / 9, 1 / 9])
+    np.testing.assert_allclose(basins.mean_steps * [2 / 3, 1 / 3], [5 / 9, 2 / 9])
+    np.testing.assert_allclose(dynamics.basin_stability(basins, within=0.5), [1 / 9, 1 / 9])
 
 
 def test_convergence_times_equal_those_of_a_flow():
@@ -134,11 +134,11 @@ def test_exponent_and_entropy_of_fractal_boundary_equal_attractors_jl():
     assert 0.59 < mixed < 0.62
 
 
-def test_overlap_of_a_basin_with_itself_is_1(found):
-    np.testing.assert_allclose(dynamics.overlap(found, found), np.eye(2))
+def test_overlap_of_a_basin_with_itself_is_1(basins):
+    np.testing.assert_allclose(dynamics.overlap(basins, basins), np.eye(2))
     other = dynamics.basins(lambda x, p: x, Box([0], [1], [2]))
     with pytest.raises(ValueError, match="the same box"):
-        dynamics.overlap(found, other)
+        dynamics.overlap(basins, other)
 
 
 def test_attractors_are_matched_by_place():

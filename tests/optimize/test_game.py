@@ -58,17 +58,17 @@ def best_by_corners(leader, follower, prior):
     return best
 
 
-def assert_consistent(leader, follower, prior, found):
-    weights, answer = np.asarray(found.weights), np.asarray(found.answer)
+def assert_consistent(leader, follower, prior, solution):
+    weights, answer = np.asarray(solution.weights), np.asarray(solution.answer)
     assert (weights >= 0).all()
     assert weights.sum() == pytest.approx(1, abs=1e-12)
     leader = np.broadcast_to(leader, follower.shape)
     replies = weights @ follower
     each = np.arange(len(answer))
     assert (replies[each, answer] >= replies.max(axis=1) - 1e-5).all()
-    np.testing.assert_allclose(found.follower_value, replies[each, answer], atol=1e-12)
-    assert found.value == pytest.approx(prior @ (weights @ leader)[each, answer], abs=1e-12)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    np.testing.assert_allclose(solution.follower_value, replies[each, answer], atol=1e-12)
+    assert solution.value == pytest.approx(prior @ (weights @ leader)[each, answer], abs=1e-12)
+    assert solution.certificate.outcome is Outcome.CONVERGED
 
 
 @given(games())
@@ -86,10 +86,10 @@ def test_both_methods_agree_on_larger_games(seed):
     draw = np.random.default_rng(seed)
     leader, follower = draw.normal(size=(6, 5)), draw.normal(size=(3, 6, 5))
     prior = draw.dirichlet(np.ones(3))
-    found = [stackelberg(leader, follower, prior, method=method) for method in METHODS]
-    assert found[0].value == pytest.approx(found[1].value, abs=1e-8)
-    assert found[0].answer.tolist() == found[1].answer.tolist()
-    for one in found:
+    solution = [stackelberg(leader, follower, prior, method=method) for method in METHODS]
+    assert solution[0].value == pytest.approx(solution[1].value, abs=1e-8)
+    assert solution[0].answer.tolist() == solution[1].answer.tolist()
+    for one in solution:
         assert_consistent(leader, follower, prior, one)
 
 

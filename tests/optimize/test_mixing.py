@@ -18,17 +18,17 @@ def second_modulus(matrix):
     return float(np.sort(np.abs(np.linalg.eigvals(matrix)))[-2])
 
 
-def check_chain(graph, found, stationary):
-    np.testing.assert_allclose(found.transition.sum(axis=1), 1, atol=1e-12)
-    assert found.transition.min() >= 0
-    flow = stationary[:, None] * found.transition
+def check_chain(graph, walk, stationary):
+    np.testing.assert_allclose(walk.transition.sum(axis=1), 1, atol=1e-12)
+    assert walk.transition.min() >= 0
+    flow = stationary[:, None] * walk.transition
     np.testing.assert_allclose(flow, flow.T, atol=1e-14)
     tail, head = graph.edges.T
-    np.testing.assert_allclose(flow[tail, head], found.weights, atol=1e-14)
-    np.testing.assert_allclose(np.diag(flow), found.holding, atol=1e-14)
+    np.testing.assert_allclose(flow[tail, head], walk.weights, atol=1e-14)
+    np.testing.assert_allclose(np.diag(flow), walk.holding, atol=1e-14)
     joined = graph.matrix(np.ones(len(tail))).toarray() + np.eye(graph.vertices)
-    assert not found.transition[joined == 0].any()
-    assert found.rate == pytest.approx(second_modulus(found.transition), abs=1e-9)
+    assert not walk.transition[joined == 0].any()
+    assert walk.rate == pytest.approx(second_modulus(walk.transition), abs=1e-9)
 
 
 def least_by_cvxpy(graph, stationary):

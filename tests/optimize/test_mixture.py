@@ -19,56 +19,56 @@ def problems(draw):
     return draw(matrices(rows, columns)), draw(matrices(rows, 1))[:, 0]
 
 
-def assert_optimal(A, b, found):
+def assert_optimal(A, b, optimum):
     """Checks the conditions of Karush, Kuhn and Tucker: none is better than the columns in use."""
-    x = np.asarray(found.weights)
+    x = np.asarray(optimum.weights)
     assert (x >= 0).all()
     assert x.sum() == pytest.approx(1, abs=1e-12)
     gradient = A.T @ (A @ x - b)
     scale = max(1.0, np.abs(A).max() ** 2)
     assert gradient[x > 0].max() - gradient.min() <= 1e-8 * scale
-    np.testing.assert_allclose(found.value, A @ x, rtol=1e-14, atol=1e-14)
-    assert found.distance == pytest.approx(np.linalg.norm(A @ x - b), abs=1e-12)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    np.testing.assert_allclose(optimum.value, A @ x, rtol=1e-14, atol=1e-14)
+    assert optimum.distance == pytest.approx(np.linalg.norm(A @ x - b), abs=1e-12)
+    assert optimum.certificate.outcome is Outcome.CONVERGED
 
 
 @given(problems())
 def test_is_optimal_and_equals_cvxpy(problem):
     A, b = problem
-    found = mixture(A, b)
-    assert_optimal(A, b, found)
+    optimum = mixture(A, b)
+    assert_optimal(A, b, optimum)
     x = cvxpy.Variable(A.shape[1])
     constraints = [x >= 0, cvxpy.sum(x) == 1]
     least = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(A @ x - b)), constraints)
     least.solve(solver="CLARABEL")
-    assert found.distance**2 == pytest.approx(least.value, rel=1e-6, abs=1e-6)
+    assert optimum.distance**2 == pytest.approx(least.value, rel=1e-6, abs=1e-6)
 
 
 def test_distributions_over_many_positions():
     draw = np.random.default_rng(0)
     A = draw.dirichlet(np.full(2000, 0.1), 40).T
     truth = draw.dirichlet(np.full(40, 0.05))
-    found = mixture(A, A @ truth)
-    np.testing.assert_allclose(found.weights, truth, atol=1e-9)
-    assert found.distance < 1e-12
+    optimum = mixture(A, A @ truth)
+    np.testing.assert_allclose(optimum.weights, truth, atol=1e-9)
+    assert optimum.distance < 1e-12
     uniform = np.full(2000, 1 / 2000)
     assert_optimal(A, uniform, mixture(A, uniform))
 
 
 def test_closed_forms():
     # The foot of the perpendicular from the origin on a segment.
-    found = mixture(np.array([[1.0, 3.0], [2.0, -2.0]]), np.zeros(2))
-    np.testing.assert_allclose(found.weights, [0.7, 0.3], rtol=1e-14)
+    optimum = mixture(np.array([[1.0, 3.0], [2.0, -2.0]]), np.zeros(2))
+    np.testing.assert_allclose(optimum.weights, [0.7, 0.3], rtol=1e-14)
     # Beyond the end of a segment.
-    found = mixture(np.array([[1.0, 3.0], [2.0, 3.0]]), np.zeros(2))
-    assert found.weights.tolist() == [1, 0]
-    assert found.distance == pytest.approx(5**0.5)
+    optimum = mixture(np.array([[1.0, 3.0], [2.0, 3.0]]), np.zeros(2))
+    assert optimum.weights.tolist() == [1, 0]
+    assert optimum.distance == pytest.approx(5**0.5)
     # One column.
     assert mixture(np.array([[4.0]]), np.array([1.0])).weights.tolist() == [1]
     # The target is a column.
-    found = mixture(np.eye(3), np.array([0.0, 1.0, 0.0]))
-    assert found.weights.tolist() == [0, 1, 0]
-    assert found.distance == 0
+    optimum = mixture(np.eye(3), np.array([0.0, 1.0, 0.0]))
+    assert optimum.weights.tolist() == [0, 1, 0]
+    assert optimum.distance == 0
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-6, 1e6, 1e150])
@@ -84,8 +84,8 @@ def test_columns_that_nearly_coincide():
     draw = np.random.default_rng(3)
     base = draw.random((30, 1))
     A = base + 1e-9 * draw.random((30, 12))
-    found = mixture(A, np.full(30, 1 / 30))
-    assert found.certificate.outcome is Outcome.CONVERGED
+    optimum = mixture(A, np.full(30, 1 / 30))
+    assert optimum.certificate.outcome is Outcome.CONVERGED
 
 
 @pytest.mark.parametrize(

@@ -27,19 +27,19 @@ def test_heat_has_two_classes_to_a_doubling():
 
 
 def test_the_recording_shows_the_policy(policy):
-    cells, found = policy.cells, read_back(policy, {"map": "a map"})
+    cells, recording = policy.cells, read_back(policy, {"map": "a map"})
     names = [*(f"coverage_{i}" for i in range(3)), "mixture", "target"]
     shares = [*np.asarray(policy.coverage), np.asarray(policy.mixture), np.asarray(policy.target)]
     scale = heat_scale(max(float(share.max()) for share in shares) * cells.positions)
     for name, share in zip(names, shares, strict=True):
-        picture = found.picture(f"/map/grid/{name}")
-        assert found.classes(f"/map/grid/{name}") == [one.label for one in scale.classes]
+        picture = recording.picture(f"/map/grid/{name}")
+        assert recording.classes(f"/map/grid/{name}") == [one.label for one in scale.classes]
         expected = heat_levels(scale, share * cells.positions)
         np.testing.assert_array_equal(picture[cells.free], expected)
         assert (picture[~cells.free] == 0).all()
 
     for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-        pictures = found.labels(f"/map/grid/angle_{i}/groups", "direction")
+        pictures = recording.labels(f"/map/grid/angle_{i}/groups", "direction")
         assert sorted(pictures) == list(range(cells.directions))
         shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)]).ravel()
         group = np.asarray(groups.group)
@@ -47,18 +47,18 @@ def test_the_recording_shows_the_policy(policy):
         likeliest = int(np.argmax(limiting.weights))
         assert set(shown[group == likeliest]) == {"on the likeliest persistent group"}
         assert all(len(set(shown[group == number])) == 1 for number in range(groups.count))
-        pictures = found.pictures("direction", f"/map/grid/angle_{i}/limiting")
+        pictures = recording.pictures("direction", f"/map/grid/angle_{i}/limiting")
         heat = (np.asarray(limiting.value) * cells.size).reshape(cells.directions, -1)
         scale = heat_scale(float(heat.max()))
         for k, picture in pictures.items():
             np.testing.assert_array_equal(picture[cells.free], heat_levels(scale, heat[k]))
 
-    bars, share = found.picture("/alpha/share"), 100 * np.asarray(policy.alpha)
+    bars, share = recording.picture("/alpha/share"), 100 * np.asarray(policy.alpha)
     heights = bars.sum(axis=0) / bars.shape[0] * share.max()
     np.testing.assert_allclose(heights[2::5], share, atol=share.max() / 250)
-    labels = found.static("/alpha/labels", "Points2D:labels")
+    labels = recording.static("/alpha/labels", "Points2D:labels")
     assert labels[: share.size] == [f"{one:g}" for one in policy.bounce_deg.tolist()]
-    text = found.text()
+    text = recording.text()
     assert f"| 90° | {100 * float(policy.alpha[1]):.4g} % |" in text
     assert "| map | a map |" in text
 
@@ -66,9 +66,9 @@ def test_the_recording_shows_the_policy(policy):
 def test_of_many_angles_those_with_the_largest_shares_have_maps(lab):
     bounces = np.radians(np.arange(0, 360, 45))
     many = coverage_policy(lab.cells, bounces, math.pi / 4, 0.6)
-    found = read_back(many)
-    shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in found.entities}
+    recording = read_back(many)
+    shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in recording.entities}
     assert len(shown) == 6
     alpha = np.asarray(many.alpha)
     assert alpha[sorted(shown)].min() >= np.delete(alpha, sorted(shown)).max()
-    assert "those of the 6 largest shares" in found.text()
+    assert "those of the 6 largest shares" in recording.text()

@@ -46,9 +46,9 @@ def watch():
 
 
 def test_summaries_say_where_positions_are(watch):
-    found = summary(watch)
-    assert found["gate"] == {"cell": 2, "x": 2.5, "y": 0.5}
-    assert found["night"] == {
+    data = summary(watch)
+    assert data["gate"] == {"cell": 2, "x": 2.5, "y": 0.5}
+    assert data["night"] == {
         "late": 3.0,
         "guards": [
             {"guard": 0, "post": {"cell": 1, "x": 1.5, "y": 0.5}, "seen": [0, 1]},
@@ -68,10 +68,10 @@ def test_zeros_have_no_sign():
 
     off = np.array([-0.0, 0.0, -1.0])
     for clock in (Clock(-0.0, off), Clock(0.0, off)):
-        found = dataset(clock)
-        checks = (found.attrs["check_late"], found.attrs["check_late_below_0"])
-        assert str([*checks, found.late.item()]) == "[0.0, 0.0, 0.0]"
-        assert str(found.off.values.tolist()) == "[0.0, 0.0, -1.0]"
+        data = dataset(clock)
+        checks = (data.attrs["check_late"], data.attrs["check_late_below_0"])
+        assert str([*checks, data.late.item()]) == "[0.0, 0.0, 0.0]"
+        assert str(data.off.values.tolist()) == "[0.0, 0.0, -1.0]"
         assert str(summary(clock)) == "{'late': 0.0, 'off': [0.0, 0.0, -1.0]}"
     assert np.signbit(off[0])
 
@@ -85,10 +85,10 @@ def test_tables_say_where_positions_are(watch, capsys):
 
 
 def test_parts_have_variables_and_checks_of_their_own(watch):
-    found = dataset(watch)
-    assert found.night_post.values.tolist() == [1, -1]
-    assert found.guard.values.tolist() == [0, 1]
-    assert found.attrs["check_night_late"] == 3.0
+    data = dataset(watch)
+    assert data.night_post.values.tolist() == [1, -1]
+    assert data.guard.values.tolist() == [0, 1]
+    assert data.attrs["check_night_late"] == 3.0
     late = dataclasses.replace(watch.night, late=6.0)
     with pytest.raises(RuntimeError, match="night_late is 6, expected at most 5"):
         dataset(dataclasses.replace(watch, night=late))
@@ -130,13 +130,13 @@ def test_the_summary_lists_several_parts():
 def test_the_dataset_has_single_numbers_of_parts_along_a_dimension():
     kept = dataclasses.replace(HOUSE)
     kept.__dict__["rooms"] = np.array([2, 40])
-    found = dataset(kept)
-    assert found.floor_height.dims == ("floor",)
-    assert found.floor_height.values.tolist() == [0, 2.5]
-    assert found.floor_height.attrs["long_name"] == "height of the floor"
-    assert "floor_rooms_area" not in found
+    data = dataset(kept)
+    assert data.floor_height.dims == ("floor",)
+    assert data.floor_height.values.tolist() == [0, 2.5]
+    assert data.floor_height.attrs["long_name"] == "height of the floor"
+    assert "floor_rooms_area" not in data
     # An unknown share, NaN, passes the check.
-    assert np.isnan(found.floor_lit[1])
+    assert np.isnan(data.floor_lit[1])
     bright = dataclasses.replace(HOUSE.floors[0], lit=1.5)
     wrong = dataclasses.replace(kept, floors=(HOUSE.floors[0], bright))
     wrong.__dict__["rooms"] = np.array([2, 2])

@@ -25,14 +25,14 @@ def leaving():
     return drift_of(sea(east, 0.1 * east, wet, angle=0.5), drift.DriftStep(2000, edge="exit"))
 
 
-def kinds(found, name, water):
+def kinds(recording, name, water):
     """The class of each cell in a picture of a recording."""
-    return found.picture(f"/map/grid/{name}")[water.row, water.column].astype(int)
+    return recording.picture(f"/map/grid/{name}")[water.row, water.column].astype(int)
 
 
-def labels(found, name, water):
+def labels(recording, name, water):
     """The label of each cell in a picture of a recording."""
-    return found.labels(f"/map/grid/{name}")[water.row, water.column]
+    return recording.labels(f"/map/grid/{name}")[water.row, water.column]
 
 
 def map_of(sea, number):
@@ -41,20 +41,20 @@ def map_of(sea, number):
 
 
 @pytest.fixture(scope="module")
-def found(gyres):
+def recording(gyres):
     recording = read_back(gyres, {"file": "a|b", "seed": 3})
     assert recording.size < 6_000_000
     return recording
 
 
-def test_the_recording_shows_groups(gyres, found):
-    assert found.timelines == {"minute", "date"}
+def test_the_recording_shows_groups(gyres, recording):
+    assert recording.timelines == {"minute", "date"}
     for layer, water in enumerate(gyres.waters):
         behaviour = gyres.layers[layer].behaviour
         rank = gyres.group_ranks[layer]
         group, part = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
-        assert found.classes(f"/map/grid/groups_{layer}")[0] == "land"
-        for cell, label in enumerate(labels(found, f"groups_{layer}", water)):
+        assert recording.classes(f"/map/grid/groups_{layer}")[0] == "land"
+        for cell, label in enumerate(labels(recording, f"groups_{layer}", water)):
             homes = () if group[cell] >= 0 else behaviour.transient.domiciles[part[cell]]
             if group[cell] >= 0:
                 expected = f"persistent group {rank[group[cell]]}"
@@ -78,8 +78,8 @@ def test_a_label_stands_deep_in_its_set_of_cells(gyres):
     assert np.hypot(row[at] - row[~ring], column[at] - column[~ring]).min() > 1.5
 
 
-def test_the_distribution_plays(gyres, found):
-    pictures = found.pictures("minute", "/map/grid/distribution_1")
+def test_the_distribution_plays(gyres, recording):
+    pictures = recording.pictures("minute", "/map/grid/distribution_1")
     water, chain = gyres.waters[1], gyres.layers[1].behaviour.chain.to_scipy()
     assert [*pictures][:3] == [0, 57, 113]
     share = np.full(water.cells, 1 / water.cells)
@@ -99,13 +99,13 @@ def asked(leaving):
     inside = np.stack([column < 3, column == 3])
     exchange = drift.Exchange.of(surface.behaviour, ["west", "strait"], inside, 2 * leaving.step)
     beaching = drift.Stranded.of(surface.water, surface.behaviour, 6000, afloat=2000.0)
-    found = dataclasses.replace(leaving, exchange=exchange, beaching=beaching)
-    return found, read_back(found, {})
+    sea = dataclasses.replace(leaving, exchange=exchange, beaching=beaching)
+    return sea, read_back(sea, {})
 
 
 def test_the_recording_shows_regions_and_their_exchange(asked):
-    found, shown = asked
-    exchange = found.exchange
+    sea, shown = asked
+    exchange = sea.exchange
     names = shown.static("/exchange/matrix/labels", "Points2D:labels")
     assert names == ["west", "strait", "west", "strait", "elsewhere", "off the map"]
     numbers = shown.static("/exchange/matrix/numbers", "Points2D:labels")
@@ -118,17 +118,17 @@ def test_the_recording_shows_regions_and_their_exchange(asked):
 
 
 def test_the_recording_shows_beaches_and_how_many_strand(asked):
-    found, shown = asked
-    water, beaching = found.waters[0], found.beaching
+    sea, shown = asked
+    water, beaching = sea.waters[0], sea.beaching
     np.testing.assert_array_equal(kinds(shown, "beached", water) > 1, drift.coast(water))
     ends = np.array(shown.static("/beaching/curve/share", "LineStrips2D:strips")[0])
     assert len(ends) == beaching.steps + 1
     assert np.ptp(ends[:, 1]) > 0
 
 
-def test_the_recording_shows_currents_and_drifters(gyres, found):
+def test_the_recording_shows_currents_and_drifters(gyres, recording):
     sea_map = map_of(gyres, 0)
-    arrows = found.over("minute", "/map/current_1", "Arrows2D:vectors")
+    arrows = recording.over("minute", "/map/current_1", "Arrows2D:vectors")
     # A day, and what comes until the drifters have gone on for 40 steps.
     assert list(arrows) == [60 * hour for hour in range(38)]
     water = gyres.waters[1]
@@ -139,7 +139,7 @@ def test_the_recording_shows_currents_and_drifters(gyres, found):
         along = shown / np.linalg.norm(shown, axis=1, keepdims=True)
         expected = np.stack([east, north], axis=1) / np.hypot(east, north)[:, None]
         np.testing.assert_allclose(along, expected, atol=2e-3)
-    places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
+    places = recording.over("minute", "/map/drifters_0/here", "Points2D:positions")
     assert len(places) == sea_map.clock.frames + 1
     first, last = (np.array(places[time]) for time in (0, sea_map.clock.last))
     for at in (first, last):
@@ -150,51 +150,53 @@ def test_the_recording_shows_currents_and_drifters(gyres, found):
     assert (last < sea_map.size).all()
 
 
-def test_the_recording_shows_times_deployment_and_reach(gyres, found):
+def test_the_recording_shows_times_deployment_and_reach(gyres, recording):
     sea_map = map_of(gyres, 0)
-    kind = kinds(found, "absorption_0", gyres.waters[0])
+    kind = kinds(recording, "absorption_0", gyres.waters[0])
     hours = np.asarray(gyres.layers[0].behaviour.hours)
     assert (kind[hours == 0] == 1).all()
     order = np.argsort(hours)
     assert (np.diff(kind[order]) >= 0).all()
-    marks = np.array(found.static("/map/deployment", "Points2D:positions"))
+    marks = np.array(recording.static("/map/deployment", "Points2D:positions"))
     np.testing.assert_allclose(marks, sea_map.xy(gyres.deployment.cells), rtol=1e-5)
-    stays = np.array(["stays" in label for label in labels(found, "reach_2", gyres.waters[2])])
+    stays = np.array(["stays" in label for label in labels(recording, "reach_2", gyres.waters[2])])
     np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reachable[0], 2))
-    text = found.text("/reach/text")
+    text = recording.text("/reach/text")
     assert f"| 10 m | {stays.sum()} |" in text
-    assert "| file | a&#124;b |" in found.text("/groups/text")
+    assert "| file | a&#124;b |" in recording.text("/groups/text")
     assert f"**{gyres.views.cells.size}** drifters" in (
-        found.text("/deployment/text").replace("\n", " ")
+        recording.text("/deployment/text").replace("\n", " ")
     )
-    assert len(found.static("/map/views/discs", "LineStrips2D:strips")) == gyres.views.cover.size
+    assert (
+        len(recording.static("/map/views/discs", "LineStrips2D:strips")) == gyres.views.cover.size
+    )
 
 
-def test_the_recording_shows_the_voyage(gyres, found):
+def test_the_recording_shows_the_voyage(gyres, recording):
     action = np.asarray(gyres.voyage.policy.action)
-    vectors = np.array(found.static("/space/policy/arrows", "Arrows3D:vectors"))
+    vectors = np.array(recording.static("/space/policy/arrows", "Arrows3D:vectors"))
     others = np.delete(np.arange(action.size), GOAL)
     assert (np.sign(np.round(vectors[:, 2], 6)) == -action[others]).all()
     assert (np.abs(vectors[action[others] == 0][:, :2]).sum(axis=1) > 0).all()
-    goal = np.array(found.static("/space/goal", "Points3D:positions"))
+    goal = np.array(recording.static("/space/goal", "Points3D:positions"))
     assert goal.shape == (1, 3)
     place = map_of(gyres, 1).xy(np.array([GOAL - 538]))[0]
     np.testing.assert_allclose(goal[0, :2], place, rtol=1e-5)
     assert goal[0, 2] < 0
     # Drifters start above one another, at the surface.
-    places = found.over("minute", "/space/drifters", "Points3D:positions")
+    places = recording.over("minute", "/space/drifters", "Points3D:positions")
     first = np.array(places[0])
     assert np.ptp(first[:, 2]) == 0
     assert np.ptp(first[:, :2], axis=0).max() < 1
-    text = found.text("/voyage/text")
+    text = recording.text("/voyage/text")
     assert "| surest | 100 % | 1,512 |" in text
 
 
 def test_a_sea_without_groups_start_or_goal_has_a_recording(leaving):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
-    found = read_back(leaving)
-    assert not {one for one in found.entities if "reach" in one or one.startswith("/space")}
-    places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
+    recording = read_back(leaving)
+    assert not {one for one in recording.entities if "reach" in one or one.startswith("/space")}
+    places = recording.over("minute", "/map/drifters_0/here", "Points2D:positions")
     counts = [0 if one is None else len(one) for one in places.values()]
     assert counts[0] == 27
     assert counts[-1] < counts[0]
@@ -202,12 +204,12 @@ def test_a_sea_without_groups_start_or_goal_has_a_recording(leaving):
     for at in places.values():
         square = np.floor(np.reshape(at or [], (-1, 2))).astype(int)
         assert (leaving.waters[0].number[square[:, 1], square[:, 0]] >= 0).all()
-    assert "| 0 m | 27 | 0 | none | 27 | 0 |" in found.text("/groups/text")
-    assert "leaves the map for sure" in found.classes("/map/grid/groups_0")
-    arrow = np.array(found.static("/map/frame/north", "Arrows2D:vectors"))[0]
+    assert "| 0 m | 27 | 0 | none | 27 | 0 |" in recording.text("/groups/text")
+    assert "leaves the map for sure" in recording.classes("/map/grid/groups_0")
+    arrow = np.array(recording.static("/map/frame/north", "Arrows2D:vectors"))[0]
     assert np.arctan2(arrow[0], arrow[1]) == pytest.approx(0.5)
     # Arrows are along the grid: the current, turned back by its angle.
-    (vectors,) = found.over("minute", "/map/current_0", "Arrows2D:vectors").values()
+    (vectors,) = recording.over("minute", "/map/current_0", "Arrows2D:vectors").values()
     angle = np.arctan2(*np.array(vectors)[0, ::-1])
     assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
 
@@ -218,13 +220,13 @@ def test_drifters_and_their_ways_around_the_earth():
     one = sea(np.full((3, columns), 1.0), np.zeros((3, columns)), dx=3e6, dy=3e6)
     column, row = np.meshgrid(np.arange(columns), np.arange(3))
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
-    found = read_back(drift_of(one, drift.DriftStep(3e6, edge="exit")))
-    places = found.over("day", "/map/drifters_0/here", "Points2D:positions")
+    recording = read_back(drift_of(one, drift.DriftStep(3e6, edge="exit")))
+    places = recording.over("day", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
     assert (x >= 0).all()
     assert (x <= 3000 * columns).all()
     assert (np.abs(np.diff(x, axis=0)) > 20_000).any()  # some go across the seam
-    trails = found.over("day", "/map/drifters_0/trail", "LineStrips2D:strips")
+    trails = recording.over("day", "/map/drifters_0/trail", "LineStrips2D:strips")
     for time, strips in trails.items():
         for number, strip in enumerate(strips):
             assert np.abs(np.diff(np.array(strip)[:, 0])).max(initial=0) < 3000
@@ -237,8 +239,8 @@ def test_all_cells_persistent():
     currents = sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1)))
     lone = drift_of(currents, drift.DriftStep(2000, spread="all"))
     assert lone.layers[0].transient_groups == 0
-    found = read_back(lone)
-    assert not {entity for entity in found.entities if "absorption" in entity}
+    recording = read_back(lone)
+    assert not {entity for entity in recording.entities if "absorption" in entity}
 
 
 def test_cells_that_take_almost_forever_are_shown():
@@ -251,10 +253,10 @@ def test_cells_that_take_almost_forever_are_shown():
     assert 0 < late.sum() < water.cells
     lone = drift_of(currents, drift.DriftStep(3600))
     np.testing.assert_array_equal(lone.layers[0].almost_forever, late)
-    found = read_back(lone)
-    shown = np.char.startswith(labels(found, "absorption_0", water), "almost forever")
+    recording = read_back(lone)
+    shown = np.char.startswith(labels(recording, "absorption_0", water), "almost forever")
     np.testing.assert_array_equal(shown, late)
-    text = found.text("/absorption/text")
+    text = recording.text("/absorption/text")
     assert f"| {late.sum()} |" in text
     assert "take what holds" in text.replace("\n", " ")
 
@@ -271,21 +273,21 @@ def test_many_groups_have_few_colours():
     east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
     lone = drift_of(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
     assert lone.layers[0].persistent_groups > 200
-    found = read_back(lone)
-    classes = found.classes("/map/grid/groups_0")
+    recording = read_back(lone)
+    classes = recording.classes("/map/grid/groups_0")
     assert len(classes) <= 255
     assert "a smaller persistent group" in classes
-    assert lone.layers[0].warning in found.text("/groups/text")
+    assert lone.layers[0].warning in recording.text("/groups/text")
 
 
 def test_nearly_closed_sets_are_in_the_recording(leaving):
     chains = [layer.behaviour.chain for layer in leaving.layers]
     sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
-    found = dataclasses.replace(leaving, nearly_closed_sets=sets)
+    recording = dataclasses.replace(leaving, nearly_closed_sets=sets)
     number = sets.number[0]
     assert ((number == -2) == ~leaving.currents.water.values[0]).all()
     assert [(number == rank).sum() for rank in sets.rank] == sets.size.tolist()
-    recorded = read_back(found, {})
+    recorded = read_back(recording, {})
     shown = kinds(recorded, "nearly_closed_0", leaving.waters[0])
     # 0 is land and 1 is in no set.
     np.testing.assert_array_equal(np.unique(shown), np.unique(number[number > -2] + 2))

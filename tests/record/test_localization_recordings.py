@@ -26,14 +26,14 @@ MOST_ARROWS = 400
 
 @pytest.fixture(scope="module")
 def lab_run(lab):
-    found = lab.localized(100)
-    return found.run, read_back(found)
+    localization = lab.localized(100)
+    return localization.run, read_back(localization)
 
 
 @pytest.fixture(scope="module")
 def hall_run(hall):
-    found = hall.localized(7)
-    return found.run, read_back(found)
+    localization = hall.localized(7)
+    return localization.run, read_back(localization)
 
 
 @pytest.fixture(params=["lab", "hall"])
@@ -177,22 +177,22 @@ def test_a_robot_that_cannot_move():
 @pytest.fixture(scope="module")
 def adaptive(lab):
     policy = localization_policy(lab.cells, np.radians([45, 135]), motion=lab.motion)
-    found = AdaptivelyLocalized.of(policy, 151)
-    return found, read_back(found)
+    localization = AdaptivelyLocalized.of(policy, 151)
+    return localization, read_back(localization)
 
 
 def test_a_policy_shows_the_turn_at_each_bump_and_its_state(adaptive):
-    found, recorded = adaptive
+    localization, recorded = adaptive
     labels = recorded.over("step", "/map/turn", "Points2D:labels")
     said = [one for time in sorted(labels) for one in labels[time]]
-    turns = found.bounce_deg[found.turned_by[found.turned_by >= 0]]
+    turns = localization.bounce_deg[localization.turned_by[localization.turned_by >= 0]]
     assert said == [f"bump {i}: turn by {turn:g}°" for i, turn in enumerate(turns, 1)]
-    assert len(said) == found.run.bumps - 1
+    assert len(said) == localization.run.bumps - 1
     bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
-    assert bumps[max(bumps)] == [found.run.bumps]
+    assert bumps[max(bumps)] == [localization.run.bumps]
     for time, row in recorded.over("step", "/tree/graph", "GraphNodes:colors").items():
         (state,) = (i for i, color in enumerate(row) if color == packed(CURRENT))
-        assert state == found.run.states[time]
+        assert state == localization.run.states[time]
     labels = recorded.static("/tree/legend/text", "Points2D:labels")
     assert {"its trail", "the start, until the first bump"} <= set(labels)
 
@@ -213,7 +213,7 @@ def test_a_large_policy_is_a_tree_with_the_run(adaptive, monkeypatch):
 @pytest.mark.parametrize("heading", ["known", "unknown"])
 def test_a_robot_that_starts_anywhere_is_on_a_stretch_after_each_bump(heading):
     small = {"heading": heading, "robots": 1, "bumps": 8, "slices": 72, "directions": 8}
-    found = Localize(map=bundled("lab_a"), bounce=135.0, anywhere=True, **small).run()
-    for bump, place in zip(found.bump.tolist(), found.trial.place[0], strict=True):
-        walls = shapely.linestrings(stretches(found, bump))
+    localization = Localize(map=bundled("lab_a"), bounce=135.0, anywhere=True, **small).run()
+    for bump, place in zip(localization.bump.tolist(), localization.trial.place[0], strict=True):
+        walls = shapely.linestrings(stretches(localization, bump))
         assert shapely.distance(walls, shapely.Point(place)).min() < 1e-4

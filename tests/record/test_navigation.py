@@ -21,7 +21,7 @@ def cells():
 
 
 @pytest.fixture(scope="module")
-def found(cells):
+def planned(cells):
     """A plan that begins with a step, changes its angle, and bumps twice in a place."""
     made = plan(cells, BOUNCES, 164, 37)
     assert made.changes
@@ -31,8 +31,8 @@ def found(cells):
 
 
 @pytest.fixture(scope="module")
-def recorded(cells, found):
-    return read_back(found, {"bounces_deg": [45, 90, 135]})
+def recorded(cells, planned):
+    return read_back(planned, {"bounces_deg": [45, 90, 135]})
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +50,13 @@ def test_the_dataset_says_that_there_is_no_path(split):
     assert data.reaches.values.sum() == split.reaching.sum() > 0
 
 
-def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
-    x, y, _ = cells.centre(found.visited)
+def test_runs_are_arrows_in_the_colours_of_their_angles(cells, planned, recorded):
+    x, y, _ = cells.centre(planned.visited)
     origins = np.array(recorded.static("/map/plan/runs", "Arrows2D:origins"))
     vectors = np.array(recorded.static("/map/plan/runs", "Arrows2D:vectors"))
     colors = recorded.static("/map/plan/runs", "Arrows2D:colors")
     expected, colored, began, turn = [], [], 0, None
-    for time, action in enumerate([*found.actions.tolist(), -1.0]):
+    for time, action in enumerate([*planned.actions.tolist(), -1.0]):
         if action != 0:
             if time > began:
                 expected.append((x[began], y[began], x[time] - x[began], y[time] - y[began]))
@@ -72,20 +72,20 @@ def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
     assert colors[0] == packed(TRAIL)
 
 
-def test_bumps_are_marked_and_told(cells, found, recorded):
-    bumps = np.flatnonzero(found.actions != 0)
+def test_bumps_are_marked_and_told(cells, planned, recorded):
+    bumps = np.flatnonzero(planned.actions != 0)
     places = np.array(recorded.static("/map/plan/bumps", "Points2D:positions"))
-    np.testing.assert_allclose(places, poses_of(cells, found.visited[bumps])[:, :2])
+    np.testing.assert_allclose(places, poses_of(cells, planned.visited[bumps])[:, :2])
     colors = recorded.static("/map/plan/bumps", "Points2D:colors")
-    pairs = set(zip(found.turns.tolist(), colors, strict=True))
-    assert len(pairs) == found.angles_used == len({color for _, color in pairs})
+    pairs = set(zip(planned.turns.tolist(), colors, strict=True))
+    assert len(pairs) == planned.angles_used == len({color for _, color in pairs})
     radii = recorded.static("/map/plan/bumps", "Points2D:radii")
     for i, j in itertools.pairwise(bumps):
         if j == i + 1:
             first, second = (radii[np.searchsorted(bumps, k)] for k in (i, j))
             assert second < first, "the second dot hides the first"
     labels = recorded.over("step", "/map/turn", "Points2D:labels")
-    for time, action in enumerate(found.actions):
+    for time, action in enumerate(planned.actions):
         if action:
             (label,) = labels[time]
             assert label.endswith(f"turn by {np.rad2deg(action):g}°")
@@ -93,8 +93,8 @@ def test_bumps_are_marked_and_told(cells, found, recorded):
             assert not labels[time]
 
 
-def test_start_and_goal_are_marked(cells, found, recorded):
-    for name, cell in (("start", found.start), ("goal", found.goal)):
+def test_start_and_goal_are_marked(cells, planned, recorded):
+    for name, cell in (("start", planned.start), ("goal", planned.goal)):
         x, y, theta = cells.centre(cell)
         centre = recorded.static(f"/map/{name}/frame", "Boxes2D:centers")
         np.testing.assert_allclose(centre, [(x, y)])
@@ -103,8 +103,8 @@ def test_start_and_goal_are_marked(cells, found, recorded):
         np.testing.assert_allclose(np.exp(1j * np.arctan2(dy, dx)), np.exp(1j * theta), atol=1e-6)
 
 
-def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
-    reaches = found.reaching.reshape(cells.directions, -1)
+def test_the_pictures_show_from_where_the_goal_is_reached(cells, planned, recorded):
+    reaches = planned.reaching.reshape(cells.directions, -1)
     heat = recorded.labels("/map/grid/heat")
     labels = [f"from {n} of 8 headings" if n else "from no heading" for n in reaches.sum(axis=0)]
     assert heat[cells.free].tolist() == labels
@@ -113,7 +113,7 @@ def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded
     shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)])
     np.testing.assert_array_equal(shown, np.where(reaches, "from here", "not from here"))
     # On the way, the picture is that of the heading of the robot.
-    headings = found.visited // cells.positions
+    headings = planned.visited // cells.positions
     on_the_way = recorded.labels("/map/grid/heading", "step")
     assert list(on_the_way) == [0, *(1 + np.flatnonzero(np.diff(headings))).tolist()]
     for time, picture in on_the_way.items():
@@ -135,15 +135,15 @@ def test_without_a_path_there_is_a_heat_map(split):
     assert "There is no path" in text
 
 
-def test_the_text_tells_the_plan(found, recorded):
+def test_the_text_tells_the_plan(planned, recorded):
     text = recorded.text()
-    assert f"cost **{found.cost}**" in text
+    assert f"cost **{planned.cost}**" in text
     word = text.split("`")[1]
     actions = []
     for part in word.split(", "):
         count, _, unit = part.partition(" ")
         actions += [0.0] * int(count) if unit else [np.deg2rad(float(part.rstrip("°")))]
-    np.testing.assert_allclose(actions, found.actions)
+    np.testing.assert_allclose(actions, planned.actions)
     assert "bounces_deg" in text
 
 

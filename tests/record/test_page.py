@@ -27,9 +27,11 @@ def logged(log):
 
 def test_a_label_stands_beside_its_color_however_long_it_is():
     names = "sea", "a vertex, larger with more time there"
-    found = logged(lambda stream: log_legend(stream, "legend", [(one, FREE) for one in names]))
-    at = np.array(found.static("/legend/text", "Points2D:positions"))[:, 0]
-    lines = np.array(found.static("/legend/swatch", "LineStrips2D:strips"))
+    logged_page = logged(
+        lambda stream: log_legend(stream, "legend", [(one, FREE) for one in names])
+    )
+    at = np.array(logged_page.static("/legend/text", "Points2D:positions"))[:, 0]
+    lines = np.array(logged_page.static("/legend/swatch", "LineStrips2D:strips"))
     assert len(lines) == 2
     # The viewer centres a label, with letters some 6 points wide and a row 40 points high at most.
     begins = at - np.array([len(one) for one in names]) * 6 / 40 / 2
@@ -41,13 +43,13 @@ def test_levels_of_a_scale_make_one_bar_of_colors():
     legend = scale.legend()
     assert [label for label, _ in legend] == ["8 h", "6 h", "4 h", "2 h", "0 h", "never"]
     assert [isinstance(one, Level) for one in legend] == [True] * 5 + [False]
-    found = logged(lambda stream: log_legend(stream, "legend", legend))
-    height = np.array(found.static("/legend/swatch", "LineStrips2D:strips"))[:, 0, 1]
+    logged_page = logged(lambda stream: log_legend(stream, "legend", legend))
+    height = np.array(logged_page.static("/legend/swatch", "LineStrips2D:strips"))[:, 0, 1]
     *bar, last = height.tolist()
     assert last == 5
     np.testing.assert_allclose(np.diff(bar), bar[1] - bar[0], rtol=1e-5)
     assert (bar[0] + bar[-1]) / 2 == 2
-    colors = found.static("/legend/swatch", "LineStrips2D:colors")
+    colors = logged_page.static("/legend/swatch", "LineStrips2D:colors")
     assert len(set(colors[:-1])) > 20
 
 
@@ -70,8 +72,8 @@ def test_levels_of_whole_numbers_are_named_by_those_that_they_hold(least, most, 
 def test_a_text_has_a_tab_for_each_section():
     views = []
     text = "# A run\n\nIt moves.\n\n## How to look\n\n- **dots**\n\n## Made with\n\na map"
-    found = logged(lambda stream: views.append(log_text(stream, "text", text)))
-    assert found.text() == text
+    logged_page = logged(lambda stream: views.append(log_text(stream, "text", text)))
+    assert logged_page.text() == text
     (tabs,) = views
     assert [one.name for one in tabs.contents] == ["What you see", "How to look", "Made with"]
     assert isinstance(
@@ -80,19 +82,19 @@ def test_a_text_has_a_tab_for_each_section():
 
 
 def test_a_tab_needs_no_text():
-    found = logged(lambda stream: log_tab(stream, "", "Tab", [], "", [("sea", FREE)]))
+    logged_page = logged(lambda stream: log_tab(stream, "", "Tab", [], "", [("sea", FREE)]))
     assert not any(
-        "text" in one.removeprefix("/legend") for one in found.entities - {"/legend/text"}
+        "text" in one.removeprefix("/legend") for one in logged_page.entities - {"/legend/text"}
     )
 
 
 def test_a_matrix_of_one_number():
     legends, values = [], np.array([[2.0, np.nan]])
     matrix = "m", "times", values, ["a"], ["b", "c"], "steps"
-    found = logged(lambda stream: legends.append(log_matrix(stream, *matrix)[1]))
+    logged_page = logged(lambda stream: legends.append(log_matrix(stream, *matrix)[1]))
     assert [label for label, _ in legends[0]] == ["2 steps"]
-    assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c"]
-    assert found.static("/m/numbers", "Points2D:labels") == ["2"]
+    assert logged_page.static("/m/labels", "Points2D:labels") == ["a", "b", "c"]
+    assert logged_page.static("/m/numbers", "Points2D:labels") == ["2"]
 
 
 @pytest.mark.parametrize(("most", "end"), [(1, 10.5), (2.0, 2.1), (40, 42.0), (0.5, 1.05)])

@@ -56,37 +56,37 @@ def nearest(graph, places):
 
 
 def test_the_text_names_strategy_attack_and_capture(eight):
-    found = patrol_of(eight[0], names=eight[1], attack_time=4)
-    text = read_back(found, {"strategy": "capture", "attack_time": 4}).text()
-    place = int(np.argmin(found.captured))
+    recording = patrol_of(eight[0], names=eight[1], attack_time=4)
+    text = read_back(recording, {"strategy": "capture", "attack_time": 4}).text()
+    place = int(np.argmin(recording.captured))
     assert "The strategy is **capture**." in text
     assert "An attack takes **4 steps**." in text
-    assert f"**{found.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
+    assert f"**{recording.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
 
 
 def test_the_dataset_holds_the_walk(eight, weights, patrol):
     graph, names = eight
     times = times_by_solves(walk_on(graph, weights))
-    found = dataset(patrol)
-    np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
-    np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
-    np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
-    np.testing.assert_allclose(found.weight, weights, atol=1e-12)
-    assert found.edges_used == (weights > 1e-6).sum()
-    assert found.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
+    recording = dataset(patrol)
+    np.testing.assert_allclose(recording.hitting_time, times, rtol=1e-9)
+    np.testing.assert_allclose(recording.commute_time, times + times.T, rtol=1e-9)
+    np.testing.assert_allclose(recording.mean_time_to, times.sum(axis=0) / 7)
+    np.testing.assert_allclose(recording.weight, weights, atol=1e-12)
+    assert recording.edges_used == (weights > 1e-6).sum()
+    assert recording.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
     np.testing.assert_allclose(
-        found.probabilities[:, 0],
-        found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
+        recording.probabilities[:, 0],
+        recording.transition.sel(start=recording.ends[:, 0], target=recording.ends[:, 1]),
     )
-    np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
+    np.testing.assert_array_equal(np.stack([recording.x, recording.y], axis=1), graph.xy)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():
     graph = Graph([[0, 1], [1, 2]])
-    found = dataset(patrol_of(graph))
-    assert found.vertex.values.tolist() == ["0", "1", "2"]
-    assert "x" not in found.coords
-    assert found.slem == 1
+    recording = dataset(patrol_of(graph))
+    assert recording.vertex.values.tolist() == ["0", "1", "2"]
+    assert "x" not in recording.coords
+    assert recording.slem == 1
 
 
 @pytest.mark.parametrize(
@@ -106,22 +106,22 @@ def test_a_walk_that_contradicts_itself_is_refused(with_game, field, wrong, chec
 
 def test_the_recording_shows_the_walk(eight, weights, patrol):
     graph, names = eight
-    found = read_back(patrol, {"graph": "a|b"})
-    np.testing.assert_allclose(found.static("/graph/idle", "Points2D:positions"), graph.xy)
-    assert found.static("/graph/names", "Points2D:labels") == list(names)
+    recording = read_back(patrol, {"graph": "a|b"})
+    np.testing.assert_allclose(recording.static("/graph/idle", "Points2D:positions"), graph.xy)
+    assert recording.static("/graph/names", "Points2D:labels") == list(names)
 
     # The edges by their weights.
-    ends = np.array(found.static("/graph/shares", "LineStrips2D:strips"))
+    ends = np.array(recording.static("/graph/shares", "LineStrips2D:strips"))
     np.testing.assert_allclose(ends, graph.xy[graph.edges])
-    radii = np.array(found.static("/graph/shares", "LineStrips2D:radii"))
+    radii = np.array(recording.static("/graph/shares", "LineStrips2D:radii"))
     np.testing.assert_array_equal(
         np.argsort(np.round(radii, 6), kind="stable"),
         np.argsort(np.round(weights, 6), kind="stable"),
     )
 
     # The halves of the edges by the probabilities.
-    halves = np.array(found.static("/graph/next", "LineStrips2D:strips"))
-    labels = found.static("/graph/chances", "Points2D:labels")
+    halves = np.array(recording.static("/graph/next", "LineStrips2D:strips"))
+    labels = recording.static("/graph/chances", "Points2D:labels")
     begin, middle = halves.swapaxes(0, 1)
     tails, heads = nearest(graph, begin), nearest(graph, begin + (middle - begin) / 0.48)
     chances = patrol.transition[tails, heads]
@@ -131,13 +131,13 @@ def test_the_recording_shows_the_walk(eight, weights, patrol):
     neighbours = {frozenset(edge) for edge in graph.edges.tolist()}
     walks = []
     for robot in range(2):
-        places = found.over("step", f"/graph/patrollers/{robot}/here", "Points2D:positions")
+        places = recording.over("step", f"/graph/patrollers/{robot}/here", "Points2D:positions")
         here = nearest(graph, np.concatenate([*places.values()])).tolist()
         assert all(frozenset(step) in neighbours for step in itertools.pairwise(here))
         walks.append(here)
     assert walks[0] != walks[1]
-    colors = found.over("step", "/graph/idle", "Points2D:colors")
-    longest = found.over("step", "/walk/longest", "Scalars:scalars")
+    colors = recording.over("step", "/graph/idle", "Points2D:colors")
+    longest = recording.over("step", "/walk/longest", "Scalars:scalars")
     assert len(colors) == len(longest) == len(walks[0]) == 1001
     yellow = packed(ramp(np.ones(1))[0].tolist())
     last = np.zeros(graph.vertices, int) - 1
@@ -147,7 +147,7 @@ def test_the_recording_shows_the_walk(eight, weights, patrol):
         assert longest[time] == [(time - last).max()]
 
     # The heat map, with the means below.
-    shown = found.picture("/times/matrix/heat")
+    shown = recording.picture("/times/matrix/heat")
     times = patrol.hitting_time
     assert (np.diag(shown) == 1).all()
     off = ~np.eye(8, dtype=bool)
@@ -156,11 +156,11 @@ def test_the_recording_shows_the_walk(eight, weights, patrol):
     assert shown[:8][off].min() == 2
     assert shown[:8][off].max() == 33
 
-    text = found.text()
+    text = recording.text()
     assert "| mean commute time over pairs of vertices | 18.6" in text
     assert "| 7 | 19.47 % | 4.9" in text
     assert "| graph | a&#124;b |" in text
-    assert not any(one.startswith("/game/") for one in found.entities)
+    assert not any(one.startswith("/game/") for one in recording.entities)
 
 
 def test_the_recording_shows_who_waits_how_long(eight):
@@ -168,20 +168,20 @@ def test_the_recording_shows_who_waits_how_long(eight):
     patrol = patrol_of(graph, names=names)
     news = age_of_news(graph, patrol.matrices, 1, names=names)
     kept = charged(graph, patrol.matrices, 1, 8, names=names)
-    found = read_back(dataclasses.replace(patrol, news=news, charged=kept))
+    recording = read_back(dataclasses.replace(patrol, news=news, charged=kept))
     times = [1 / patrol.stationary, news.mean_age, kept.idleness]
     most = np.max(times)
     for number, shown in enumerate(times):
-        labels = found.static(f"/graph/waits/{number}", "Points2D:labels")
+        labels = recording.static(f"/graph/waits/{number}", "Points2D:labels")
         assert labels == [f"{one:.3g} steps" for one in shown]
-        colors = found.static(f"/graph/waits/{number}", "Points2D:colors")
+        colors = recording.static(f"/graph/waits/{number}", "Points2D:colors")
         assert colors == [packed(color) for color in ramp(1 - shown / most).tolist()]
     # The curve of each vertex rises with the age, in a plane whose y points down.
     for vertex in range(graph.vertices):
-        (curve,) = found.static(f"/waits/news/{vertex}", "LineStrips2D:strips")
+        (curve,) = recording.static(f"/waits/news/{vertex}", "LineStrips2D:strips")
         height = -np.array(curve)[:, 1] / 90
         np.testing.assert_allclose(height, news.known[: len(height), vertex], atol=1e-6)
-    bars = found.picture("/waits/charges/interval")
+    bars = recording.picture("/waits/charges/interval")
     assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
     assert "/waits/news/0" not in read_back(patrol).entities
 
@@ -198,26 +198,26 @@ def test_recorded_patrollers_walk_with_their_memory():
         memory_patrol(line, 4, 1, matrices, names="abc"), memory=2, chance=there[None]
     )
     patrol = GraphPatrol.of(line, plain, names="abc", walks_with_memory=walks_with_memory)
-    found = read_back(patrol)
-    assert "| memory 1 | 75 %" in found.text()
-    shares = found.static("/graph/vertices", "Points2D:labels")
+    recording = read_back(patrol)
+    assert "| memory 1 | 75 %" in recording.text()
+    shares = recording.static("/graph/vertices", "Points2D:labels")
     assert shares == [f"{share} % of the time" for share in (25, 50, 25)]
-    idle = found.over("step", "/graph/idle", "Points2D:colors")
+    idle = recording.over("step", "/graph/idle", "Points2D:colors")
     assert len({tuple(idle[step]) for step in range(100, 200)}) == 4
 
 
 def test_the_recording_shows_the_game(with_game, game):
-    found = read_back(with_game)
-    text = found.text("/game/text")
+    recording = read_back(with_game)
+    text = recording.text("/game/text")
     assert "| vertex that it attacks | 2 |" in text
     assert "| payoff of the patroller | 7.689" in text
     assert "| all vertices |" in text
     assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
     payoffs = {"patroller": game.patroller_payoff, "adversary": game.adversary_payoff}
     for who, payoff in payoffs.items():
-        labels = found.static(f"/game/{who}/labels", "Points2D:labels")
+        labels = recording.static(f"/game/{who}/labels", "Points2D:labels")
         assert labels[:10] == game.strategy
-        numbers = found.static(f"/game/{who}/numbers", "Points2D:labels")
+        numbers = recording.static(f"/game/{who}/numbers", "Points2D:labels")
         assert numbers == [f"{one:.3g}" for one in payoff.ravel()]
 
 
@@ -226,10 +226,10 @@ def test_a_walk_that_turns_one_way_and_waits():
     graph = Graph([[0, 1], [1, 2], [2, 0]], xy=[[0, 0], [1, 0], [0, 1]])
     chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1.0], [1.0, 0, 0]]))
     patrol = GraphPatrol.of(graph, chain)
-    found = read_back(patrol)
-    labels = found.static("/graph/chances", "Points2D:labels")
+    recording = read_back(patrol)
+    labels = recording.static("/graph/chances", "Points2D:labels")
     assert labels == ["0.500", "1.000", "1.000", "0.000", "0.000", "0.000"]
-    assert found.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
+    assert recording.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
     np.testing.assert_allclose(dataset(patrol).weight, [0.25, 0.25, 0.25])
 
 
@@ -239,12 +239,12 @@ def test_a_large_graph_makes_a_small_file():
     ends = (at[:, :-1], at[:, 1:]), (at[:-1], at[1:])
     edges = np.concatenate([np.stack([one.ravel() for one in pair], axis=1) for pair in ends])
     graph = Graph(edges, xy=np.argwhere(at >= 0))
-    found = read_back(patrol_of(graph))
-    assert found.size < 5_000_000
-    text = found.text()
+    recording = read_back(patrol_of(graph))
+    assert recording.size < 5_000_000
+    text = recording.text()
     assert "| 340 more |  |  |" in text
     assert "| steps until within 1/4 of the shares of time | never |" in text
-    assert not {"/times/matrix/labels", "/times/matrix/numbers"} & found.entities
+    assert not {"/times/matrix/labels", "/times/matrix/numbers"} & recording.entities
 
 
 @pytest.mark.parametrize("xy", [None, [[1, 1], [1, 1]]])

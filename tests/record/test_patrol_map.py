@@ -43,7 +43,7 @@ def based(patrol):
 
 
 @pytest.fixture(scope="module")
-def found(alone):
+def recording(alone):
     return read_back(alone, {"map": "a|b"})
 
 
@@ -53,9 +53,9 @@ def on_cells(patrol, picture):
     return picture[patrol.cells.free]
 
 
-def places(patrol, found, entity):
+def places(patrol, recording, entity):
     """The cell of a robot by time."""
-    shown = found.over("step", entity, "Points2D:positions")
+    shown = recording.over("step", entity, "Points2D:positions")
     x, y = np.concatenate(list(shown.values())).T
     return patrol.cells.index(x.astype(float), y.astype(float)) % patrol.cells.positions
 
@@ -63,23 +63,25 @@ def places(patrol, found, entity):
 def test_the_dataset_holds_the_walks_and_a_map_of_capture(alone, tmp_path):
     file = tmp_path / "patrol.nc"
     save_dataset(dataset(alone), file)
-    with xr.open_dataset(file) as found:
-        np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), alone.xy)
+    with xr.open_dataset(file) as recording:
+        np.testing.assert_array_equal(np.stack([recording.x, recording.y], axis=1), alone.xy)
         for robot, policy in enumerate(alone.policies):
-            cover = found.cover.values[robot]
+            cover = recording.cover.values[robot]
             np.testing.assert_array_equal(cover[cover >= 0], policy.cover)
-            np.testing.assert_array_equal(found.weight[robot], policy.weights)
+            np.testing.assert_array_equal(recording.weight[robot], policy.weights)
             # The walk can be rebuilt from its branches.
             P = np.zeros((alone.cells.positions,) * 2)
-            for image, chance in zip(found.image[robot], found.probability[robot], strict=True):
+            for image, chance in zip(
+                recording.image[robot], recording.probability[robot], strict=True
+            ):
                 used = image.values >= 0
                 np.add.at(P, (np.flatnonzero(used), image.values[used]), chance.values[used])
             np.testing.assert_allclose(P, policy.chain.to_scipy().toarray(), atol=1e-15)
         law = alone.attack.fit.law
-        fitted = [float(found[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)]
+        fitted = [float(recording[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)]
         assert fitted == pytest.approx([law.l1, law.l2, law.l3, law.l4])
-        assert "regions_region" not in found
-        picture = found.captures_probability.set_index(position=("y", "x")).unstack()
+        assert "regions_region" not in recording
+        picture = recording.captures_probability.set_index(position=("y", "x")).unstack()
         assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
@@ -134,42 +136,42 @@ def test_many_robots_are_shown_for_less_long(alone):
     assert simulate_attacks(many, 0).place.shape == (121, 100)
 
 
-def test_the_recording_shows_the_patrol(alone, found):
+def test_the_recording_shows_the_patrol(alone, recording):
     attacks = simulate_attacks(alone, 4)
     for robot in range(2):
-        here = places(alone, found, f"/map/robots/{robot}/here")
+        here = places(alone, recording, f"/map/robots/{robot}/here")
         np.testing.assert_array_equal(here, attacks.place[:, robot])
         # The outline is that of the visibility polygon.
-        rings = found.over("step", f"/map/sight/{robot}", "LineStrips2D:strips")
+        rings = recording.over("step", f"/map/sight/{robot}", "LineStrips2D:strips")
         polygon = visibility_polygon(alone.cells.workspace, alone.xy[here[7]], 2.5)
         shown = shapely.Polygon(rings[7][0])
         assert shown.symmetric_difference(polygon).area == pytest.approx(0, abs=1e-4)
-    pictures = found.pictures("step", "/map/grid/seen")
+    pictures = recording.pictures("step", "/map/grid/seen")
     assert len(pictures) == len(attacks.place)
     for time in (0, 50):
         by = alone.visible[attacks.place[time]]
         expected = np.select([by.all(axis=0), by[0], by[1]], [4, 2, 3], 1)
         np.testing.assert_array_equal(on_cells(alone, pictures[time]), expected)
-    colors = found.over("step", "/map/attack", "Points2D:colors")
+    colors = recording.over("step", "/map/attack", "Points2D:colors")
     names = [PLAIN, CATEGORIES["yellow"], KNOWN, CATEGORIES["pink"]]
     assert [one for (one,) in colors.values()] == [packed(names[state]) for state in attacks.state]
-    labels = found.over("step", "/map/attack_label", "Points2D:labels")
+    labels = recording.over("step", "/map/attack_label", "Points2D:labels")
     time = int(np.flatnonzero(attacks.state == AttackState.ATTACKING)[1])
     assert labels[time] == [f"attack: step {attacks.since[time]} of 6"]
     for name in ("caught", "succeeded"):
-        curve = found.over("step", f"/attacks/{name}", "Scalars:scalars")
+        curve = recording.over("step", f"/attacks/{name}", "Scalars:scalars")
         assert [one for (one,) in curve.values()] == getattr(attacks, name).tolist()
-    text = found.text()
+    text = recording.text()
     assert f"in this run {attacks.caught[-1]} times" in text.replace("\n", " ")
     assert "| map | a&#124;b |" in text
 
 
-def test_the_recording_shows_the_covers(alone, found):
+def test_the_recording_shows_the_covers(alone, recording):
     for robot, policy in enumerate(alone.policies):
         for timeline in ("cover", "step"):
-            pictures = found.pictures(timeline, f"/map/grid/cover_{robot}")
-            stops = found.over(timeline, f"/map/cover_{robot}/stops", "Points2D:positions")
-            rings = found.over(timeline, f"/map/cover_{robot}/outline", "LineStrips2D:strips")
+            pictures = recording.pictures(timeline, f"/map/grid/cover_{robot}")
+            stops = recording.over(timeline, f"/map/cover_{robot}/stops", "Points2D:positions")
+            rings = recording.over(timeline, f"/map/cover_{robot}/outline", "LineStrips2D:strips")
             assert list(pictures) == list(stops) == list(rings)
             assert len(stops) == policy.cover.size
             before = np.zeros(alone.cells.positions, bool)
@@ -181,36 +183,36 @@ def test_the_recording_shows_the_covers(alone, found):
                 np.testing.assert_array_equal(on_cells(alone, picture), expected)
                 before |= now
             assert before.all()
-        assert min(found.pictures("cover", f"/map/grid/cover_{robot}")) == 1
+        assert min(recording.pictures("cover", f"/map/grid/cover_{robot}")) == 1
 
 
-def test_the_recording_shows_the_policies(alone, found):
+def test_the_recording_shows_the_policies(alone, recording):
     ends = alone.xy[alone.graph.edges]
     for robot, policy in enumerate(alone.policies):
         some = policy.weights > 0
-        lines = np.array(found.static(f"/map/policy_{robot}/edges", "LineStrips2D:strips"))
+        lines = np.array(recording.static(f"/map/policy_{robot}/edges", "LineStrips2D:strips"))
         np.testing.assert_allclose(lines, ends[some])
-        radii = np.array(found.static(f"/map/policy_{robot}/edges", "LineStrips2D:radii"))
+        radii = np.array(recording.static(f"/map/policy_{robot}/edges", "LineStrips2D:radii"))
         # The width grows with the weight.
         steps = np.diff(radii[np.argsort(policy.weights[some])])
         assert (steps >= -1e-7).all()
-        dots = found.static(f"/map/policy_{robot}/cover", "Points2D:positions")
+        dots = recording.static(f"/map/policy_{robot}/cover", "Points2D:positions")
         np.testing.assert_allclose(dots, alone.xy[policy.cover])
 
 
-def test_the_recording_shows_the_law(alone, found):
+def test_the_recording_shows_the_law(alone, recording):
     attack = alone.attack
-    kind = on_cells(alone, found.picture("/map/grid/target_view"))
+    kind = on_cells(alone, recording.picture("/map/grid/target_view"))
     np.testing.assert_array_equal(kind, np.select([attack.boundary, attack.view], [3, 2], 1))
 
     # The bars have the heights of the runs' shares, and the curves those of the laws.
     def curve(name):
-        (strip,) = found.static(name, "LineStrips2D:strips")
+        (strip,) = recording.static(name, "LineStrips2D:strips")
         return np.array(strip) * [1, -1]
 
     most_y = attack.law[3] / curve("/target/times/exact")[3, 1]
-    bars = found.picture("/target/times/simulated").sum(axis=0)
-    (scale,) = found.static("/target/times/simulated", "Transform3D:scale")
+    bars = recording.picture("/target/times/simulated").sum(axis=0)
+    (scale,) = recording.static("/target/times/simulated", "Transform3D:scale")
     heights = bars * scale[1] * most_y
     times = np.asarray(attack.arrivals.time)
     width = -(-(np.quantile(times, 0.95, method="lower") + 1) // 80)
@@ -226,25 +228,25 @@ def test_the_recording_shows_the_law(alone, found):
     height = y[-1] / attack.exact[-1]
     np.testing.assert_allclose(runs[TIMES] / height, attack.simulated, atol=1e-6)
     np.testing.assert_allclose(fitted[TIMES] / height, attack.fitted, atol=1e-6)
-    assert len(found.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
-    text = found.text("/target/text")
+    assert len(recording.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
+    text = recording.text("/target/text")
     exact, simulated = 100 * attack.exact[1], 100 * attack.simulated[1]
     assert f"| 20 steps | {exact:.4g} % | {simulated:.4g} % |" in text
 
 
-def test_the_recording_shows_the_vulnerability(alone, found):
+def test_the_recording_shows_the_vulnerability(alone, recording):
     caught = alone.captures.probability[0]
-    kind = on_cells(alone, found.picture("/map/grid/capture")).astype(int)
+    kind = on_cells(alone, recording.picture("/map/grid/capture")).astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
     assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
-    frame = found.static("/map/worst_capture/frame", "Boxes2D:centers")
+    frame = recording.static("/map/worst_capture/frame", "Boxes2D:centers")
     np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
-    (label,) = found.static("/map/worst_capture/label", "Points2D:labels")
+    (label,) = recording.static("/map/worst_capture/label", "Points2D:labels")
     assert label == f"most vulnerable: {caught.min():.3f}"
-    low = found.classes("/map/grid/capture")[kind[caught.argmin()]]
+    low = recording.classes("/map/grid/capture")[kind[caught.argmin()]]
     assert low.startswith(f"caught with probability {caught.min():.3f}"[:-1])
-    text = found.text("/vulnerability/text")
+    text = recording.text("/vulnerability/text")
     assert f"{100 * caught.min():.4g} %" in text
 
 
@@ -264,37 +266,37 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
         alone, policies=search.policies, search=search, frontier=frontier, share_capture=None
     )
     assert "the patrol is a local optimum, the best of 1 starts" in patrol.remarks[0]
-    found = read_back(patrol)
-    assert len(found.static("/frontier/curve/floors", "Points2D:positions")) == 2
-    text = found.text("/frontier/text")
+    recording = read_back(patrol)
+    assert len(recording.static("/frontier/curve/floors", "Points2D:positions")) == 2
+    text = recording.text("/frontier/text")
     caught = 100 * frontier.least_capture[1]
     assert f"| 60% | {frontier.entropy[1]:.6g} nats | {caught:.4g} % |" in text
-    assert "local optimum" in found.text("/policies/text")
+    assert "local optimum" in recording.text("/policies/text")
 
 
 def test_the_recording_shows_the_regions(based):
-    found = read_back(based)
+    recording = read_back(based)
     xy, regions, after = based.xy, based.regions, based.reassignment
     for name, one, owner, policies in (
         ("regions", regions, [0, 1, 2], based.policies),
         ("regions_after", after.regions, [0, 2], after.policies),
     ):
-        labels = found.labels(f"/map/grid/{name}")[based.cells.free]
+        labels = recording.labels(f"/map/grid/{name}")[based.cells.free]
         for cell, label in enumerate(labels):
             region = one.region[cell]
             said = "reports" if one.view[cell] else "patrols"
             expected = f"robot {owner[region]} {said}" if region >= 0 else "only the base"
             assert label == expected
-        dots = found.static(f"/map/{name}_contacts", "Points2D:positions")
+        dots = recording.static(f"/map/{name}_contacts", "Points2D:positions")
         np.testing.assert_allclose(dots, xy[[policy.contact for policy in policies]])
     np.testing.assert_allclose(
-        found.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
+        recording.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
     )
-    heat = found.labels("/map/grid/capture")[based.cells.free]
+    heat = recording.labels("/map/grid/capture")[based.cells.free]
     np.testing.assert_array_equal(heat == "always in view of the base station", regions.view)
-    last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
+    last = list(recording.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
-    text = found.text("/regions/text")
+    text = recording.text("/regions/text")
     assert f"**{after.silence_limit:,}** steps" in text
     assert "robot 1 is lost" in text
 
@@ -305,11 +307,11 @@ def test_a_target_that_is_always_seen_has_no_fit(alone):
     attack = vulnerability(jax.random.key(0), *problem, 3, Attack(TIMES), runs=10)
     capture = Capture.of(*problem, Attack(TIMES))
     patrol = dataclasses.replace(alone, visible=everything, attack=attack, captures=capture)
-    found = read_back(patrol)
-    assert "/target/times/fitted" not in found.entities
-    assert "No generalized lambda" in found.text("/target/text")
+    recording = read_back(patrol)
+    assert "/target/times/fitted" not in recording.entities
+    assert "No generalized lambda" in recording.text("/target/text")
     assert "attack_fit_l1" not in dataset(patrol)
-    curve = found.over("step", "/attacks/caught", "Scalars:scalars")
+    curve = recording.over("step", "/attacks/caught", "Scalars:scalars")
     assert set(map(tuple, curve.values())) == {(0,)}
 
 

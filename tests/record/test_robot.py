@@ -60,11 +60,11 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter():
     steps = enumerate(zip(observed, states[1:], strict=True), 1)
     events = [observation(text, state, seconds=second) for second, (text, state) in steps]
     events.append(("end", {"seconds": 10, "result": "localized", "reason": "it is known"}))
-    found = recorded(events, RecordedRobot(start=START), cells=LAB, filter=FILTER)
-    belief = found.poses("/map/belief", "observation")
-    sizes = found.over("observation", "/filter/uncertainty", "Scalars:scalars")
-    colors = found.over("observation", "/filter/color", "Scalars:scalars")
-    bumps = found.over("observation", "/robot/robot/bumped", "Scalars:scalars")
+    recording = recorded(events, RecordedRobot(start=START), cells=LAB, filter=FILTER)
+    belief = recording.poses("/map/belief", "observation")
+    sizes = recording.over("observation", "/filter/uncertainty", "Scalars:scalars")
+    colors = recording.over("observation", "/filter/color", "Scalars:scalars")
+    bumps = recording.over("observation", "/robot/robot/bumped", "Scalars:scalars")
     for time, state in enumerate(states):
         np.testing.assert_allclose(belief[time], poses_of(LAB, FILTER.cells(state)), atol=1e-6)
         assert sizes[time] == [FILTER.uncertainty[state]]
@@ -72,32 +72,34 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter():
         if time:
             assert bumps[time] == [int(observed[time - 1])]
     # By the clock too: the number after an observation begins with it.
-    seconds = found.over("seconds", "/filter/uncertainty", "Scalars:scalars")
+    seconds = recording.over("seconds", "/filter/uncertainty", "Scalars:scalars")
     assert [time / 1e9 for time in sorted(seconds)] == list(range(11))
-    texts = found.over("seconds", "/log", "TextLog:text")
+    texts = recording.over("seconds", "/log", "TextLog:text")
     assert texts[10 * 10**9] == ["end: localized: it is known"]
-    left = found.over("observation", "/map/candidates", "Boxes2D:centers")
+    left = recording.over("observation", "/map/candidates", "Boxes2D:centers")
     places = poses_of(LAB, FILTER.cells(states[-1]))[:, :2]
     np.testing.assert_allclose(left[len(observed)], places, atol=1e-6)
 
 
 def test_a_refuted_robot_is_nowhere():
     end = {"seconds": 1.0, "result": "refuted", "reason": "it slipped"}
-    found = recorded([observation("1", None, seconds=1.0), ("end", end)], cells=LAB, filter=FILTER)
-    assert found.over("observation", "/map/belief", "Arrows2D:origins")[1] == []
-    assert found.over("observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
-    assert found.over("observation", "/map/candidates", "Boxes2D:centers") == {}
-    assert found.over("observation", "/log", "TextLog:level")[1] == ["WARN"]
+    recording = recorded(
+        [observation("1", None, seconds=1.0), ("end", end)], cells=LAB, filter=FILTER
+    )
+    assert recording.over("observation", "/map/belief", "Arrows2D:origins")[1] == []
+    assert recording.over("observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
+    assert recording.over("observation", "/map/candidates", "Boxes2D:centers") == {}
+    assert recording.over("observation", "/log", "TextLog:level")[1] == ["WARN"]
 
 
 def test_many_cells_are_shaded():
     cells = CellSpace.of(LAB.workspace, 0.5, 16)
     filter = bounce_filter(cells, 45)
     assert filter.cells(0).size > 400
-    found = recorded([], cells=cells, filter=filter)
-    assert found.over("observation", "/map/belief", "Arrows2D:origins")[0] == []
+    recording = recorded([], cells=cells, filter=filter)
+    assert recording.over("observation", "/map/belief", "Arrows2D:origins")[0] == []
     # Every direction is possible at every free square.
-    shades = found.pictures("observation", "/map/grid/belief")[0]
+    shades = recording.pictures("observation", "/map/grid/belief")[0]
     np.testing.assert_array_equal(shades, np.where(cells.free, 8, 0))
 
 
@@ -113,15 +115,15 @@ def test_poses_belong_to_the_observation_that_they_lead_to():
         trace.extend((5 + t, 1.0, last[2], math.pi / 2 + t) for t in np.arange(0.1, 1.0, 0.1))
         trace.extend((6 + t, 1.0 + t / 5, last[2], math.pi) for t in np.arange(0.0, 1.0, 0.1))
 
-    found = recorded(events(), RecordedRobot(start=START, trace=trace), cells=LAB)
-    by_time = found.over("seconds", "/map/robots/robot", "Arrows2D:origins")
+    recording = recorded(events(), RecordedRobot(start=START, trace=trace), cells=LAB)
+    by_time = recording.over("seconds", "/map/robots/robot", "Arrows2D:origins")
     times = np.array(sorted(by_time)) / 1e9
     # Ten a second, and the last of each look, of which one may come at any time.
     assert np.diff(times).max() < 0.12
     assert len(times) < 80
     np.testing.assert_allclose(by_time[min(by_time)], [START[:2]], atol=1e-6)
-    by_observation = found.over("observation", "/map/robots/robot", "Arrows2D:origins")
-    headings = found.over("observation", "/map/robots/robot", "Arrows2D:vectors")
+    by_observation = recording.over("observation", "/map/robots/robot", "Arrows2D:origins")
+    headings = recording.over("observation", "/map/robots/robot", "Arrows2D:vectors")
     assert sorted(by_observation) == [0, 1, 2]
     # The turn is part of the observation that it follows, and nothing else after it is.
     np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=NEAR)
@@ -129,12 +131,12 @@ def test_poses_belong_to_the_observation_that_they_lead_to():
     assert math.atan2(up, right) == pytest.approx(math.pi, abs=0.25)
     np.testing.assert_allclose(by_observation[2], [trace[-1][1:3]], atol=1e-6)
     # The trail has a corner where it turned: its ends are the start and the last pose.
-    (trail,) = found.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
+    (trail,) = recording.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
     expected = [START[:2], last[1:3], trace[-1][1:3]]
     np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=NEAR)
     # 0.9 m ahead is north of the start, and 0.1 m to the right is east of it. The time is that of
     # the robot, not of the clock.
-    estimates = found.over("seconds", "/map/estimates/robot", "Points2D:positions")
+    estimates = recording.over("seconds", "/map/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(estimates[round(last[0] * 1e9)], [[1.1, 2.9]], atol=1e-6)
 
 
@@ -147,23 +149,23 @@ def test_several_robots_without_a_filter():
         yield "observation", {"seconds": 9.0, "observation": 1, "robot": 1}
         yield "visit", {"seconds": 9.0, "robot": 0, "cell": 7}
 
-    found = recorded(events(), *robots, cells=LAB)
-    assert found.over("seconds", "/log", "TextLog:text") == {
+    recording = recorded(events(), *robots, cells=LAB)
+    assert recording.over("seconds", "/log", "TextLog:text") == {
         10**9: ["robot 2: observation 1: bump"],
         0: ["robot 1: visit: 7"],
     }
-    places = found.over("seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
+    places = recording.over("seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
     np.testing.assert_allclose(places[10**9], [[7.5, 2.5]])
-    places = found.over("seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
+    places = recording.over("seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
     assert list(places) == [0]
 
 
 def test_a_real_robot_without_a_map():
-    found = recorded([observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0)])
-    places = found.over("seconds", "/odometry/estimates/robot", "Points2D:positions")
+    recording = recorded([observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0)])
+    places = recording.over("seconds", "/odometry/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(places[3 * 10**9], [[1.0, 0.1]], atol=1e-6)
-    assert not any(entity.startswith("/map/grid") for entity in found.entities)
-    assert "/map/belief" not in found.entities
+    assert not any(entity.startswith("/map/grid") for entity in recording.entities)
+    assert "/map/belief" not in recording.entities
 
 
 def test_the_recording_of_a_killed_process_can_be_read(tmp_path):
@@ -227,9 +229,9 @@ def test_the_body_and_the_touches_of_walls_are_shown_while_they_last():
     trace = [(0.1 * tick, 1.0 + 0.01 * tick, 2.0, 0.0) for tick in range(10)]
     robot = RecordedRobot(start=START, trace=trace, radius=0.174, touches=[(0.42, 1.2, 2.0)])
     end = {"seconds": 1, "result": "arrived", "reason": "it is there"}
-    found = recorded([("end", end)], robot, cells=LAB)
-    bodies = found.over("seconds", "/map/robots/robot/body", "Points2D:positions")
+    recording = recorded([("end", end)], robot, cells=LAB)
+    bodies = recording.over("seconds", "/map/robots/robot/body", "Points2D:positions")
     np.testing.assert_allclose(list(bodies.values()), [[pose[1:3]] for pose in trace], atol=1e-6)
-    touches = found.over("seconds", "/map/robots/robot/touch", "Points2D:positions")
+    touches = recording.over("seconds", "/map/robots/robot/touch", "Points2D:positions")
     shown = {round(time / 1e9, 1) for time, places in touches.items() if places}
     assert shown == {0.5}

@@ -13,9 +13,9 @@ def result(shape, coords, **variables):
     """The result of a sweep whose members are all done."""
     dims = tuple(shape)
     sizes = tuple(shape.values())
-    found = {"status": (dims, np.ones(sizes, np.int8))}
-    found |= {name: (dims, np.reshape(values, sizes)) for name, values in variables.items()}
-    return xr.Dataset(found, coords, {"title": "Sweep of a test"})
+    arrays = {"status": (dims, np.ones(sizes, np.int8))}
+    arrays |= {name: (dims, np.reshape(values, sizes)) for name, values in variables.items()}
+    return xr.Dataset(arrays, coords, {"title": "Sweep of a test"})
 
 
 def axis_of(values, most=1000):
@@ -51,16 +51,16 @@ def test_many_values_share_steps():
 def test_pairs_of_a_grid_with_samples():
     n = np.arange(4)
     coords = {"angle": [0, 1, 2], "sample": n, "a": ("sample", n / 2), "b": ("sample", n)}
-    found = axes(result({"angle": 3, "sample": 4}, coords), 1000)
-    assert {axis.name for axis in found[:3]} == {"angle", "a", "b"}
-    assert found[3].name == "sample"
-    spanned = [{a.name, b.name} for a, b in pairs(found, 9)]
+    dimensions = axes(result({"angle": 3, "sample": 4}, coords), 1000)
+    assert {axis.name for axis in dimensions[:3]} == {"angle", "a", "b"}
+    assert dimensions[3].name == "sample"
+    spanned = [{a.name, b.name} for a, b in pairs(dimensions, 9)]
     # The number of a sample comes last, and not with its own parameters.
     expected = [{"angle", "a"}, {"angle", "b"}, {"a", "b"}, {"angle", "sample"}]
     assert spanned[-1] == expected[-1]
     assert all(spanned.count(one) == 1 for one in expected)
     assert len(spanned) == 4
-    assert pairs(found, 2) == pairs(found, 9)[:2]
+    assert pairs(dimensions, 2) == pairs(dimensions, 9)[:2]
 
 
 @given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 7), st.integers(1, 8))
@@ -69,9 +69,9 @@ def test_statistics_are_those_of_numpy(seed, rows, columns, most):
     values = rng.normal(size=(rows, columns))
     known = rng.random((rows, columns)) < 0.7
     coords = {"x": rng.permutation(rows), "y": rng.permutation(columns) / 4}
-    found = axes(result({"x": rows, "y": columns}, coords), most)
+    dimensions = axes(result({"x": rows, "y": columns}, coords), most)
     masked = np.where(known, values, np.nan)
-    for place, axis in enumerate(found):
+    for place, axis in enumerate(dimensions):
         steps, quantiles, alone = statistics(values, known, place, axis)
         every = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
         members = {k: one[~np.isnan(one)] for k, one in enumerate(every) if not np.isnan(one).all()}
@@ -79,7 +79,7 @@ def test_statistics_are_those_of_numpy(seed, rows, columns, most):
         assert alone == all(one.size < 2 for one in members.values())
         for column, one in zip(quantiles.T, members.values(), strict=True):
             np.testing.assert_allclose(column, np.quantile(one, [*QUANTILES.values()]))
-    across, up = found
+    across, up = dimensions
     heat = means(values, known, (0, 1), (across, up))
     for i, j in np.ndindex(heat.shape):
         some = masked[np.ix_(across.step == j, up.step == i)]
@@ -111,10 +111,10 @@ def test_series_run_along_each_parameter(sweep, recorded):
     for timeline, along, over, scale in ("x", "x", "y", 1), ("y x 10", "y", "x", 10):
         for name, share in QUANTILES.items():
             path = f"/series/value/{name.replace(' ', '_')}"
-            found = recorded.over(timeline, path, "Scalars:scalars")
+            curve = recorded.over(timeline, path, "Scalars:scalars")
             expected = known.quantile(share, over)
             np.testing.assert_allclose(
-                [found[at][0] for at in np.rint(sweep[along].values * scale)], expected
+                [curve[at][0] for at in np.rint(sweep[along].values * scale)], expected
             )
 
 

@@ -37,8 +37,8 @@ def shadow(here, start, end):
 
 @given(slanted_rooms(), POINTS, st.floats(0.3, 9))
 def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, point, reach):
-    found, environment = visible_from(room, point, reach)
-    assert found.is_valid
+    polygon, environment = visible_from(room, point, reach)
+    assert polygon.is_valid
     here = np.array(point)
     if environment.boundary.distance(shapely.Point(here)) < 1e-6:
         return
@@ -49,17 +49,17 @@ def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, point
     expected = shapely.union_all([p for p in shapely.get_parts(expected) if p.area > 0])
     for wall in walls:
         expected = shapely.difference(expected, shadow(here, *wall), grid_size=1e-11)
-    assert found.symmetric_difference(expected).area < 1e-6
+    assert polygon.symmetric_difference(expected).area < 1e-6
 
 
 @given(slanted_rooms(), POINTS, PLACES)
 def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(room, point, there):
-    found, environment = visible_from(room, point)
+    polygon, environment = visible_from(room, point)
     lines = shapely.linestrings(np.stack([np.broadcast_to(point, there.shape), there], axis=1))
     surely, maybe = (environment.buffer(margin) for margin in (-1e-6, 1e-6))
     covered = shapely.covers(surely, lines)
-    inside = shapely.contains_xy(found, there)
-    clear = shapely.distance(found.boundary, shapely.points(there)) > 1e-5
+    inside = shapely.contains_xy(polygon, there)
+    clear = shapely.distance(polygon.boundary, shapely.points(there)) > 1e-5
     assert inside[covered & clear].all()
     assert not inside[~shapely.covers(maybe, lines) & clear].any()
 
@@ -98,10 +98,10 @@ def test_polygons_have_known_areas():
 
 def test_the_polygon_has_two_pieces_in_a_point_of_two_obstacles():
     pair = Workspace(ROOM, [box(2, 1, 3, 2), box(1, 2, 2, 3)])
-    found = visibility_polygon(pair, (2, 2), 1.0)
-    assert found.is_valid
-    assert len(shapely.get_parts(found)) == 2
-    assert found.area == pytest.approx(math.pi / 2, rel=0.002)
+    polygon = visibility_polygon(pair, (2, 2), 1.0)
+    assert polygon.is_valid
+    assert len(shapely.get_parts(polygon)) == 2
+    assert polygon.area == pytest.approx(math.pi / 2, rel=0.002)
     # Nor does sight slip between them.
     across = visibility_polygon(pair, (1.5, 1.5))
     assert across.intersection(box(2, 2, 6, 6)).area == 0

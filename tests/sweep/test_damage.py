@@ -41,15 +41,15 @@ def assert_whole_again(out, sound):
     assert tree(out) == tree(sound)
     assert sweep_status(out).complete
     assert (out / "spec.toml").read_bytes() == (sound / "spec.toml").read_bytes()
-    with open_sweep(out) as found, open_sweep(sound) as expected:
-        xr.testing.assert_identical(found.load(), expected.load())
+    with open_sweep(out) as report, open_sweep(sound) as expected:
+        xr.testing.assert_identical(report.load(), expected.load())
     assert verify_sweep(out).damaged == ()
 
 
 def test_a_sound_sweep_is_whole_and_no_task_runs(out, sound, monkeypatch):
     monkeypatch.setattr(sweep_stub, "stub", None)
-    found = verify_sweep(out)
-    assert (found.chunks, found.damaged, found.recomputed, found.whole) == (20, (), 0, True)
+    report = verify_sweep(out)
+    assert (report.chunks, report.damaged, report.recomputed, report.whole) == (20, (), 0, True)
     assert tree(out) == tree(sound)
 
 
@@ -63,10 +63,10 @@ def test_fifty_flipped_bits_anywhere_are_found_and_mended(sound, tmp_path):
         shutil.copytree(sound, out)
         place = rng.randrange(bits(path))
         flip(out / path.relative_to(sound), place)
-        found = verify_sweep(out)
-        assert found.damaged, (path, place)
-        assert found.whole
-        if found.damaged != ("sweep.journal, spec",):
+        report = verify_sweep(out)
+        assert report.damaged, (path, place)
+        assert report.whole
+        if report.damaged != ("sweep.journal, spec",):
             assert_whole_again(out, sound)
         shutil.rmtree(out)
 
@@ -87,9 +87,9 @@ def test_damaged_chunks_are_named_and_computed_again(out, sound):
         damage_chunk(out, number)
     (out / "sweep.zarr" / "x" / "c" / "0").unlink()
     (out / "spec.toml").unlink()
-    found = verify_sweep(out)
-    assert found.damaged == ("chunk 3", "chunk 4", "chunk 17", "spec.toml", "sweep.zarr/x/c/0")
-    assert (found.recomputed, found.whole, found.status.complete) == (5, True, True)
+    report = verify_sweep(out)
+    assert report.damaged == ("chunk 3", "chunk 4", "chunk 17", "spec.toml", "sweep.zarr/x/c/0")
+    assert (report.recomputed, report.whole, report.status.complete) == (5, True, True)
     assert_whole_again(out, sound)
 
 
@@ -97,17 +97,17 @@ def test_a_chunk_whose_number_is_damaged_is_computed_again(out, sound):
     record = records(out)[Kind.CHUNK, 7]
     flip(out / "sweep.journal", (record.start - 20) * 8)
     assert sweep_status(out).damaged == 1
-    found = verify_sweep(out)
-    assert [line.split(", byte")[0] for line in found.damaged] == ["sweep.journal"]
-    assert found.whole
+    report = verify_sweep(out)
+    assert [line.split(", byte")[0] for line in report.damaged] == ["sweep.journal"]
+    assert report.whole
     assert_whole_again(out, sound)
 
 
 def test_a_damaged_result_is_written_again_without_the_task(out, sound, monkeypatch):
     monkeypatch.setattr(sweep_stub, "stub", None)
     shutil.rmtree(out / "sweep.zarr")
-    found = verify_sweep(out)
-    assert len(found.damaged) == found.recomputed == len(tree(sound))
+    report = verify_sweep(out)
+    assert len(report.damaged) == report.recomputed == len(tree(sound))
     assert_whole_again(out, sound)
 
 
@@ -125,9 +125,9 @@ def test_a_damaged_specification_is_taken_from_its_copy(out, sound):
     with pytest.raises(ValueError, match=r"specification cannot be read; to mend it"):
         sweep_status(out)
     assert verify_sweep(out).whole
-    with open_sweep(out) as found, open_sweep(sound) as expected:
-        assert "were damaged" in found.attrs["resumed_anyway"]
-        xr.testing.assert_equal(found, expected)
+    with open_sweep(out) as report, open_sweep(sound) as expected:
+        assert "were damaged" in report.attrs["resumed_anyway"]
+        xr.testing.assert_equal(report, expected)
     assert verify_sweep(out).damaged == ()
 
 
@@ -174,18 +174,18 @@ def test_verify_leaves_chunks_that_were_never_done(stub_spec, tmp_path):
     run_sweep(spec, out, chunks=[0, 1, 2])
     damage_chunk(out, 0)
     damage_chunk(out, 1)
-    found = verify_sweep(out)
-    assert found.damaged == ("chunk 0", "chunk 1")
-    assert found.whole
-    assert (found.status.done, len(found.status.failures)) == (2, 1)
+    report = verify_sweep(out)
+    assert report.damaged == ("chunk 0", "chunk 1")
+    assert report.whole
+    assert (report.status.done, len(report.status.failures)) == (2, 1)
 
 
 def test_the_command_reports_damage(out, capsys):
     for number in (4, 7):
         damage_chunk(out, number)
-    status, found, _ = run(capsys, "sweep verify", out)
+    status, report, _ = run(capsys, "sweep verify", out)
     assert status == 0
-    assert found == {
+    assert report == {
         **{"out": str(out), "chunks": 20, "damaged": ["chunk 4", "chunk 7"]},
         **{"recomputed": 2, "done": 20, "whole": True},
     }
@@ -199,8 +199,8 @@ def test_chunks_that_cannot_be_computed_again_are_reported(out, monkeypatch):
 
     damage_chunk(out, 4)
     monkeypatch.setattr(sweep_stub, "stub", broken)
-    found = verify_sweep(out)
-    assert (found.damaged, found.recomputed, found.whole) == (("chunk 4",), 0, False)
+    report = verify_sweep(out)
+    assert (report.damaged, report.recomputed, report.whole) == (("chunk 4",), 0, False)
     # No wrong number is left.
     with open_sweep(out) as dataset:
         assert dataset.status.values[0, 20:25].tolist() == [2] * 5

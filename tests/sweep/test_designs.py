@@ -22,22 +22,22 @@ def columns(folder, table, name="spec.toml", head=""):
 
 @pytest.mark.parametrize("design", ["sobol", "latin_hypercube"])
 def test_a_design_fills_its_box_evenly(tmp_path, design):
-    found = columns(
+    values = columns(
         tmp_path,
         f'samples = 64\ndesign = "{design}"\n'
         "u = {uniform = [-2, 2]}\nl = {loguniform = [1, 1024]}\nn = {normal = [5, 2]}\n"
         "i = {integers = [1, 8]}\nc = {choice = ['p', 'q', 'r', 's']}",
     )
-    assert found["i"].dtype == np.int64
+    assert values["i"].dtype == np.int64
     # Each 64th of the distribution has one sample, and so each value of eight has eight.
-    for unit in ((found["u"] + 2) / 4, np.log2(found["l"]) / 10):
+    for unit in ((values["u"] + 2) / 4, np.log2(values["l"]) / 10):
         assert sorted((unit * 64).astype(int)) == list(range(64))
-    assert np.bincount(found["i"]).tolist() == [0] + [8] * 8
-    assert {name: (found["c"] == name).sum() for name in "pqrs"} == dict.fromkeys("pqrs", 16)
-    normal = np.array([0.5 * math.erfc(-(x - 5) / 2 / math.sqrt(2)) for x in found["n"]])
+    assert np.bincount(values["i"]).tolist() == [0] + [8] * 8
+    assert {name: (values["c"] == name).sum() for name in "pqrs"} == dict.fromkeys("pqrs", 16)
+    normal = np.array([0.5 * math.erfc(-(x - 5) / 2 / math.sqrt(2)) for x in values["n"]])
     assert sorted((normal * 64).astype(int)) == list(range(64))
     # More evenly than chance in two dimensions: that of independent samples is about 0.02.
-    unit = np.stack([(found["u"] + 2) / 4, normal], axis=1)
+    unit = np.stack([(values["u"] + 2) / 4, normal], axis=1)
     assert qmc.discrepancy(unit) < 0.01
 
 
@@ -55,20 +55,20 @@ def test_saltelli_changes_one_parameter_at_a_time(tmp_path):
         table = f'samples = {samples}\ndesign = "saltelli"\n{axes}'
         return np.stack([*columns(tmp_path, table).values()], axis=1)
 
-    found = points(8).reshape(8, 5, 3)
-    a, b = found[:, 0], found[:, 1]
+    values = points(8).reshape(8, 5, 3)
+    a, b = values[:, 0], values[:, 1]
     assert (a != b).all()
     for i in range(3):
         changed = np.arange(3) == i
-        np.testing.assert_array_equal(found[:, 2 + i], np.where(changed, b, a))
+        np.testing.assert_array_equal(values[:, 2 + i], np.where(changed, b, a))
     # More samples begin with the same members.
-    np.testing.assert_array_equal(points(16)[:40], found.reshape(40, 3))
+    np.testing.assert_array_equal(points(16)[:40], values.reshape(40, 3))
 
 
 def test_wide_integers_of_a_design(tmp_path):
     ends = "[-9223372036854775808, 9223372036854775807]"
-    found = columns(tmp_path, f'samples = 4\ndesign = "sobol"\nx = {{integers = {ends}}}')["x"]
-    assert sorted(found // 2**62) == [-2, -1, 0, 1]
+    values = columns(tmp_path, f'samples = 4\ndesign = "sobol"\nx = {{integers = {ends}}}')["x"]
+    assert sorted(values // 2**62) == [-2, -1, 0, 1]
 
 
 @pytest.mark.parametrize(
@@ -124,12 +124,12 @@ def analytic(b):
 
 
 def test_sobol_indices_of_the_function_of_ishigami(ishigami, capsys):
-    found = run(capsys, "sweep indices", ishigami)[1]["indices"]
+    values = run(capsys, "sweep indices", ishigami)[1]["indices"]
     # None for a variable that is not finite.
-    assert [(one["variable"], one["at"]["b"], one["parameter"]) for one in found] == [
+    assert [(one["variable"], one["at"]["b"], one["parameter"]) for one in values] == [
         ("y", b, name) for b in (0.0, 0.1) for name in ("x1", "x2", "x3")
     ]
-    for b, three in ((0.0, found[:3]), (0.1, found[3:])):
+    for b, three in ((0.0, values[:3]), (0.1, values[3:])):
         for kind, expected in zip(("first_order", "total"), analytic(b), strict=True):
             np.testing.assert_allclose([one[kind] for one in three], expected, atol=0.03)
             for one, index in zip(three, expected, strict=True):

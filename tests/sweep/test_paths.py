@@ -41,8 +41,8 @@ def test_a_store_and_the_files_of_its_specification_can_be_moved_together(study,
     with SweepStore(tmp_path / "moved" / "runs" / "out") as store:
         kept = store.spec
     assert kept.fixed == spec.fixed
-    found = with_files_found(kept)
-    assert Path(found.fixed["map"]).samefile(tmp_path / "moved" / "maps" / "lab_a.json")
+    resolved = with_files_found(kept)
+    assert Path(resolved.fixed["map"]).samefile(tmp_path / "moved" / "maps" / "lab_a.json")
     assert set(digests(kept)) == {"../maps/lab_a.json"}
 
 
@@ -82,12 +82,12 @@ def test_all_files_of_a_list_are_found(study):
     files = '["../maps/lab_a.json", "../maps/lab_b.json"]'
     spec = study / "specs" / "drift.toml"
     spec.write_text(f'task = "drift"\n[fixed]\nfile = {files}\n[grid]\nduration = [3600.0]\n')
-    found = with_files_found(Spec.load(spec)).fixed["file"]
-    assert [Path(file).name for file in found] == ["lab_a.json", "lab_b.json"]
-    assert all(Path(file).is_absolute() for file in found)
-    asked = read_study(Drift, {"file": found})
-    assert asked.file == tuple(map(Path, found))
-    assert read_study(Drift, {"file": found[0]}).file == (Path(found[0]),)
+    resolved = with_files_found(Spec.load(spec)).fixed["file"]
+    assert [Path(file).name for file in resolved] == ["lab_a.json", "lab_b.json"]
+    assert all(Path(file).is_absolute() for file in resolved)
+    asked = read_study(Drift, {"file": resolved})
+    assert asked.file == tuple(map(Path, resolved))
+    assert read_study(Drift, {"file": resolved[0]}).file == (Path(resolved[0]),)
 
 
 def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp_path, monkeypatch):
@@ -101,13 +101,13 @@ def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp
         f'task = "groups"\n[fixed]\ncollision = "swept"\n[grid]\nbounce = [1]\nmap = {maps}\n'
     )
     spec = Spec.load("../specs/spec.toml")
-    found = with_files_found(spec)
-    assert found.batch(found.chunk(0))["map"].tolist() == [
+    resolved = with_files_found(spec)
+    assert resolved.batch(resolved.chunk(0))["map"].tolist() == [
         *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
         f"{here}/b.json",
         f"{tmp_path}/none.json",
     ]
-    assert found.fixed == {"collision": "swept"}
+    assert resolved.fixed == {"collision": "swept"}
     text = (there / "spec.toml").read_text().replace('"b.json"', '"c.json"')
     (there / "spec.toml").write_text(text)
     with pytest.raises(

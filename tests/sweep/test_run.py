@@ -178,13 +178,13 @@ def test_chunks_with_other_variables_than_the_first_fail(
     kept = sweep_stub.stub
 
     def changed(batch, fixed, seed):
-        found = kept(batch, fixed, seed)
-        return change(found) if 5 in batch["x"] else found
+        result = kept(batch, fixed, seed)
+        return change(result) if 5 in batch["x"] else result
 
     monkeypatch.setattr(sweep_stub, "stub", changed)
-    found = run_sweep(stub_spec(), tmp_path / "out")
-    assert [one.index["x"] for one in found.failures] == [5, 5]
-    assert message in found.failures[0].message
+    result = run_sweep(stub_spec(), tmp_path / "out")
+    assert [one.index["x"] for one in result.failures] == [5, 5]
+    assert message in result.failures[0].message
 
 
 def test_a_resume_needs_the_same_specification_and_versions(
@@ -249,8 +249,8 @@ def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
         run_sweep(spec, out, progress=fill)
     assert caught.value.errno == errno.EFBIG
     assert str(caught.value.filename) == str(out)
-    found = sweep_status(out)
-    assert (found.done, found.failures, found.running) == (3, (), None)
+    result = sweep_status(out)
+    assert (result.done, result.failures, result.running) == (3, (), None)
     assert run_sweep(spec, out, resume=True).complete
     assert tree(out) == whole
 

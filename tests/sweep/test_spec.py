@@ -16,9 +16,9 @@ def load(folder, text):
 
 def values(folder, text):
     """The values of the one parameter `x` of a specification."""
-    (found,) = load(folder, f'task = "a:b"\n{text}').parameters
-    assert found.name == "x"
-    return found.values
+    (parsed,) = load(folder, f'task = "a:b"\n{text}').parameters
+    assert parsed.name == "x"
+    return parsed.values
 
 
 @pytest.mark.parametrize(
@@ -37,9 +37,9 @@ def values(folder, text):
     ],
 )
 def test_grid_values(tmp_path, given, expected):
-    found = values(tmp_path, f"[grid]\nx = {given}")
-    assert found.dtype == expected.dtype
-    np.testing.assert_array_equal(found, expected)
+    parsed = values(tmp_path, f"[grid]\nx = {given}")
+    assert parsed.dtype == expected.dtype
+    np.testing.assert_array_equal(parsed, expected)
 
 
 @pytest.mark.parametrize(
@@ -53,9 +53,9 @@ def test_grid_values(tmp_path, given, expected):
     ],
 )
 def test_random_values_have_their_distribution(tmp_path, kind, inside, mean):
-    found = values(tmp_path, f"[random]\nsamples = 4000\nx = {kind}")
-    assert inside(found).all()
-    assert abs(found.mean() - mean) < 5 * found.std() / math.sqrt(4000)
+    parsed = values(tmp_path, f"[random]\nsamples = 4000\nx = {kind}")
+    assert inside(parsed).all()
+    assert abs(parsed.mean() - mean) < 5 * parsed.std() / math.sqrt(4000)
 
 
 def test_random_values_depend_on_the_seed_and_their_name_alone(tmp_path):
@@ -247,5 +247,5 @@ def test_differences_of_parameters_are_described(tmp_path, old, new, messages):
 )  # fmt: skip
 def test_places_of_the_members_of_a_smaller_sweep(tmp_path, old, new, places):
     first = load(tmp_path, f'task = "a:b"\n{old}')
-    found = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
-    assert (found and {name: some.tolist() for name, some in found.items()}) == places
+    parsed = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
+    assert (parsed and {name: some.tolist() for name, some in parsed.items()}) == places

@@ -38,10 +38,10 @@ def test_a_worker_computes_with_the_precision_of_the_driver(wide, tmp_path, monk
     try:
         jax.config.update("jax_enable_x64", not wide)
         job = Job(0, np.arange(2), f"{path}:width", {"a": np.arange(2.0)}, {}, 0, wide)
-        found = compute(job)
+        columns = compute(job)
     finally:
         jax.config.update("jax_enable_x64", before)
-    assert found.variables["bits"].values.tolist() == [64 if wide else 32] * 2
+    assert columns.variables["bits"].values.tolist() == [64 if wide else 32] * 2
 
 
 def lab(**changes):
@@ -50,17 +50,17 @@ def lab(**changes):
 
 
 def test_filters_are_those_of_the_dissertation():
-    found = find_task("localize")(
+    columns = find_task("localize")(
         {"bounce": np.array([45.0, 135.0])}, {"map": LAB, "collision": "endpoint"}, 0
     )
     # Tables 2.1 and 2.2.
-    assert found.nfa_states.values.tolist() == [153, 153]
-    assert found.dfa_states.values.tolist() == [129, 124]
-    assert found.knowledge_cycles.values.tolist()[0] == 3
-    assert found.least_uncertainty.values.tolist() == [1, 1]
-    assert found.largest_uncertainty.values.tolist() == [4, 2]
+    assert columns.nfa_states.values.tolist() == [153, 153]
+    assert columns.dfa_states.values.tolist() == [129, 124]
+    assert columns.knowledge_cycles.values.tolist()[0] == 3
+    assert columns.least_uncertainty.values.tolist() == [1, 1]
+    assert columns.largest_uncertainty.values.tolist() == [4, 2]
     filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, motion=ENDPOINT))
-    assert found.minimal_states[0] == len(minimize(filter).transition)
+    assert columns.minimal_states[0] == len(minimize(filter).transition)
 
 
 ROOMS = {"columns": 9, "rows": 7, "obstacles": 2, "directions": 24}
@@ -88,14 +88,14 @@ def test_rooms_do_not_depend_on_the_batch(pairs, data):
 
 
 def test_rooms_are_the_rooms_of_their_numbers():
-    found = find_task("rooms")({"room": np.array([0, 5])}, {**ROOMS, "bounce": 90}, 3)
+    columns = find_task("rooms")({"room": np.array([0, 5])}, {**ROOMS, "bounce": 90}, 3)
     for i, number in enumerate((0, 5)):
         free = random_room(3, number, 9, 7, 2)
         cells = CellSpace.of_grid(free, 24)
         expected = bounce.bounce_groups(cells, math.pi / 2)
-        assert found.positions[i] == free.sum()
-        assert found["count"][i] == int(expected.count)
-        assert found.longest_transient[i] == int(expected.step.max())
+        assert columns.positions[i] == free.sum()
+        assert columns["count"][i] == int(expected.count)
+        assert columns.longest_transient[i] == int(expected.step.max())
     environment = find_task("rooms")(
         {"room": np.array([2])}, {"environment": "E3", "bounce": 90, "directions": 4}, 0
     )
@@ -104,13 +104,13 @@ def test_rooms_are_the_rooms_of_their_numbers():
 
 def test_observed_drifters_give_one_number_per_member():
     batch, fixed = {"lag": np.array([5.0, 10.0])}, {"file": DRIFTERS, "cell": 3, "samples": 2}
-    found = find_task("drifters")(batch, fixed, 0)
-    assert found.cells.values.tolist() == [40, 40]
-    assert found.moves.values[1] < found.moves.values[0] == 3722
-    assert found.drifters.values.tolist() == [200, 200]
-    assert found.observations.values.tolist() == [3922, 3922]
+    columns = find_task("drifters")(batch, fixed, 0)
+    assert columns.cells.values.tolist() == [40, 40]
+    assert columns.moves.values[1] < columns.moves.values[0] == 3722
+    assert columns.drifters.values.tolist() == [200, 200]
+    assert columns.observations.values.tolist() == [3922, 3922]
     # Quantities with several numbers per member are left to `jaxcell drifters`.
-    assert "estimates_value" not in found
+    assert "estimates_value" not in columns
 
 
 def test_drawing_rooms_that_cannot_be_connected_ends():

@@ -45,17 +45,17 @@ def test_one_cell_three_ways():
     everywhere = capture_probabilities(graph, visible, policies, Attack(TIMES))
     target = int(everywhere[0].argmin())
     runs = 5000
-    found = vulnerability(
+    result = vulnerability(
         jax.random.key(1), graph, visible, policies, target, Attack(TIMES), runs=runs
     )
-    np.testing.assert_allclose(found.exact, everywhere[:, target], atol=1e-12)
-    error = np.sqrt(found.exact * (1 - found.exact) / runs)
-    assert (np.abs(found.simulated - found.exact) <= 4 * error + 1e-12).all()
+    np.testing.assert_allclose(result.exact, everywhere[:, target], atol=1e-12)
+    error = np.sqrt(result.exact * (1 - result.exact) / runs)
+    assert (np.abs(result.simulated - result.exact) <= 4 * error + 1e-12).all()
     # The fit is as far from the runs as it says, which are as far from the truth as they may be.
-    assert (np.abs(found.fitted - found.simulated) <= found.fit.distance + 1e-9).all()
-    assert found.fit.censored
-    assert found.failure is None
-    assert found.law[0] == 0
+    assert (np.abs(result.fitted - result.simulated) <= result.fit.distance + 1e-9).all()
+    assert result.fit.censored
+    assert result.failure is None
+    assert result.law[0] == 0
 
 
 def test_the_boundary_is_where_a_robot_from_outside_arrives(depot):
@@ -94,15 +94,15 @@ def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
     graph, _, policies = small()
     everything = np.ones((7, 7), bool)
     assert (capture_probabilities(graph, everything, policies, Attack(1)) == 1).all()
-    found = vulnerability(
+    result = vulnerability(
         jax.random.key(0), graph, everything, policies, 3, Attack([1, 4]), runs=100
     )
-    assert found.law[0] == 1
-    assert (found.exact == 1).all()
-    assert (found.simulated == 1).all()
-    assert found.fit is None
-    assert "different" in found.failure
-    assert np.isnan(found.fitted).all()
+    assert result.law[0] == 1
+    assert (result.exact == 1).all()
+    assert (result.simulated == 1).all()
+    assert result.fit is None
+    assert "different" in result.failure
+    assert np.isnan(result.fitted).all()
 
 
 @pytest.mark.parametrize(
@@ -151,18 +151,18 @@ def test_capture_of_more_targets_than_are_computed_at_once():
 @pytest.mark.parametrize("start", ["stationary", "uniform", "worst"])
 def test_capture_of_every_cell_by_powers_of_matrices(start):
     graph, visible, policies = small()
-    found, later = capture_probabilities(graph, visible, policies, Attack([3, 9], start))
-    assert (later > found).all()
+    result, later = capture_probabilities(graph, visible, policies, Attack([3, 9], start))
+    assert (later > result).all()
     matrices = [policy.chain.to_scipy().toarray() for policy in policies]
-    for target, caught in enumerate(found):
+    for target, caught in enumerate(result):
         late = [missed(matrix, visible[target], 3, start) for matrix in matrices]
         assert caught == pytest.approx(1 - np.prod(late), abs=1e-9)
-    weakest = int(found.argmin())
+    weakest = int(result.argmin())
     attack = vulnerability(
         jax.random.key(0), graph, visible, policies, weakest, Attack(3, start), runs=4000
     )
-    assert attack.exact[0] == pytest.approx(found[weakest], abs=1e-9)
-    assert abs(attack.simulated[0] - found[weakest]) < 0.04
+    assert attack.exact[0] == pytest.approx(result[weakest], abs=1e-9)
+    assert abs(attack.simulated[0] - result[weakest]) < 0.04
 
 
 def test_cells_that_are_always_or_never_seen_are_not_contested():

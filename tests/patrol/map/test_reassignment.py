@@ -33,10 +33,10 @@ def silence_by_powers(policy, alpha):
 @pytest.mark.parametrize("alpha", [0.5, 0.01, 1e-80])
 @pytest.mark.parametrize("robot", [0, 3])
 def test_silence_limit(robot, alpha):
-    found = silence_limit(POLICIES[robot], alpha)
-    assert found == silence_by_powers(POLICIES[robot], alpha)
+    reassigned = silence_limit(POLICIES[robot], alpha)
+    assert reassigned == silence_by_powers(POLICIES[robot], alpha)
     # More than two chunks of steps.
-    assert alpha > 0.001 or found > 2 * 256
+    assert alpha > 0.001 or reassigned > 2 * 256
 
 
 def test_the_return_to_the_contact_counts():
@@ -52,24 +52,24 @@ def test_the_return_to_the_contact_counts():
 
 @pytest.mark.parametrize("lost", [0, 2])
 def test_reassign(lost):
-    found = reassign(GRAPH, VISIBLE, REGIONS, POLICIES, lost, share=0.6, alpha=0.05)
-    assert found.silence_limit == silence_limit(POLICIES[lost], 0.05)
+    reassigned = reassign(GRAPH, VISIBLE, REGIONS, POLICIES, lost, share=0.6, alpha=0.05)
+    assert reassigned.silence_limit == silence_limit(POLICIES[lost], 0.05)
     expected = angular_regions(GRAPH, BASE, VISIBLE[BASE], 3)
-    assert found.regions.region.tolist() == expected.region.tolist()
+    assert reassigned.regions.region.tolist() == expected.region.tolist()
     for policy, other in zip(
-        found.policies, centralized_policies(GRAPH, VISIBLE, expected, 0.6), strict=True
+        reassigned.policies, centralized_policies(GRAPH, VISIBLE, expected, 0.6), strict=True
     ):
         np.testing.assert_array_equal(policy.weights, other.weights)
 
     def kept(robots):
         return sum(
-            np.count_nonzero((found.regions.region == k) & (REGIONS.region == robot))
+            np.count_nonzero((reassigned.regions.region == k) & (REGIONS.region == robot))
             for k, robot in enumerate(robots)
         )
 
     left = set(range(4)) - {lost}
-    assert set(found.robot.tolist()) == left
-    assert kept(found.robot) == max(map(kept, itertools.permutations(left)))
+    assert set(reassigned.robot.tolist()) == left
+    assert kept(reassigned.robot) == max(map(kept, itertools.permutations(left)))
 
 
 def test_wrong_robots_and_policies_are_refused():

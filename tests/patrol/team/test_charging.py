@@ -14,33 +14,33 @@ CHARGER, EVERY = 2, 5
 
 
 def test_shares_and_intervals_are_those_of_a_run():
-    found = charged(GRAPH, WALK[None], CHARGER, EVERY)
+    charging = charged(GRAPH, WALK[None], CHARGER, EVERY)
     random, here, since = np.random.default_rng(0), CHARGER, 0
     visits, intervals = np.zeros(5), np.zeros(EVERY)
     for _ in range(40_000):
-        here = int(random.choice(5, p=found.chance[0, since, here]))
+        here = int(random.choice(5, p=charging.chance[0, since, here]))
         visits[here] += 1
         since += 1
         if here == CHARGER:
             intervals[since - 1] += 1
             since = 0
         assert since < EVERY
-    np.testing.assert_allclose(found.share, visits / visits.sum(), atol=0.01)
-    np.testing.assert_allclose(found.interval, intervals / intervals.sum(), atol=0.015)
-    assert found.interval.sum() == pytest.approx(1)
-    assert found.mean_interval == pytest.approx(found.idleness[CHARGER])
+    np.testing.assert_allclose(charging.share, visits / visits.sum(), atol=0.01)
+    np.testing.assert_allclose(charging.interval, intervals / intervals.sum(), atol=0.015)
+    assert charging.interval.sum() == pytest.approx(1)
+    assert charging.mean_interval == pytest.approx(charging.idleness[CHARGER])
 
 
 def test_capture_against_all_ways():
     """Of two steps for each vertex, from all states that occur, by enumeration."""
     attack, least = 3, 1.0
-    found = charged(GRAPH, WALK[None], CHARGER, EVERY, attack_time=attack)
+    charging = charged(GRAPH, WALK[None], CHARGER, EVERY, attack_time=attack)
     states = {(0, CHARGER)}
     while True:
         after = {
             (0 if there == CHARGER else since + 1, int(there))
             for since, here in states
-            for there in np.flatnonzero(found.chance[0, since, here])
+            for there in np.flatnonzero(charging.chance[0, since, here])
         }
         if after <= states:
             break
@@ -50,11 +50,11 @@ def test_capture_against_all_ways():
         for way in itertools.product(range(5), repeat=attack):
             chance, age, here = 1.0, since, start
             for there in way:
-                chance *= found.chance[0, age % EVERY, here, there]
+                chance *= charging.chance[0, age % EVERY, here, there]
                 age, here = (0 if there == CHARGER else age + 1), there
             caught += chance * (target in way)
         least = min(least, caught)
-    assert found.least_capture == pytest.approx(least, abs=1e-12)
+    assert charging.least_capture == pytest.approx(least, abs=1e-12)
 
 
 def test_two_robots_are_independent():
@@ -66,16 +66,16 @@ def test_two_robots_are_independent():
 
 
 def test_a_long_interval_does_not_change_the_shares():
-    found = charged(GRAPH, WALK[None], CHARGER, 200)
+    charging = charged(GRAPH, WALK[None], CHARGER, 200)
     share = np.linalg.matrix_power((WALK + np.eye(5)) / 2, 2000)[0]
-    np.testing.assert_allclose(found.share, share, atol=1e-6)
+    np.testing.assert_allclose(charging.share, share, atol=1e-6)
 
 
 def test_a_walk_that_never_visits_the_charger_is_led_back():
     to_and_fro = np.zeros((5, 5))
     to_and_fro[[0, 1, 2, 3, 4], [1, 0, 1, 4, 3]] = 1
-    found = charged(GRAPH, to_and_fro[None], CHARGER, 4)
-    assert found.interval[-2:].sum() == pytest.approx(1)
+    charging = charged(GRAPH, to_and_fro[None], CHARGER, 4)
+    assert charging.interval[-2:].sum() == pytest.approx(1)
 
 
 def test_a_charger_that_is_too_far_is_refused():
