@@ -17,20 +17,20 @@ CLOCK = re.compile(
 
 # By file: the number of lines, and the reason why they cannot decide how a test ends.
 USES = {
-    "cli/test_robot_alone.py": (1, "A process that hangs is ended after minutes."),
+    "cli/robot/test_robot_alone.py": (1, "A process that hangs is ended after minutes."),
     "cli/test_view.py": (1, "A process that waits to be ended ends by itself if the test fails."),
     "mutations.py": (2, "Seconds of the processor: a reader takes a hundredth of them."),
     "record/test_robot.py": (1, "A process that waits to be killed, however long that takes."),
-    "robot/test_create.py": (
+    "robot/create/test_create.py": (
         4,
         "Pauses between exchanges or commands; a process that is ended.",
     ),
-    "robot/test_emulator.py": (
+    "robot/emulation/test_emulator.py": (
         1,
         "A moment in which nothing may happen, and a slow machine only makes that easier.",
     ),
-    "robot/test_ros.py": (1, "A process that waits to be killed ends by itself if the test fails."),
-    "robot/test_simulated.py": (4, "Seconds of the simulated robot."),
+    "robot/ros/test_ros.py": (1, "A process that waits to be killed ends by itself if the test fails."),
+    "robot/emulation/test_simulated.py": (4, "Seconds of the simulated robot."),
     "ros_stub.py": (1, "The pause of the stub between two turns."),
     "sweep/test_engines.py": (
         3,

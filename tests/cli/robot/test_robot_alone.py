@@ -17,7 +17,7 @@ from jaxcell import record
 from jaxcell.cli import main
 
 
-PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
 # Nothing can be imported but the standard library, jaxcell, and the packages that are named.
 ALONE = """
 import sys

@@ -266,7 +266,7 @@ def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
     log = tmp_path / "said"
-    paths = [tmp_path, Path(ros_stub.__file__).parent, Path(__file__).parents[2]]
+    paths = [tmp_path, Path(ros_stub.__file__).parent, Path(__file__).parents[3]]
     place = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "ROS_STUB_LOG": str(log)}
     main = (
         "import sys, time; from jaxcell.robot.create.watchdog import Watchdog; "
