@@ -1,4 +1,4 @@
-"""Load studies and tasks of users from files or modules."""
+"""Load the user's studies and tasks from files or modules."""
 
 import importlib
 import importlib.util

@@ -58,7 +58,7 @@ class CellStudy(Study):
             raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "space.CellSpace":
-        """Divide the map into cells, and raise if the answer needs more memory than is free."""
+        """Divide the map into cells; raise `MemoryError` if `run` needs more than is free."""
         self.memory()
         return _cells(self._cut)
 

@@ -92,7 +92,7 @@ class Only:
         self.values = values
 
     def holds(self, options: Any) -> bool:
-        """Check that the parameters of a study, or the options of a command, meet the condition."""
+        """Return whether the parameters of a study or options of a command meet the condition."""
         default = {field.name: field.default for field in dataclasses.fields(options)}
         return all(
             (getattr(options, name) != default[name]) is wanted

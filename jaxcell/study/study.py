@@ -79,7 +79,7 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory of the answer in bytes; 0 if unknown.
+        """Estimate the peak memory that the answer needs, in bytes; 0 if unknown.
 
         With `written`, the estimate includes the memory for writing the files. **Raises:**
         `MemoryError` with advice, if less memory is free.

@@ -1,4 +1,4 @@
-"""Shards: parts of a sweep that the jobs of a job array compute, and `merge_sweep` merges."""
+"""Shards: parts of a sweep, which the jobs of a job array compute and `merge_sweep` merges."""
 
 import contextlib
 import dataclasses

@@ -257,7 +257,8 @@ class Spec:
         return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the values of the parameters of a dimension, sorted by name, at each index."""
+        """Yield at each index the values of a dimension's parameters, in the order of their
+        names."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 

@@ -81,7 +81,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, in studies that have them."""
+        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, if the study has them."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:

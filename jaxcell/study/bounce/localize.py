@@ -61,8 +61,8 @@ class Localize(AnywhereStudy):
     large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
     """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
-    travel, so a robot that drives back goes too far. At an incidence i the distance is cos(i)²
-    times as large."""
+    travel, so the robot then drives back too far. At an incidence i the distance is cos(i)² times
+    as large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of fine cells, into which a belief divides the cells of the map; by default
     100,000, and up to 400,000 for a slip below 2 %. With more fine cells, the credible sets on

@@ -62,7 +62,7 @@ class Navigate(AnywhereStudy, Plans):
     """Start of the robot: "x,y,heading" in m and degrees, or a cell number; with --anywhere random
     by default."""
     goal: str
-    """Goal, in the form of the start; with --anywhere "x,y" in m."""
+    """Goal, in the same form as the start; with --anywhere "x,y" in m."""
     goal_radius: Annotated[Length | None, Only(anywhere=True)] = None
     """Distance within which a robot has reached the goal, in metres; by default the side of a cell,
     or half a metre if cells are smaller."""

@@ -48,7 +48,7 @@ class Drift(SeaStudy):
     depths: tuple[Metres, ...] = ()
     """Depths of the layers in metres; by default the depths in the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the part to read, in degrees."""
+    """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, if the file does not identify them."""
     windage: Share = 0.0

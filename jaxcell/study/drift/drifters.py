@@ -34,8 +34,8 @@ class Drifters(SeaStudy):
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
     """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the region to divide into cells, in degrees; the region may
-    contain the date line."""
+    """West, south, east and north limits of the region to divide into cells, in degrees. The region
+    may contain the date line."""
     least: AtLeastOne = 1
     """Least number of observed moves from a cell; cells with fewer moves are left out of the
     map."""

@@ -95,7 +95,7 @@ class GraphStudy(Study):
         return more
 
     def times(self, graph: "optimize.Graph") -> Any:
-        """Return the time of each edge in units of time, or `None` without a speed."""
+        """Return the travel time of each edge in units of `time_unit`; `None` without a speed."""
         if self.speed is None:
             return None
         return patrol.team.whole_times(graph, self.speed, self.time_unit)

@@ -177,7 +177,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
-        """Record the result of a job, or the failure of its only member; return new failures."""
+        """Record the result of a job, or the failure of its only member; return its failures."""
         chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
         states.reshape(-1)[places] = DONE

@@ -130,7 +130,7 @@ def find_task(name: str) -> Task:
 
 
 def study_of(task: str) -> type[Study] | None:
-    """Return the study of a task, or `None` if the task is a function."""
+    """Return the study that a task runs, or `None` if the task is a function."""
     target = find_task(task)
     if isinstance(target, functools.partial) and target.func is study_task:
         return target.args[0]
