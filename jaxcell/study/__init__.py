@@ -16,7 +16,7 @@ a task in sweeps, and the `spec` in datasets and recordings. A program calls a s
 tests. Your own class that derives from [`Study`][jaxcell.study.Study] also runs as `jaxcell run
 FILE.py:CLASS`, and as the task of a sweep.
 
-Studies do not depend on terminals or engines. Importing this package does not import JAX.
+The studies do not use the command line or sweeps. Importing this package does not import JAX.
 """
 
 from .bounce.cover import Cover as Cover

@@ -22,7 +22,7 @@ _MAX_AT_ONCE = 1 << 25
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SystemStudy(Study):
-    """A question about a dynamical system in a box of cells."""
+    """Base class of studies of a dynamical system in a box that is divided into cells."""
 
     system: tyro.conf.Positional[str]
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
@@ -30,12 +30,12 @@ class SystemStudy(Study):
     params: tuple[str, ...] = ()
     """Values that replace default parameters of the system, such as T=0.5."""
     cells: tuple[int, ...] = ()
-    """Number of cells along each axis, or one number for all axes; by default the number of the
-    system."""
+    """Number of cells along each axis, or one number for all axes; by default as the system
+    defines."""
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
-        """The system, with the number of cells from `cells`, if any."""
+        """The system, divided into the number of cells that the parameter `cells` gives, if any."""
         system = load_system(self.system)
         if not self.cells:
             return system
@@ -58,18 +58,18 @@ class Dynamics(SystemStudy):
     task: ClassVar[str] = "dynamics"
 
     params: tuple[str, ...] = ()
-    """Values that replace default parameters of the system, such as T=0.5; T=0.1:0.9:17 follows the
-    attractors along 17 values."""
+    """Values that replace default parameters of the system, such as T=0.5. With T=0.1:0.9:17, the
+    attractors are followed along 17 values."""
     follow: WholeNumber = 0
-    """Number of further steps of a point outside the box before the point counts as lost."""
+    """Number of steps in which a point outside the box may return before it counts as lost."""
     by: Literal["cells", "orbits"] = "cells"
     """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
     cell's centre (orbits), which is slower but does not need small cells."""
     edges: bool = False
     """Find the edge states, the saddles on the boundaries of basins."""
     folder: str = ""
-    """Folder for the arrays over cells, which then need not fit in memory; to continue an
-    interrupted run, repeat the command."""
+    """Folder for the arrays over cells, which then need not fit in memory. Repeat the command to
+    continue an interrupted run."""
     seed: WholeNumber = 0
     """Seed of the random starting points of the search for attractors."""
 
@@ -116,7 +116,7 @@ class Dynamics(SystemStudy):
 
 
 def load_system(reference: str) -> "dynamics.System":
-    """Load the system `FILE.py:NAME`, or the system of jaxcell with this name."""
+    """Load a system from `FILE.py:NAME`, or by its name in jaxcell."""
     if ":" not in reference:
         # This import takes seconds.
         from ..dynamics import systems
@@ -136,7 +136,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by values from texts: `NAME=NUMBER`, or a list `NAME=FIRST:LAST:COUNT`."""
+    """Return the parameters `known`, with values from `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

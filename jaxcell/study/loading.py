@@ -1,4 +1,4 @@
-"""Load studies and tasks of users from files or modules."""
+"""Load the user's studies and tasks from files or modules."""
 
 import importlib
 import importlib.util
@@ -11,7 +11,7 @@ from .study import Study
 
 
 def load_module(name: str) -> ModuleType:
-    """Import a module with a name, or from a file `FILE.py`."""
+    """Import a module by its name, or from a file `FILE.py`."""
     if not name.endswith(".py"):
         return importlib.import_module(name)
     path = Path(name).resolve()

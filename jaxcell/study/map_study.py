@@ -21,7 +21,7 @@ _DIRECTION_DEG = 0.01
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CellStudy(Study):
-    """A question about the cells of a map."""
+    """Base class of studies on the cells of a map."""
 
     map: tyro.conf.Positional[Path]
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
@@ -29,16 +29,16 @@ class CellStudy(Study):
     """Side of a cell in metres; by default the side that the map suggests."""
 
     def needed(self, extent: "space.Extent") -> float | int:
-        """Estimate the bytes of memory that the answer needs on the cells of a map."""
+        """Estimate the memory in bytes that `run` needs on a map with the size `extent`."""
         return space.estimates.cutting(extent)
 
     def written(self, extent: "space.Extent") -> float | int:
-        """Estimate the bytes of memory that the answer and the writing of its files need."""
+        """Estimate the memory in bytes that `run` and the writing of the files need."""
         return self.needed(extent)
 
     @property
     def smaller(self) -> str:
-        """Further advice of a `MemoryError`, which stands before "larger cells"; may be empty."""
+        """The advice before "use larger cells" in the message of a `MemoryError`; may be empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -58,7 +58,7 @@ class CellStudy(Study):
             raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "space.CellSpace":
-        """Divide the map into cells, and raise if the answer needs more memory than is free."""
+        """Divide the map into cells; raise `MemoryError` if `run` needs more than is free."""
         self.memory()
         return _cells(self._cut)
 
@@ -77,7 +77,7 @@ class CellStudy(Study):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MapStudy(CellStudy):
-    """A question about a bouncing robot on a map."""
+    """Base class of studies of a bouncing robot on a map."""
 
     directions: AtLeastOne | None = None
     """Number of directions; by default the number that the map suggests, or 8."""
@@ -95,7 +95,8 @@ class MapStudy(CellStudy):
 
     @property
     def motion(self) -> "space.Motion":
-        """The length of a step and the rule of collision, for functions of `jaxcell.bounce`."""
+        """The length of a step and the collision rule, for functions such as
+        `bounce.bounce_map`."""
         return space.Motion(self.step, self.collision)
 
     def spec(self, result: Any) -> dict[str, Any]:
@@ -119,7 +120,7 @@ class MapStudy(CellStudy):
 
 
 def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number."""
+    """Parse the cell that a parameter gives as `x,y,heading` (metres, degrees) or a cell number."""
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))

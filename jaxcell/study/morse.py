@@ -9,7 +9,7 @@ from .study import Say, silent
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Morse(SystemStudy):
-    """Find the recurrent sets of a dynamical system and their order by bisection, with proof."""
+    """Find the recurrent sets of a dynamical system and which can lead to which, with proof."""
 
     name: ClassVar[str] = "morse"
     command: ClassVar[str] = "morse"
@@ -17,14 +17,14 @@ class Morse(SystemStudy):
     task: ClassVar[str] = "morse"
 
     cells: tuple[AtLeastOne, ...] = ()
-    """Number of cells along each axis at the start, or one number for all axes; by default the
-    number of the system."""
+    """Number of cells along each axis at the start, or one number for all axes; by default as the
+    system defines."""
     depth: WholeNumber = 0
     """Number of bisections of boxes, along each axis in turn; after each bisection, boxes that are
     not recurrent are removed."""
     check: WholeNumber = 0
-    """Number of further bisections that test the sets; sets that are then not recurrent are
-    removed."""
+    """Number of further bisections that test the found sets. Sets that prove not to be recurrent
+    are removed."""
     images: Literal["intervals", "mean-value", "corners"] = "mean-value"
     """Method for images of boxes: interval arithmetic (intervals), also with the mean value theorem
     (mean-value), or boxes around the images of corners (corners), which prove nothing."""

@@ -92,7 +92,7 @@ class Only:
         self.values = values
 
     def holds(self, options: Any) -> bool:
-        """Check that the parameters of a study, or the options of a command, meet the condition."""
+        """Return whether the parameters of a study or options of a command meet the condition."""
         default = {field.name: field.default for field in dataclasses.fields(options)}
         return all(
             (getattr(options, name) != default[name]) is wanted
@@ -141,21 +141,21 @@ def parameters(options: type) -> dict[str, Any]:
 
 
 def inside(annotation: Any) -> Iterator[Any]:
-    """Yield a type and all types among its arguments, recursively."""
+    """Yield an annotation and, recursively, all its type arguments."""
     yield annotation
     for part in getattr(annotation, "__args__", ()):
         yield from inside(part)
 
 
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
-    """Return the first metadata of type `kind` in an annotation, also inside tuples and unions."""
+    """Return the first `Annotated` metadata of type `kind` in a type or its type arguments."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
     return next((note for note in notes if isinstance(note, kind)), None)
 
 
 @functools.cache
 def conditions(options: Any) -> dict[str, list[Only]]:
-    """Return the conditions of each parameter that has any; one of them must be met."""
+    """Return the alternative conditions of each parameter that has any."""
     notes = {
         name: [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Only)]
         for name, hint in parameters(options).items()
@@ -184,7 +184,7 @@ def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
 
 
 def check(options: Any) -> None:
-    """Raise if a parameter is beyond its limits, has no effect, or is missing."""
+    """Raise `ValueError` if a parameter is beyond its limits, has no effect, or is missing."""
     kind: Any = type(options)
     for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)

@@ -38,7 +38,7 @@ class Study:
     """
 
     name: ClassVar[str] = "result"
-    "Name of the files with results of the study."
+    "Base name of the result files."
     command: ClassVar[str] = ""
     "Words of the command after `jaxcell`; empty for a study without a command."
     example: ClassVar[str] = ""
@@ -46,10 +46,10 @@ class Study:
     task: ClassVar[str] = ""
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     one_of: ClassVar[tuple[str, ...]] = ()
-    "Parameters of which at least one is needed."
+    "Parameters, at least one of which is needed."
     batch: ClassVar[str | None] = None
-    """A parameter with several values, which is also a dimension of the result. If members of a
-    sweep differ only in this parameter, they run as one study."""
+    """Name of a parameter with several values, which is also a dimension of the result. Members of
+    a sweep that differ only in this parameter run as one study."""
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
@@ -79,7 +79,7 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory of the answer in bytes; 0 if unknown.
+        """Estimate the peak memory that the answer needs, in bytes; 0 if unknown.
 
         With `written`, the estimate includes the memory for writing the files. **Raises:**
         `MemoryError` with advice, if less memory is free.
@@ -87,7 +87,7 @@ class Study:
         return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
-        """Return the parameters that repeat the computation of a result, as a mapping by name.
+        """Return the parameters with which the computation of a result can be repeated, by name.
 
         Parameters without effect are left out, and defaults that depend on the map are replaced by
         their values. The name of a parameter with a unit ends in the unit, such as `cell_m`.
@@ -106,7 +106,7 @@ class Study:
         return parameter if unit is None else f"{parameter}_{unit.suffix}"
 
     def headline(self, spec: dict[str, Any]) -> str:
-        """Return the line above the tables of a result."""
+        """Return the line above the tables of a result, from its `spec`."""
         return self.name
 
     def at_once(self, result: Any) -> bool:
@@ -126,7 +126,6 @@ class Study:
 
 @functools.cache
 def _kinds(study: Any) -> dict[str, list[Any]]:
-    """Return the types inside the annotation of each parameter."""
     return {name: [*inside(annotation)] for name, annotation in parameters(study).items()}
 
 
@@ -140,7 +139,7 @@ def about(parameter: str) -> Iterator[None]:
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
-    """Read `count` finite numbers, separated by commas, from a text."""
+    """Parse `count` finite numbers, separated by commas. `expected` describes them in the error."""
     with contextlib.suppress(ValueError):
         read = [float(part) for part in text.split(",")]
         if len(read) == count and all(map(math.isfinite, read)):

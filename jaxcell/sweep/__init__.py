@@ -1,4 +1,4 @@
-"""Sweeps run one task for many parameters, on one or many machines. A kill loses no results.
+"""Sweeps run one task for many parameters, on one or many machines. Killed runs can be resumed.
 
 A *specification*, a TOML file read by `Spec.load`, names a *task*: a study of jaxcell, or
 `module:function`. The tables `[grid]`, `[list]` and `[random]` give the parameters of its
@@ -22,7 +22,7 @@ that each parameter causes, for the design `saltelli`. `verify_sweep` finds dama
 computes them again. A sweep can be resumed, enlarged by more values of its parameters, and moved
 together with the files that its members read.
 
-This package does not import JAX; the tasks do.
+This package does not import JAX. Tasks import it.
 """
 
 from ..base.hosted import attach

@@ -44,8 +44,6 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class _Distribution:
-    """The distribution of the samples of a parameter."""
-
     draw: Callable[[np.random.Generator, int], np.ndarray]
     "A function that draws a number of independent samples."
     quantile: Callable[[np.ndarray], np.ndarray]
@@ -55,7 +53,7 @@ class _Distribution:
 def read_parameters(
     grid: Mapping[str, Any], listed: Mapping[str, Any], random: Mapping[str, Any], seed: int
 ) -> tuple[Parameter, ...]:
-    """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
+    """Read the parameters of `[grid]`, `[list]` and `[random]`, one table after the other.
 
     The page "Sweeps" of the documentation describes the tables. If `[random]` has no design, the
     samples of a parameter do not depend on the other parameters.
@@ -118,9 +116,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """Generate the points of a design in the unit cube, of shape `(members, parameters)`.
+    """Generate the points of a sampling design in the unit cube, of shape `(members, parameters)`.
 
-    If the number of samples is increased, `sobol` and `saltelli` keep their previous members.
+    With more samples, the designs `sobol` and `saltelli` keep their first points.
     """
     if design not in _DESIGNS:
         raise ValueError(
@@ -166,7 +164,6 @@ def _grid_values(given: Any) -> np.ndarray:
 
 
 def _list_values(given: Any) -> np.ndarray:
-    """Check that a list has values of one kind, and convert it to an array."""
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ValueError(f"expected a list of values, got {reprlib.repr(given)}")
     if all(isinstance(value, bool | str) for value in given) and len(set(map(type, given))) == 1:

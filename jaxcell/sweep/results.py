@@ -1,4 +1,4 @@
-"""Read the progress of a sweep and its result."""
+"""Read the progress and the result of a sweep."""
 
 import dataclasses
 import os
@@ -30,9 +30,9 @@ class SweepStatus:
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
-    "Number of damaged records and lost files; [`verify_sweep`][] also finds damage inside files."
+    "Number of damaged records and lost files. Only [`verify_sweep`][] finds damage inside files."
     running: str | None
-    "The process that runs the sweep now, or `None`."
+    "Name of the process that runs the sweep now, or `None`."
     rate: float | None
     "Number of members that the run computes per second; `None` if unknown."
     left: float | None

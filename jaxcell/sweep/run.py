@@ -127,7 +127,7 @@ def run_sweep(
 
 
 class _Jobs:
-    """The jobs of a run: chunks, and after failures halves of chunks, down to single members."""
+    """The jobs of a run. A chunk that fails is split into halves, down to single members."""
 
     def __init__(self, jobs: Iterator[Job]) -> None:
         self._jobs = jobs
@@ -136,11 +136,10 @@ class _Jobs:
         self._open: Counter[int] = Counter()
 
     def take(self) -> Job | None:
-        """Return the next job, or `None` if there is none now; a failure may add jobs later."""
+        """Return the next job; `None` if there is none until a failure adds one."""
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def split(self, job: Job) -> None:
-        """Replace a job by two jobs with half of its members each."""
         halves = np.array_split(job.places, 2)
         self._halves += [job.part(half) for half in reversed(halves)]
         self._open[job.number] += 1
@@ -162,14 +161,14 @@ def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """Create the job that computes the members of a chunk that are not done."""
+    """Create the job for the members of a chunk that are not done. `wide` means 64 bits in JAX."""
     job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
     return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Add advice to the `OSError` that a `with` block raises if the disk is full."""
+    """Add advice to an `OSError` about a full disk that a `with` block raises."""
     try:
         yield
     except OSError as error:

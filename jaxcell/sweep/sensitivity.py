@@ -1,4 +1,4 @@
-"""Sobol indices: the shares of the variance of a variable that each parameter causes."""
+"""Sobol indices: the shares of the variance of a variable that are due to each parameter."""
 
 import dataclasses
 import itertools
@@ -25,7 +25,7 @@ _CONFIDENCE = 0.95
 
 @dataclasses.dataclass(frozen=True)
 class SobolIndex:
-    """The share of the variance of a variable that one parameter causes."""
+    """The share of the variance of a variable that is due to one parameter."""
 
     variable: str
     parameter: str
@@ -34,11 +34,11 @@ class SobolIndex:
     first_order: float
     "The share of the variance that the parameter alone causes."
     first_order_interval: tuple[float, float]
-    "Confidence interval of 95 % of `first_order`, from a bootstrap over the samples."
+    "95 % confidence interval of `first_order`, from a bootstrap over the samples."
     total: float
     "The share of the variance that the parameter causes alone, or together with other parameters."
     total_interval: tuple[float, float]
-    "Confidence interval of 95 % of `total`."
+    "95 % confidence interval of `total`."
 
 
 def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
@@ -87,7 +87,6 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
 
 
 def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterator[SobolIndex]:
-    """Estimate the indices of a variable for each combination of grid parameters."""
     grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
     for places in itertools.product(*(range(values.sizes[name]) for name in grid)):
         subset = values.isel(dict(zip(grid, places, strict=True)))
@@ -105,9 +104,9 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate first-order and total indices, and the ends of their confidence intervals.
 
-    In Saltelli's design, A and B are independent samples. A row has the values at a point of A, at
-    a point of B, and at the points of A with one parameter from B. Each of the returned arrays has
-    the shape `(2, parameters)`.
+    In Saltelli's design, A and B are independent samples. A row has the outputs at a point of A, at
+    the same point of B, and at the points of A with one parameter from B. Each of the returned
+    arrays has the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -1,4 +1,4 @@
-"""Shards: parts of a sweep that the jobs of a job array compute, and `merge_sweep` merges."""
+"""Shards: parts of a sweep, which the jobs of a job array compute and `merge_sweep` merges."""
 
 import contextlib
 import dataclasses
@@ -45,7 +45,7 @@ class Shard:
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """Parse the text `i/n` of a shard; `i` is a number from 1 to `n`."""
+        """Parse `i/n`, the text for shard number `i` of `n` shards, counted from 1."""
         match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"shard: expected i/n with i from 1 to n, got {text!r}")
@@ -56,7 +56,7 @@ class Shard:
         return range(self.number - 1, count, self.count)
 
     def folder(self, out: str | os.PathLike[str]) -> Path:
-        """Return the folder of the store of the shard, in the folder `out` of the whole sweep."""
+        """Return the folder of the shard's store, inside the folder `out` of the whole sweep."""
         return Path(out) / _FOLDER / f"{self.number}-of-{self.count}"
 
 
@@ -140,7 +140,6 @@ def _check_shards(
 
 
 def _shards(folder: Path) -> list[Shard]:
-    """Find the shards of a sweep."""
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     shards = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in shards})

@@ -30,10 +30,10 @@ _MAX_LETTERS = 500
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """Members that are computed together: a box of indices along the dimensions."""
+    """Members that are computed together. Their indices along the dimensions form a box."""
 
     number: int
-    "The number of the chunk, from 0. Chunks are numbered along the last dimension first."
+    "The number of the chunk, from 0, in C order: the last dimension varies fastest."
     region: tuple[slice, ...]
     "The indices of the members along each dimension."
 
@@ -61,7 +61,7 @@ class Spec:
     path: Path
     "The file of the specification."
     folder: Path
-    "The folder of the original file; relative paths in the specification are relative to it."
+    "The folder of the original file, to which paths in the specification are relative."
     text: bytes
     "The content of the file."
     document: Mapping[str, Any]
@@ -84,10 +84,7 @@ class Spec:
 
     @classmethod
     def parse(cls, text: bytes, path: Path, folder: Path) -> "Spec":
-        """Parse the text of a specification.
-
-        `path` is its file, for errors, and `folder` the folder that its paths are relative to.
-        """
+        """Parse a specification. Errors name `path`, and relative paths in it begin at `folder`."""
         try:
             document = tomllib.loads(text.decode("utf-8"))
             return cls._read(path, folder, text, document)
@@ -134,11 +131,11 @@ class Spec:
 
     @property
     def folders(self) -> list[Path]:
-        """The folders to search for relative paths: of the specification, and the current one."""
+        """The folders in which to look for relative paths, first that of the specification."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find a file or folder that the specification names, or a bundled `@NAME`, or `None`."""
+        """Find the file or folder that a parameter names, also as `@NAME`; `None` if missing."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)
@@ -151,7 +148,7 @@ class Spec:
 
     @property
     def has_indices(self) -> bool:
-        """True if the members have the design `saltelli`, which Sobol indices need."""
+        """True if the design is `saltelli`, for which `sobol_indices` works."""
         return self.document.get("random", {}).get("design") == SALTELLI
 
     @functools.cached_property
@@ -187,7 +184,7 @@ class Spec:
         }
 
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """Convert the index of a member in a chunk to its index along each dimension."""
+        """Convert the index `place` of a member in a chunk to its index along each dimension."""
         inside = np.unravel_index(place, chunk.shape)
         return {
             name: part.start + int(offset)
@@ -248,25 +245,26 @@ class Spec:
         return places
 
     def _rest(self) -> dict[str, Any]:
-        """Return the document without the parameters, with its fields sorted."""
+        """Return the document without the tables of parameters, with its fields sorted."""
         rest = {name: self.document[name] for name in sorted(self.document)}
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document, in which each parameter has a list of all its values."""
+        """Return the document with a list of all values of each parameter."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
         return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield, at each index of a dimension, the values of its parameters, sorted by name."""
+        """Yield at each index the values of a dimension's parameters, in the order of their
+        names."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the names and values of nested fields. Values are texts, so that 1 and 1.0 differ."""
+    """Yield the names and values of nested fields as texts, because 1 and 1.0 must differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -281,7 +279,6 @@ def _cut(text: str, place: int) -> str:
 
 
 def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
-    """Read the length of a chunk along each dimension."""
     if isinstance(given, dict):
         for name, length in given.items():
             if name not in sizes:
@@ -293,7 +290,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """Choose the lengths of boxes of at most `most` members that divide an array of `sizes`."""
+    """Choose the shape of boxes with at most `most` members that tile a grid of shape `sizes`."""
     lengths = {}
     # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):

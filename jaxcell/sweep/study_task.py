@@ -1,4 +1,4 @@
-"""Run a study as the task of a sweep. Each member is the study with other parameters."""
+"""Run a study as the task of a sweep, with other parameters for each member."""
 
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
@@ -20,10 +20,7 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Create a study from parameters in the form of a TOML or JSON document.
-
-    A single value is accepted for a parameter that is a tuple.
-    """
+    """Create a study from parameters of TOML or JSON, in which a tuple may be a single value."""
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
     for name in parameters:
@@ -75,7 +72,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Create the study of each member of a batch; its seed is by default the seed of the sweep."""
+    """Create the study of each member of a batch. Its default seed is the seed of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]
@@ -84,7 +81,7 @@ def studies(
 
 
 def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
-    """Group the indices of members that one call can compute."""
+    """Group the indices of the members that can be computed together, as one study."""
     if study.batch is None:
         return [[i] for i in range(len(members))]
     alike: dict[Hashable, list[int]] = {}

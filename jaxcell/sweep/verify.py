@@ -28,7 +28,7 @@ _BYTE = f"{JOURNAL}, byte"
 
 @dataclasses.dataclass(frozen=True)
 class Verified:
-    """The damage of a sweep, and its repair."""
+    """The damage that [`verify_sweep`][] found, and how much of it was repaired."""
 
     chunks: int
     "The number of chunks of the sweep."

@@ -1,4 +1,4 @@
-"""Studies of robots that start anywhere and do not know their place."""
+"""Studies of robots that start anywhere and do not know where they are."""
 
 import dataclasses
 import math
@@ -22,32 +22,32 @@ _ANYWHERE = Only(anywhere=True)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AnywhereStudy(MapStudy):
-    """A study of a robot on a map; the robot may start anywhere."""
+    """Base class of studies whose robots may start anywhere, not only at the centres of cells."""
 
     seed: int = 0
     """Seed of the random starts, errors and choices."""
     anywhere: Annotated[bool, Only(collision="swept")] = False
-    """Start robots anywhere, and track each with sets of places on the walls instead of a filter of
-    cells. The robots drive straight until they bump, and count the steps of each run."""
+    """Start robots anywhere, and track their possible positions along the walls instead of among
+    cells. The robots drive straight to the next bump, and count the steps."""
     heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
     """Heading of the robots at the start: one of the directions (known), or any heading
     (unknown)."""
     errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
-    """Bounds of the errors: of the length of a run, as a share of the length (run=0.02) and in
-    metres (distance=0.05); of a turn and of the first heading, in degrees (turn=1 heading=2); of
-    the distance driven before a bump is felt (late=0.01), and of the distance between the wall and
-    the start of a run (displacement=0.03), in metres. With bump_turn=2, a bump also turns the robot
-    toward the wall, by 2 degrees at 45 degrees of incidence."""
+    """Bounds of the errors: run=0.02 for the length of a run between two bumps, as a share of it,
+    and distance=0.05 in metres; turn=1 for a turn and heading=2 for the first heading, in degrees;
+    late=0.01 for the distance driven before a bump is felt, and displacement=0.03 for the distance
+    between the wall and the start of a run, in metres. With bump_turn=2, a bump at 45 degrees of
+    incidence also turns the robot toward the wall by 2 degrees."""
     measured: Annotated[bool, _ANYWHERE] = False
-    """Let the robots measure the length of each run instead of counting steps."""
+    """Let the robots measure the distance between bumps instead of counting steps."""
     robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
     """Number of robots."""
     bumps: Annotated[AtLeastOne, _ANYWHERE] = 30
     """Number of bumps of each robot."""
     radius: Annotated[Length | None, _ANYWHERE] = None
-    """Distance in metres within which a robot counts as localized; by default half a cell."""
+    """Largest error in metres with which a robot counts as localized; by default half a cell."""
     slices: Annotated[AtLeastOne, _ANYWHERE] = 360
-    """Number of slices of headings, if headings are not known exactly."""
+    """Number of equal intervals of headings to track, if headings are not known exactly."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,7 +69,7 @@ class AnywhereStudy(MapStudy):
         return 0 if self.anywhere else super().needed(extent)
 
     def filter(self, cells: Any) -> "walls.WallFilter":
-        """Build the filter of the walls of a room."""
+        """Build the filter that tracks a robot's possible positions on the walls of a map."""
         step = cells.cell if self.step is None else self.step
         return walls.WallFilter.of(
             cells.workspace,
@@ -116,9 +116,9 @@ class AnywhereStudy(MapStudy):
         say: Say,
         goal: tuple[tuple[float, float], float] | None = None,
     ) -> "bounce.Anywhere":
-        """Drive robots that start anywhere, to localize them or to bring them to a goal.
+        """Simulate robots that start anywhere, to localize them or to bring them to a goal.
 
-        The goal is a centre and a radius in metres.
+        `start` is the pose of the first robot, and `goal` a centre and a radius, in metres.
         """
         cells = self.cells()
         workspace = cells.workspace
@@ -153,7 +153,7 @@ class AnywhereStudy(MapStudy):
 
 
 def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Read a pose from a text, and raise if the pose is not in the free space of a room."""
+    """Parse the pose "x,y,heading" of a parameter, and raise if it is not in the free space."""
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')
@@ -165,9 +165,10 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Compute the median numbers of bumps and metres of plans from known start cells to the goal.
+    """Compute the median bumps and metres of plans over cells, for comparison with a trial.
 
-    The numbers are `None` if an angle is not a multiple of the angle between directions.
+    The plans lead from the starts of the first robots to the goal. The medians are `None` if an
+    angle is not a multiple of the angle between directions.
     """
     import numpy as np
 

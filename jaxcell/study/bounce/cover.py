@@ -12,7 +12,7 @@ from ..study import Say, radians, silent
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cover(MapStudy):
-    """Find the shares of time of bouncing angles with which an imprecise robot covers a map."""
+    """Find how much time an imprecise robot should give to each bouncing angle to cover a map."""
 
     name: ClassVar[str] = "coverage"
     command: ClassVar[str] = "cover"
@@ -22,11 +22,11 @@ class Cover(MapStudy):
     bounces: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
     error: Annotated[Degrees, Limit(ge=0)]
-    """Largest error of a turn in degrees: a multiple of the angle between directions."""
+    """Largest error of a turn in degrees. It must be a multiple of the angle between directions."""
     reliability: Annotated[float, Limit(gt=0, le=1)]
     """Probability of a turn without error."""
     target: str = "uniform"
-    """Shares of time to reach: uniform, an image (brighter parts get more), or FILE.nc:VARIABLE."""
+    """Wanted time at each position: uniform, an image (more where bright), or FILE.nc:VARIABLE."""
     weights: Literal["basin", "size"] = "basin"
     """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
     number of cells (size)."""
@@ -72,7 +72,7 @@ class Cover(MapStudy):
 
 
 def check_target(text: str) -> None:
-    """Raise if the file of a target does not exist."""
+    """Raise `ValueError` if the file of a target does not exist."""
     file, _, _ = text.rpartition(":")
     if file.endswith(".nc") and not Path(file).is_file():
         raise ValueError(f"target {text}: there is no file {file}")

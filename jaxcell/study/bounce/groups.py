@@ -12,7 +12,7 @@ from ..study import Say, radians, silent
 
 
 MAX_AT_ONCE = 20_000_000
-"""The largest number of cells in memory, in one dataset and in one drawing."""
+"""The largest number of cells for which one dataset and one recording are made."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Groups(MapStudy):
 
     @functools.cached_property
     def _free(self) -> int | None:
-        """The free memory in bytes at the first access; it determines how results are written."""
+        """The free memory in bytes, read once, so that all results are written in the same way."""
         return memory.free()
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":

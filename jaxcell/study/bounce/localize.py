@@ -32,11 +32,11 @@ class Localize(AnywhereStudy):
     """Bouncing angles among which the robot chooses at each bump. A robot that slips chooses the
     angle after which the expected entropy of its belief at the next bump is least."""
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
-    """Knowledge to reach: the cell, the position at any heading, or the class of cells that no
-    choice of these angles distinguishes."""
+    """Knowledge that the robot seeks: its cell, its position at any heading, or the class of cells
+    that no choice of these angles distinguishes."""
     aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
     """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts. With
-    --anywhere it is the largest or the mean extent of the set of possible places."""
+    --anywhere it is the largest or the mean size of the set of possible positions."""
     ahead: Annotated[int, Limit(ge=1, le=3), Only(bounces=True, anywhere=True)] = 1
     """Number of bumps to look ahead in the choice among angles."""
     start: Annotated[str | None, Only(offsets=False)] = None
@@ -45,12 +45,12 @@ class Localize(AnywhereStudy):
     offsets: Annotated[bool, Only(collision="swept", anywhere=False, bounces=False, slip=False)] = (
         False
     )
-    """Start the robot anywhere in a cell, on a map whose walls run along the edges of cells. The
-    filter never loses a robot that knows its heading."""
+    """Start the robot anywhere in a cell, on a map whose walls run along the edges of cells. If the
+    robot knows its heading, its true cell is always among the possible cells of the filter."""
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
-    """Give the filter a trap for observations that cannot occur on the map."""
+    """Add a trap state to the filter, for observations that cannot occur on the map."""
     smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
-    """Find the smallest machine that gives the same colours as the filter, or the same actions and
+    """Find the smallest automaton with the same outputs as the filter, or the same actions and
     answers as the policy, and prove a lower bound on its states, in at most one minute."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
@@ -60,13 +60,13 @@ class Localize(AnywhereStudy):
     wall. The wheel encoders do not measure it. At an incidence i the angle is sin(2 i) times as
     large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
-    """Distance in metres that the wheels skid at a head-on bump. The encoders count this distance,
-    so the robot drives back too far by it. At an incidence i the distance is cos(i)² times as
-    large."""
+    """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
+    travel, so the robot then drives back too far. At an incidence i the distance is cos(i)² times
+    as large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
-    """Largest number of finer cells of a belief, by default 100,000, and up to 400,000 for a slip
-    below 2 %. With more fine cells, the credible sets on large maps are smaller, and the
-    computation takes longer."""
+    """Largest number of fine cells, into which a belief divides the cells of the map; by default
+    100,000, and up to 400,000 for a slip below 2 %. With more fine cells, the credible sets on
+    large maps are smaller, and the computation takes longer."""
 
     @property
     def choice(self) -> dict[str, Any]:

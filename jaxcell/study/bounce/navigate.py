@@ -16,7 +16,7 @@ _Cost: TypeAlias = Annotated[float, Limit(gt=0)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plans(MapStudy):
-    """Find the costs of the plans of a bouncing robot between all pairs of cells."""
+    """Find the cost of the best plan of a bouncing robot between each pair of cells."""
 
     name: ClassVar[str] = "plans"
     task: ClassVar[str] = "plans"
@@ -26,7 +26,7 @@ class Plans(MapStudy):
     keep: _Cost = 1.0
     """Cost of a step, and of a bump with the same angle as the previous bump."""
     change: _Cost = 100.0
-    """Cost of a bump with another angle than the previous bump."""
+    """Cost of a bump with a different angle from the previous bump."""
 
     def needed(self, extent: "space.Extent") -> float | int:
         return space.estimates.plans(extent, self.motion)
@@ -38,7 +38,7 @@ class Plans(MapStudy):
 
     @property
     def choices(self) -> dict[str, Any]:
-        """The angles and the costs, for the functions of `jaxcell.bounce`."""
+        """The bouncing angles and costs, as keyword arguments of functions of `jaxcell.bounce`."""
         return {
             "bounces": radians(self.bounces),
             "keep": _whole(self.keep),
@@ -51,7 +51,7 @@ class Plans(MapStudy):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Navigate(AnywhereStudy, Plans):
-    """Plan the way to a goal of a bouncing robot that chooses an angle at each bump."""
+    """Plan how a bouncing robot, which chooses an angle at each bump, reaches a goal."""
 
     name: ClassVar[str] = "navigation"
     command: ClassVar[str] = "navigate"
@@ -62,15 +62,15 @@ class Navigate(AnywhereStudy, Plans):
     """Start of the robot: "x,y,heading" in m and degrees, or a cell number; with --anywhere random
     by default."""
     goal: str
-    """Goal, in the form of the start; with --anywhere "x,y" in m."""
+    """Goal, in the same form as the start; with --anywhere "x,y" in m."""
     goal_radius: Annotated[Length | None, Only(anywhere=True)] = None
     """Distance within which a robot has reached the goal, in metres; by default the side of a cell,
     or half a metre if cells are smaller."""
     keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
-    """Error of the robot, as for `jaxcell localize`. The result then contains the probability that
-    a robot that follows the plan arrives, and a policy with which it is certain to arrive."""
+    """Relative error of the robot's steps and turns, and its veer in radians per metre. The result
+    then contains the probability that the plan succeeds, and a policy that surely succeeds."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,5 +114,5 @@ class Navigate(AnywhereStudy, Plans):
 
 
 def _whole(cost: float) -> int | float:
-    """Convert a whole number to `int`, so that sums of whole costs are integers."""
+    """Convert a cost that is a whole number to `int`, so that sums of such costs are exact."""
     return int(cost) if cost == int(cost) else cost

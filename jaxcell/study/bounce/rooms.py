@@ -12,9 +12,9 @@ _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rooms(Study):
-    """Find the periodic groups, and the filter of a robot that knows its heading, in random rooms.
+    """Find the periodic groups and the localization filter of a bouncing robot in a random room.
 
-    The seed and the number of a room determine the room.
+    The seed and the number of a room determine the room. The robot knows its heading.
     """
 
     name: ClassVar[str] = "room"
@@ -29,9 +29,9 @@ class Rooms(Study):
     """Kind of room: with rectangles at random places (random), or an environment of Figure 2.7 of
     Alam 2018 (E1 to E4)."""
     columns: _Side = 50
-    """Columns of squares of a random room."""
+    """Number of columns of squares in a random room."""
     rows: _Side = 45
-    """Rows of squares of a random room."""
+    """Number of rows of squares in a random room."""
     obstacles: Annotated[int, Limit(ge=0, le=1000)] = 6
     """Number of rectangles in a random room."""
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360

@@ -25,7 +25,10 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 def slipped_plan(
     plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
-    """Find the probability that a robot that slips on a plan arrives, and a policy to the goal."""
+    """Find the probability that a plan brings a slipping robot to its goal, and a policy that does.
+
+    `error` is the parameter `slip` of the study, and `step` the length of a step in metres.
+    """
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)
@@ -80,7 +83,6 @@ def slipped_plan(
 
 
 def _robot(plan: Plan, error: float, step: float | None, seed: int) -> tuple[Walker, Body]:
-    """Create an emulated robot at the start of a plan, without a driver."""
     cells, length = plan.cells, plan.cells.cell if step is None else step
     body = Body.in_cell(cells, plan.start, error, np.random.default_rng([0, seed]))
     strides = cell_strides(cells.directions, cells.cell, length)

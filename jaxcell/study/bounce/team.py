@@ -28,7 +28,7 @@ class Team(MapStudy):
     seed: int = 0
     """Seed of the random starts."""
     max_parts: AtLeastOne = 1000
-    """Maximal number of parts of the trajectory; a robot turns before each part after the first."""
+    """Maximal number of parts of the trajectory. One robot turns before each part but the first."""
     part_steps: AtLeastOne | None = None
     """Maximal number of steps of a part; by default the number of cells, at most 100,000."""
 
@@ -63,7 +63,6 @@ class Team(MapStudy):
         return {**super().spec(result), "robots": len(starts), "starts": starts}
 
     def write(self, result: Any, out: Path) -> None:
-        """Write the file for `jaxcell robot run`."""
         from ...robot.team import member_actions, save_team
 
         spec = self.spec(result)
@@ -82,7 +81,6 @@ class Team(MapStudy):
         return verification.compare_team(result, radians(self.bounces), motion=self.motion)
 
     def _starts(self, cells: "space.CellSpace") -> list[int]:
-        """Return the cells of the parameter `starts`, or random cells in different positions."""
         if self.starts:
             return [cell_at(cells, start, "starts") for start in self.starts]
         robots = 2 if self.robots is None else self.robots

@@ -43,12 +43,12 @@ class Drift(SeaStudy):
     """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
     records are read."""
     current: Literal["changing", "mean"] | None = None
-    """Current that carries drifters: the records in turn, repeated at their end (changing), or the
-    mean of the records (mean). By default changing, and mean with --method source."""
+    """Current that carries drifters: the records in turn, and then again from the first (changing),
+    or the mean of the records (mean). By default changing, and mean with --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of the layers in metres; by default the depths in the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the part to read, in degrees."""
+    """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, if the file does not identify them."""
     windage: Share = 0.0
@@ -60,9 +60,9 @@ class Drift(SeaStudy):
     simulated drifters; with --method source the time in which drifters of the slowest layer move by
     one cell on average."""
     method: Literal["drifters", "source"] = "drifters"
-    """Rules of the map of cells: sample points of each cell drift, and may leave the map
-    (drifters); or the rules of the dissertation, with turned disturbances and a closed edge
-    (source)."""
+    """Method to build the map of cells: sample points of each cell drift, and may leave the map
+    (drifters), or the map follows the rules of the dissertation, with turned disturbances and a
+    closed edge (source)."""
     rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
     """Probability that a drifter follows the current in a step, without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
@@ -86,8 +86,8 @@ class Drift(SeaStudy):
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
-    """Time of interest in days; by default the median time until drifters are in a group or off the
-    map, in whole days up to 30."""
+    """Time in days after which the map is compared with simulated drifters; by default the median
+    time until drifters are in a group or off the map, in whole days up to 30."""
     backward: bool = False
     """Follow drifters backward in time from the last record, to find their origins."""
     start: str | None = None
@@ -106,10 +106,10 @@ class Drift(SeaStudy):
     """Time in seconds in which half of the drifters on a beach float again; by default they never
     float again."""
     range: Length | None = None
-    """Distance in metres at which drifters see the sea bed, to find drifters that see all of it."""
+    """Range in metres of cameras on drifters, to find drifters that see the whole sea bed."""
     search: Annotated[Duration | None, Only(range=True)] = None
-    """Time limit in seconds of the search for the fewest views; by default views are chosen
-    greedily."""
+    """Time limit in seconds of the search for the fewest camera positions, which are by default
+    chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
     leave in a day. They depend less on the duration of a step than persistent groups do. By default
@@ -125,7 +125,7 @@ class Drift(SeaStudy):
         self._place("goal")
 
     def currents(self) -> "xr.Dataset":
-        """Read the currents."""
+        """Read the currents from the files, as the parameters ask."""
         names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
         options = {name: getattr(self, name) for name in names}
         options["depths"] = self.depths or None
@@ -211,7 +211,7 @@ class Drift(SeaStudy):
 
     @property
     def _step(self) -> "drift.DriftStep":
-        """The step of the chosen method, with the chosen duration and rules."""
+        """The step of the map, with the duration and the rules that the parameters give."""
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
         step = drift.METHODS[self.method]
@@ -219,7 +219,6 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        """True if drifters move with the mean of the records."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:

@@ -30,12 +30,12 @@ class Drifters(SeaStudy):
     OpenDrift, of Parcels, or in the CF convention; a Zarr store; an OPeNDAP address; or
     @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0
-    """Duration of a move in days."""
+    """Time in days between the two observations of a drifter that make up a move."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
     """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the region to divide into cells, in degrees; the region may
-    contain the date line."""
+    """West, south, east and north limits of the region to divide into cells, in degrees. The region
+    may contain the date line."""
     least: AtLeastOne = 1
     """Least number of observed moves from a cell; cells with fewer moves are left out of the
     map."""
@@ -43,7 +43,7 @@ class Drifters(SeaStudy):
     """Select drifters that still have their drogue (kept), or drifters that have lost it (lost) and
     so move with the wind too; by default all drifters."""
     after: Days | None = None
-    """Days after which the distribution of drifters is computed; by default the long run."""
+    """Time in days of the computed distribution of drifters. By default it is the long run."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find: parts of the water that drifters hardly leave."""
     samples: Annotated[int, Limit(ge=2)] = 100

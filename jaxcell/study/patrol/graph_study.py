@@ -21,12 +21,12 @@ _OF_ALL = Only(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GraphStudy(Study):
-    """A question about robots that walk on a graph, in steps or in seconds."""
+    """Base class of studies of robots that patrol a graph, with time in steps or in seconds."""
 
     file: tyro.conf.Positional[Path]
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
-    patrolling_sim, or a list of vertices and edges .edges or .txt. If vertices have no positions,
-    all edges have the same length."""
+    patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
+    positions, all edges have the same length."""
     attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
     """Duration of an attack in steps, or in seconds with --speed."""
     robots: AtLeastOne = 1
@@ -39,10 +39,10 @@ class GraphStudy(Study):
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
     time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
-    """Unit of time in seconds. Travel times of edges are rounded to multiples of it."""
+    """Unit of time in seconds. Travel times of edges are rounded to multiples of this unit."""
     base: str | None = None
-    """Base station: a vertex where robots report. The result contains the age of the news at the
-    base."""
+    """Base station: a vertex where robots report news. The result contains the age of the news at
+    the base."""
     charger: Annotated[str | None, Only(speed=False)] = None
     """Vertex that each robot must visit at least once in --every steps. The walk is changed to meet
     this condition, or with the strategy capture, the best walk that meets it is found."""
@@ -56,7 +56,7 @@ class GraphStudy(Study):
     """Seed of the recorded walk, and of simulations."""
 
     def more(self, patrolled: "patrol.GraphPatrol", say: Say) -> dict[str, Any]:
-        """Compute the parts of a result that parameters other than the strategy request."""
+        """Compute the results that options such as `base` and `baselines` add to a patrol."""
         more: dict[str, Any] = {}
         times = self.times(patrolled.graph)
         seconds = None if times is None else times * self.time_unit
@@ -95,13 +95,13 @@ class GraphStudy(Study):
         return more
 
     def times(self, graph: "optimize.Graph") -> Any:
-        """Return the time of each edge in units of time, or `None` without a speed."""
+        """Return the travel time of each edge in units of `time_unit`; `None` without a speed."""
         if self.speed is None:
             return None
         return patrol.team.whole_times(graph, self.speed, self.time_unit)
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """Return the numbers of the vertices that a parameter names."""
+        """Convert the names `wanted`, which a parameter gives, to numbers of vertices."""
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

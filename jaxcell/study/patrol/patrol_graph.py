@@ -45,8 +45,8 @@ class PatrolGraph(GraphStudy):
     vertex: Annotated[str | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
-    """Number of shortest paths from each vertex that count. With one path, as in the table of the
-    dissertation, the walk takes the shortest path to the vertex."""
+    """Number of shortest paths from each vertex to take into account. With one path, as in the
+    table of the dissertation, the walk takes the shortest path to the vertex."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
@@ -58,11 +58,11 @@ class PatrolGraph(GraphStudy):
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
-    """File with a line "vertex share" for each vertex: the share of time there, up to a factor."""
+    """File with a line "vertex share" for each vertex: its share of time, in any unit."""
     values: Annotated[Path | None, Only(game=True)] = None
-    """File with a line for each vertex: "vertex value", the value of its goods; or "vertex value
-    value reward cost": the value for the patroller and for the adversary, the reward of a
-    patroller who catches the adversary there, and the cost for the adversary."""
+    """File with a line for each vertex: "vertex value", with the value of its goods; or "vertex
+    value value reward cost", with the values for the patroller and for the adversary, the reward of
+    a patroller who catches the adversary there, and the cost for the adversary."""
     game: bool = False
     """Also find the best mixture of the walks toward each vertex and of the commute walk, against
     an adversary who knows the mixture."""
@@ -162,7 +162,7 @@ class PatrolGraph(GraphStudy):
     def _walks(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
-        """Find the walks of all robots; with `division`, compare sharing and dividing the graph."""
+        """Find the walks of all robots. With `division`, compare sharing and dividing the graph."""
         import numpy as np
         import scipy.sparse
 
@@ -208,7 +208,7 @@ class PatrolGraph(GraphStudy):
     def _walk(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
-        """Find the chain of the strategy, with its certificate, goal and value."""
+        """Find the Markov chain of the strategy, with arguments for `GraphPatrol.of`."""
         import numpy as np
 
         if self.strategy == "toward":
@@ -271,7 +271,7 @@ class PatrolGraph(GraphStudy):
         }
 
     def _attack(self, names: Sequence[str]) -> "np.ndarray":
-        """Return the duration of attacks in steps, or in units of time with a speed."""
+        """Return the durations of attacks in steps or, with a speed, in units of `time_unit`."""
         import numpy as np
 
         times: Any = self.attack_time
@@ -284,7 +284,7 @@ class PatrolGraph(GraphStudy):
 def _compared(
     shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
 ) -> "patrol.team.Division":
-    """Compare robots that share the graph, if this is possible, with robots that divide it."""
+    """Compare the walks of robots that share the graph, if any, and of robots that divide it."""
     import numpy as np
 
     rows, nothing = [], np.full(region.size, np.nan)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # The shares among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
 MAX_ROBOTS = 20
-"""Largest number of robots that `"auto"` tries."""
+"""Largest number of robots that `robots="auto"` tries."""
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
@@ -38,34 +38,33 @@ class PatrolMap(CellStudy):
     range: _Reach = 6.0
     """Range of sight of a robot in metres; walls block its view."""
     sight: Literal["centre", "cell", "source"] = "centre"
-    """Rule by which a robot in the centre of a cell sees another cell: it sees the centre of the
-    other cell (centre), or the whole cell (cell), or its own whole cell is in view of the other
-    centre (source, as in the attacks of the dissertation)."""
+    """Condition for a robot at the centre of a cell to see another cell: the centre of that cell is
+    in view (centre), the whole cell is in view (cell), or the robot's whole cell is in view from
+    the other centre (source, as in the attacks of the dissertation)."""
     strategy: Literal["commute", "capture"] = "commute"
     """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
-    probability of capture at the weakest cell (capture), which is searched to a local optimum for
-    the first of the attack times and for --start."""
+    probability of capture at the weakest cell (capture). The latter is a local maximum, for the
+    first of the attack times and for --start."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
-    """Least share of steps on the shortest closed tour through the cells that see the whole map;
-    "auto" chooses the share among 0, 0.2, 0.5 and 0.8 with the highest probability of capture, or 0
+    """Least share of steps on the shortest closed tour through the cells that see the whole map.
+    With "auto" it is 0, 0.2, 0.5 or 0.8, whichever gives the highest probability of capture, or 0
     on more than 2,000 cells."""
     start: Literal["stationary", "uniform", "worst"] = "stationary"
-    """Distribution of the robots over the cells out of view of the target when an attack begins: as
-    in the long run (stationary), uniform (uniform), or the cells that are best for the adversary
-    (worst)."""
+    """Positions of the robots when an attack begins, among the cells that do not see the target: as
+    in the long run (stationary), uniform, or best for the adversary (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
     """Least share of steps in which a robot chooses a neighbour uniformly."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
-    """Values of the randomness at which capture and entropy are compared."""
+    """Values of --randomness for which capture and entropy are compared."""
     starts: Annotated[AtLeastOne, _CAPTURE] = 2
-    """Number of starts of the search: tours through covers, then random walks."""
+    """Number of initial walks of the search: a tour that sees the whole map, then random walks."""
     base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
-    """Base station where robots report, and around which each has a region: "x,y" in metres, or
-    "auto" for a central place with a wide view. By default each robot patrols the whole map."""
+    """Base station where robots report, and around which each robot has a region: "x,y" in metres,
+    or "auto" for a central place with a wide view. By default each robot patrols the whole map."""
     base_range: Annotated[_Reach | None, Only(base=True)] = None
     """Range of sight of the base station in metres; by default the range of a robot."""
     lost: Annotated[int | None, Only(base=True)] = None
-    """Number of a robot that stops reporting; the other robots divide the map among themselves."""
+    """Number of a robot that stops reporting. The other robots divide the map among themselves."""
     target: str | None = None
     """Cell to attack, "x,y" in metres; by default the most vulnerable cell at the first of the
     attack times."""
@@ -153,7 +152,7 @@ class PatrolMap(CellStudy):
         attack: "patrol.Attack",
         say: Say,
     ) -> dict[str, Any]:
-        """Find the policies of the robots or, with `capture`, of the fewest sufficient robots."""
+        """Find the policies of the robots, or of the fewest robots that reach `capture`."""
         import numpy as np
 
         most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
@@ -281,7 +280,7 @@ class PatrolMap(CellStudy):
     def _target(
         self, wanted: int | None, capture: "patrol.Capture", regions: "patrol.map.Regions | None"
     ) -> int:
-        """Return the cell to attack, and raise if capture there is certain or impossible."""
+        """Return `wanted` or the weakest cell; raise if capture is certain or impossible."""
         if wanted is None:
             if capture.contested.size == 0:
                 raise ValueError(
@@ -299,7 +298,6 @@ class PatrolMap(CellStudy):
 
 
 def _position(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Return the position that a parameter names, as "x,y" in metres."""
     x, y = numbers(parameter, text, 2, '"x,y" in metres')
     with about(f"{parameter} {text!r}"):
         return int(cells.index(x, y)) % cells.positions

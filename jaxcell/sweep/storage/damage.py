@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Read a sweep in a `with` block, whose errors become a `ValueError` that names the folder."""
+    """Convert errors in a `with` block to a `ValueError`, which says that the sweep is damaged."""
     try:
         yield
     except Exception as error:  # Zarr and msgspec have errors of many types.

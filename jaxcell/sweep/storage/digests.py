@@ -1,4 +1,4 @@
-"""Describe the versions, files and modules that the numbers of a sweep depend on."""
+"""Describe the versions, files and modules that the result of a sweep depends on."""
 
 import importlib.metadata
 import json
@@ -20,9 +20,9 @@ _MAP_SERVER = (".yaml", ".yml")
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """Describe the versions, settings and files that affect the numbers of a sweep.
+    """Return the versions, settings and files that affect a result, as attributes of the result.
 
-    `wide` is true if JAX computes with 64 bits. Returns attributes of the result.
+    `wide` is true if JAX computes with 64 bits.
     """
     revision = git_revision()
     return {
@@ -37,9 +37,9 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, keyed by file name.
 
-    Parameters and fixed values name these files. Also included are the images of map_server files,
-    and the user's module of the task or of a value (`FILE.py:NAME` or `MODULE:NAME`), with the
-    modules of the user that this module imports.
+    Parameters and fixed values name these files. Images of map_server files are included. So are
+    user modules that the task or a value names (`FILE.py:NAME` or `MODULE:NAME`), and the user
+    modules that these import.
     """
     known = {}
     columns = [parameter.values for parameter in spec.parameters]
@@ -85,7 +85,6 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _image(path: Path) -> str | None:
-    """Read the name of the image from a map_server file; return `None` for other files."""
     if path.suffix.lower() not in _MAP_SERVER:
         return None
     try:

@@ -89,7 +89,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """Choose the number of members in a file along each dimension: a multiple of the chunks'."""
+    """Choose the number of members in a file along each dimension, in multiples of a chunk."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
@@ -99,7 +99,7 @@ def file_lengths(
 
 
 def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Build the coordinates of a result: the parameters, and the coordinates `own` of the task."""
+    """Build the coordinates of a result: the parameters, and `own`, the coordinates of the task."""
     along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in spec.dimensions:

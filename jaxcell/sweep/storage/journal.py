@@ -17,7 +17,6 @@ from pathlib import Path
 
 
 JOURNAL = "sweep.journal"
-"The name of the journal file."
 _MARK = b"\xf5Rec"
 # Mark, kind, state, number, and the length and CRC-32 of the content. Their CRC-32 follows.
 _FIELDS = struct.Struct("<4sBBQQI")
@@ -36,11 +35,11 @@ class Kind(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """The header of a record of a journal."""
+    """The header of a record in a journal."""
 
     kind: Kind
     state: int
-    "The state of the chunk; 0 in a record that has no chunk."
+    "The state of the chunk, such as `DONE`; 0 in a record that has no chunk."
     number: int
     "The number of the chunk; 0 in a record that has no chunk."
     start: int
@@ -93,7 +92,6 @@ class Journal:
                     place = record.end
 
     def content(self, record: Record) -> bytes:
-        """Read the content of a record."""
         content = os.pread(self._file, record.length, record.start)
         if zlib.crc32(content) != record.checksum:
             raise ValueError(f"the checksum of the record at byte {record.start} does not match")
@@ -122,7 +120,7 @@ class Journal:
 
 
 def _read_header(data: mmap.mmap, place: int) -> Record | None:
-    """Read the header at the byte `place`, or return `None` if there is no intact header."""
+    """Read the header at byte offset `place`; `None` if there is no intact header."""
     fields = data[place : place + _FIELDS.size]
     checksum = data[place + _FIELDS.size : place + _HEADER]
     if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):

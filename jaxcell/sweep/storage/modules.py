@@ -21,7 +21,7 @@ def module_file(name: str) -> Path | None:
 
 
 def is_users(module: str, file: Path) -> bool:
-    """Check that a module does not belong to Python, an installed package, or jaxcell."""
+    """Return whether a module is the user's: not of Python, an installed package, or jaxcell."""
     installed = _STANDARD in file.parents or any(part in _INSTALLED for part in file.parts)
     return module.partition(".")[0] != _OURS and not installed
 
@@ -45,7 +45,7 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
 
 
 def _imported(path: Path, name: str) -> Iterator[str]:
-    """Yield the modules that a file may import, and the packages that contain them or the file."""
+    """Yield the names of modules that a file may import, with the packages that contain them."""
     parts = name.split(".")
     yield from (".".join(parts[:count]) for count in range(1, len(parts)))
     package = name if path.stem == "__init__" else name.rpartition(".")[0]
@@ -80,7 +80,7 @@ def _members(package: str) -> list[str]:
 
 
 def _found(name: str) -> tuple[Path | None, list[str]]:
-    """Find the file of a module, or `None`, and the folders of its submodules."""
+    """Find the file of a module (or `None`), and the folders that contain its submodules."""
     parent, _, _ = name.rpartition(".")
     if not parent:
         specs = (finder.find_spec(name, None) for finder in sys.meta_path)

@@ -22,7 +22,7 @@ from .store import DONE, TO_DO, SweepStore
 def opened(
     folder: Path, spec: Spec, resume: bool, made: Mapping[str, Any], anyway: bool = False
 ) -> Iterator[SweepStore]:
-    """Open the store of a sweep for a run, after the caller has locked the store.
+    """Open the store of a sweep, which the caller has locked, for a run.
 
     The arguments and errors are those of `run_sweep`. An existing sweep grows if the specification
     has all its members and more.
@@ -80,10 +80,7 @@ def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: boo
 
 
 def copy_spec(store: SweepStore) -> bool:
-    """Write the copy `spec.toml` of the specification, unless it is correct.
-
-    Returns true if the copy was missing or wrong.
-    """
+    """Repair `spec.toml`, the copy of the specification; return whether it was missing or wrong."""
     path = store.folder / "spec.toml"
     if path.exists() and path.read_bytes() == store.spec.text:
         return False
@@ -102,7 +99,7 @@ def tidy(folder: Path) -> None:
 def write_journal(
     folder: Path, begun: Begun, old: Journal | None = None, records: Iterable[Record] = ()
 ) -> None:
-    """Write a journal atomically, with copies of `records` of an `old` journal."""
+    """Write a journal atomically, with the record `begun` and `records` from an `old` journal."""
     with replacing(folder / JOURNAL) as temporary:
         journal = Journal(temporary, append=True)
         journal.append(Kind.SPEC, encode(begun))
@@ -118,7 +115,7 @@ def _grow(
 ) -> None:
     """Replace a store by the store of a larger specification, and keep the members that are done.
 
-    The new journal replaces the old one only after it is completely on the disk.
+    `places` is from `Spec.places_in`. The new journal replaces the old one when it is on the disk.
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)
@@ -135,7 +132,7 @@ def _grow(
 def _copy_members(
     store: SweepStore, large: SweepStore, number: int, places: Mapping[str, np.ndarray]
 ) -> None:
-    """Copy those members of a chunk of the `large` sweep that are done in the smaller sweep."""
+    """Copy the members of chunk `number` of `large` that are done in the smaller `store`."""
     chunk = large.spec.chunk(number)
     sources = [places[name][part] for name, part in zip(places, chunk.region, strict=True)]
     inside = [np.flatnonzero(source >= 0) for source in sources]

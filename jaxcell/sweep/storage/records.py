@@ -87,7 +87,7 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
 
 
 class Exported(msgspec.Struct):
-    """A record which says that the result has been written, and contains all earlier records."""
+    """The record which says that the result on the disk contains all records before this one."""
 
     files: dict[str, str]
     "The SHA-256 of each file of the result."
@@ -108,7 +108,7 @@ class Contents:
 
     @classmethod
     def read(cls, journal: Journal, *, check: bool) -> "Contents":
-        """Read a journal; without `check`, the records of chunks are not checked for damage."""
+        """Read a journal. The records of chunks are checked for damage only if `check` is true."""
         read = cls()
         for record in journal.records():
             if isinstance(record, int):
@@ -139,14 +139,14 @@ class Contents:
 
 
 def fill_value(dtype: np.dtype) -> Any:
-    """Return the value that a variable of a type has for members that are not done."""
+    """Return the value of type `dtype` that stands for members that are not done."""
     return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
         dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
     )
 
 
 def check_fits(frame: Computed, computed: Computed) -> None:
-    """Raise `ValueError` if a result has other variables than `frame`, the first result."""
+    """Raise `ValueError` if a result does not have the variables of `frame`, the first result."""
     here, first = ({**one.variables, **one.coordinates} for one in (computed, frame))
     if here.keys() != first.keys():
         raise ValueError(

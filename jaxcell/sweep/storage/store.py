@@ -76,7 +76,7 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """The first result without its values, as a template for all results; `None` before it."""
+        """The first result without its values, a template for all others; `None` before it."""
         return self.contents.frame
 
     @property
@@ -103,7 +103,7 @@ class SweepStore:
         return states, arrays
 
     def select(self, places: Sequence[np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Read the states and variables of the members at given indices along each dimension."""
+        """Read the states and variables of members at the indices `places` along each dimension."""
         states, arrays = self.empty(tuple(along.size for along in places))
         lengths = [*self.spec.lengths.values()]
         chunks = [along // length for along, length in zip(places, lengths, strict=True)]
@@ -130,7 +130,7 @@ class SweepStore:
         return np.full(shape, TO_DO, np.int8), arrays
 
     def write_failures(self) -> None:
-        """Write `failures.json`, the failed members with tracebacks; remove it if none failed."""
+        """Write the failed members and tracebacks to `failures.json`; remove it if none failed."""
         path, failures = self.folder / "failures.json", [*self.failures()]
         if not failures:
             path.unlink(missing_ok=True)
@@ -156,7 +156,7 @@ class SweepStore:
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
     def begin(self, made: Mapping[str, Any], spec: Spec) -> None:
-        """Record the attributes of the result and the folder of the specification, if changed."""
+        """Record new attributes of the result, or a new folder of the specification."""
         begun = Begun.of(spec, self.folder, made)
         begun.text = self.spec.text
         if begun != self.contents.begun:
@@ -164,7 +164,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result, or record its variables."""
+        """Check that a result has the variables of the first result. The first result sets them."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -177,7 +177,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
-        """Record the result of a job, or the failure of its only member; return new failures."""
+        """Record the result of a job, or the failure of its only member; return its failures."""
         chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
         states.reshape(-1)[places] = DONE
@@ -219,7 +219,6 @@ class SweepStore:
         self.contents.exported = files
 
     def sync(self) -> None:
-        """Wait until all records are on the disk."""
         self._journal.sync()
 
     def _put(self, number: int, state: int, members: Members) -> None:

@@ -51,7 +51,7 @@ _LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 def engine_named(name: str, workers: int | None = None, timeout: float | None = None) -> Engine:
-    """Return the engine with a name.
+    """Return the engine with the given name.
 
     **Arguments:**
 
@@ -132,7 +132,6 @@ def local(take: Take) -> Outcomes:
 
 
 def _processes(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """Compute jobs in child processes, which end when this process ends."""
     with (
         ThreadPoolExecutor(workers) as threads,
         contextlib.closing(Team(worker_environment(workers), timeout)) as team,
@@ -151,7 +150,7 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Keep up to `most()` jobs submitted, and yield the outcome of each job when it ends.
+    """Submit jobs from `take`, up to `most()` at once, and yield the outcome of each when it ends.
 
     `submit` returns the futures of jobs, and `results` the outcomes of futures.
     """
@@ -172,7 +171,6 @@ def _in_turn(
 
 
 def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """Compute jobs on a new cluster on this machine."""
     import dask
     from distributed import LocalCluster
 
@@ -273,10 +271,7 @@ _teams: dict[str, Team] = {}
 
 
 def _compute_apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Compute a job on a Dask worker in a child process, because a timeout must be able to kill it.
-
-    `run` identifies the run of a sweep, whose children are stopped together.
-    """
+    """Compute a job of a run in a child process of a Dask worker, which a timeout can kill."""
     return _teams.setdefault(run, Team({}, timeout)).compute(job)
 
 
@@ -286,10 +281,8 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """Return environment variables that divide the processors of this machine among workers.
-
-    JAX reads only `PJRT_NPROC`; libraries of linear algebra read the other variables.
-    """
+    """Return environment variables that divide the processors of this machine among workers."""
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
+    # JAX reads only PJRT_NPROC, and libraries of linear algebra read the other variables.
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return {name: os.environ.get(name, share) for name in names}

@@ -18,11 +18,9 @@ _MAX_DEATHS = 3
 
 
 class Worker:
-    """A child process that computes jobs.
+    """A child process that computes jobs. It ends when its parent process ends or is killed.
 
-    It ends when this process ends, even if this process is killed.
-
-    Output of tasks to standard output is redirected to standard error.
+    The standard output of tasks goes to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -82,7 +80,6 @@ class Team:
         return Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
 
     def close(self) -> None:
-        """Kill all workers."""
         with self._lock:
             self._closed = True
             for worker in self._workers.values():

@@ -1,4 +1,4 @@
-"""The progress of a run, for its caller, and for other processes through a file in the store."""
+"""Report the progress of a run to its caller, and to other processes through a file."""
 
 import contextlib
 import dataclasses
@@ -30,13 +30,13 @@ class Progress:
     rate: float
     "Members computed per second in this run, including failed members."
     left: float
-    "Estimated seconds until the end."
+    "Estimated seconds until the end of the run."
     failures: tuple[Failure, ...]
     "The failed members of the chunk that has just ended."
 
 
 class Count:
-    """A counter of the work of a run, with a clock in seconds."""
+    """A counter of finished chunks and members, to estimate the rate and the time left."""
 
     def __init__(self, chunks: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.chunks, self.done, self.failed, self._members = chunks, done, 0, 0

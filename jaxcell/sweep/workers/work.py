@@ -59,7 +59,7 @@ class Job:
         return cls(chunk.number, places, *about, length)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Create a job of some members of this job; `places` are their indices in the chunk."""
+        """Create a job for the members of this job at the indices `places` of the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch, length=0)
@@ -110,7 +110,7 @@ class Failure:
 
 
 def find_task(name: str) -> Task:
-    """Find the function of a task."""
+    """Find the function of a task by its name in a specification."""
     reference = name
     if ":" not in name:
         from ..tasks import TASKS
@@ -130,7 +130,7 @@ def find_task(name: str) -> Task:
 
 
 def study_of(task: str) -> type[Study] | None:
-    """Return the study of a task, or `None` if the task is a function."""
+    """Return the study that a task runs, or `None` if the task is a function."""
     target = find_task(task)
     if isinstance(target, functools.partial) and target.func is study_task:
         return target.args[0]
@@ -138,7 +138,7 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """Make the paths of a specification absolute, and check the first chunk of a study."""
+    """Make the paths of a specification absolute. Raise if a study refuses its first chunk."""
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
@@ -190,7 +190,7 @@ def _found(spec: Spec, name: str, value: Any) -> Any:
 
 
 def jax_is_wide() -> bool:
-    """Check whether JAX computes with 64 bits in this process, or will when it is imported."""
+    """Return whether JAX computes with 64 bits in this process, or will once it is imported."""
     if (jax := sys.modules.get("jax")) is not None:
         return bool(jax.config.jax_enable_x64)
     return os.environ.get(_WIDE, "").lower() in ("1", "true", "t", "yes", "y", "on")
@@ -263,7 +263,6 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Comp
 
 
 def _plain(value: Any) -> Any:
-    """Convert a NumPy number or array to Python objects that JSON can encode."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"expected attributes of text and numbers, got {type(value).__name__}")
