@@ -57,7 +57,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex as read from a file, not yet checked; `field` names its position in the file."""
+    """A vertex as read from a file, not yet checked; error messages name it by its `field`."""
 
     field: str
     name: object
@@ -65,7 +65,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge as read from a file, not yet checked; `field` names its position in the file."""
+    """An edge as read from a file, not yet checked; error messages name it by its `field`."""
 
     field: str
     tail: object

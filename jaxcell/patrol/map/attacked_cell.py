@@ -55,7 +55,7 @@ class Vulnerability(Result):
     "The distribution of the time of the first view, up to the longest attack time."
     arrivals: Arrivals
     fit: GldFit | None
-    "The distribution fitted to the runs, or `None` if the fit failed."
+    "The distribution fitted to the simulated times, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "reason why no law is fitted")]
 
     @derived("attack_time", "fitted less exact", "1")
@@ -109,7 +109,7 @@ def vulnerability(
     - `key`: random key of `jax.random` for the simulation.
     - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `attack`: the attack; the start `worst` is computed for its first time.
+    - `attack`: the attack; for the start `worst`, the cells are the worst for its first time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].
@@ -164,7 +164,6 @@ def vulnerability(
 def _begin(
     graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "cells"], attack: Attack
 ) -> list[Float[np.ndarray, "cells"]]:
-    """Compute the distribution of each robot when an attack on the target begins."""
     begins = attack.begins(graph, policies, view)
     if attack.start != "worst":
         return begins

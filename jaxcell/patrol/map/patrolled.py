@@ -73,19 +73,19 @@ class PatrolledMap(Result):
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
-    "The search that found the policies if they maximise capture; otherwise `None`."
+    "The search that found the policies, if they were chosen to maximise capture; otherwise `None`."
     frontier: Frontier | None = None
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The compared lower bounds on the share of steps on the tours, or `None`."
+    "Lower bounds on the share of steps along the tours, to be compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
     smallest_covers: Float[np.ndarray, "robots"] | None = None
-    "The number of cells of the smallest cover of each robot's cells; NaN if unknown."
+    "The size of the smallest cover of the cells of each robot; NaN if unknown."
     chosen_share: Annotated[
         float | None, quantity("", "share of steps on the tours", "1", kind="share")
     ] = None

@@ -96,7 +96,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
 
     The coefficients belong to the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time -
     k)`. Each coefficient `c[k]` is the probability of detection if `k` of `time` coins show heads.
-    Unlike coefficients of powers of p, they do not cancel in rounding. `scipy.interpolate.BPoly(
+    Unlike a sum of powers of p, this sum loses no digits by cancellation. `scipy.interpolate.BPoly(
     c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
     **Arguments:** the robots, and the number of steps that a penetration takes. **Returns:** the
@@ -130,7 +130,7 @@ class Maximin:
     value: float
     "The probability of detection in the weakest segment."
     segment: int
-    "The weakest segment, as a row of the polynomials."
+    "The weakest segment: the index of its polynomial."
     certificate: Certificate
 
 

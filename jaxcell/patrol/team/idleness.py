@@ -87,7 +87,7 @@ def idleness_over_vertices(
 ) -> tuple[derived, derived]:
     """Build two quantities: the mean and the maximum over vertices of the time between visits.
 
-    `idleness` is a function that returns the time between visits to each vertex of a result."""
+    `idleness` is a function that computes it for each vertex of a result, in `units`."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(

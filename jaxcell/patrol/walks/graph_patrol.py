@@ -37,8 +37,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Largest number of vertices for which first arrivals of several robots are computed; it takes 10
-s."""
+"Largest number of vertices for which first arrivals of robots are computed, which takes 10 s."
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -78,7 +78,7 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 def _lengths(graph: Graph) -> list[int]:
     """Return integer lengths with which no two paths are equally long.
 
-    The lowest bits are one bit per edge, so that the length of a path shows its edges; the middle
+    The lowest bits are one bit per edge, so that different paths have different sums; the middle
     bits count the edges; the highest bits are the length in units.
     """
     exact = _exact(graph.lengths)
@@ -91,7 +91,7 @@ def _lengths(graph: Graph) -> list[int]:
 
 
 def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
-    """Return lengths as exact fractions, so that the pieces of a line sum to its length."""
+    """Return lengths as exact fractions, so that the edges along a line sum to its length."""
     exact = [Fraction(0)] * lengths.size
     parts = np.arange(1, _PARTS + 1)[:, None]
     left = np.flatnonzero(lengths)

@@ -96,9 +96,9 @@ def maximin_capture(
     at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
-    of a soft minimum of logarithms lead near the optimum, while the minimum becomes harder. If all
+    of a soft minimum of logarithms, whose inverse temperature rises, lead near the optimum. If all
     edges and attacks take equally long, Adam follows these gradients on the logits. Linear programs
-    of the nearly best attacks then reach the optimum.
+    over the nearly best attacks then reach the optimum.
 
     **Arguments:**
 
@@ -211,9 +211,9 @@ def _descend(
     copies: _Matrices | None,
     arguments: tuple[Any, ...],
 ) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
-    """Follow the gradient of a soft minimum from each start, and then those of harder minima.
+    """Follow the gradient of a soft minimum of capture from each start, then of harder minima.
 
-    The latter begin at the best result, and at known walks with `copies` of states of memory.
+    The descents for harder minima begin at the best result, and at the known walks `copies`.
 
     **Returns:** the best moves, the number of steps, and the share of the value that the hardest
     minimum added.
@@ -298,7 +298,7 @@ def _missed(
     horizon: Float[Array, "times"],
     hardness: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Compute the negative soft minimum of the log-probability of capture."""
+    """Compute the negative soft minimum of log-probabilities of capture over starts and targets."""
     captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
         matrices
     )
@@ -320,7 +320,7 @@ def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tupl
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
     Because each step has a least probability, a robot visits even vertices that it leaves to other
-    robots, once in 10^6 moves; rounding spoils the times of such visits.
+    robots, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:

@@ -99,8 +99,6 @@ def load_constraints(
 
 
 class _Reader:
-    """A reader of constraints from the fields of a document."""
-
     def __init__(self, graph: Graph, names: Sequence[str]) -> None:
         self.names = list(names)
         self.shares = np.eye(len(graph.edges))

@@ -13,8 +13,8 @@ class LinearizedCapture:
     each start, and `P_t` the matrix of moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`,
     where `S` counts as 0 at the target itself, and as 1 everywhere after the attack. The derivative
     with respect to a move sums over the times at which the robot makes the move before it reaches
-    the target. The derivatives of selected attacks therefore need few values, while the derivatives
-    of all attacks with respect to all moves would need billions.
+    the target. Only derivatives of selected attacks are computed, because those of all attacks with
+    respect to all moves would be billions of numbers.
 
     The vertices of the polytope are the targets, or for a robot with memory its states; the target
     varies fastest.
@@ -99,8 +99,8 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the probabilities of a miss with a time `left`: for longer times, and as the result
-        of attacks that take this time."""
+        """Store the probabilities `missed` for a time `left`: in `late`, for longer times, and in
+        `probability`, for attacks that take this time."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:
