@@ -178,7 +178,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
 
 class _Sides(NamedTuple):
-    """The equation of the sum of weights and the bounds of constraints, with entries of at most 1."""
+    """The equation of the sum of weights and the bounds of constraints, with entries up to 1."""
 
     rows: Float[np.ndarray, "sides edges"]
     bounds: Float[np.ndarray, "sides"]
@@ -212,9 +212,7 @@ def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "inde
 def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
     """Describe a smallest set of constraints that contradict each other.
 
-    If the least sum of violations is positive, the constraints with a price prove the
-    contradiction. Each of these constraints is removed if the remaining ones still contradict each
-    other.
+    Of the constraints with a price, one is left out if the others still contradict each other.
     """
     price = _least_violation(edges, constraints)[1]
     kept = [rule for rule, paid in zip(constraints, price, strict=True) if paid > _NO_PRICE]

@@ -81,7 +81,7 @@ class Emphasis(NamedTuple):
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1; the tour has its share plus the part `spare` of the rest, or more."""
+        """Scale weights to sum 1; on the tour are at least the share and `spare` times the rest."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -175,7 +175,7 @@ class Laplacian:
     def _hessian(
         self, columns: Float[np.ndarray, "edges vertices"], factor: np.floating
     ) -> Float[np.ndarray, "edges edges"]:
-        """Compute the Hessian on and above the diagonal, in blocks; LAPACK does not read the rest."""
+        """Compute the Hessian on and above the diagonal, in blocks; LAPACK reads nothing else."""
         edges = len(self.edges)
         tail, head = self.edges.T
         scaled = columns * (factor / np.sqrt(self.durations)).astype(columns.dtype)[:, None]
@@ -297,7 +297,6 @@ def _predictor_corrector(
         return d_numbers, (aim - pressure * d_numbers) / numbers, d_prices
 
     def length(d_numbers: Any, d_pressure: Any) -> float:
-        """Return the longest step, of at most 1, after which no number is negative."""
         shrink = np.maximum(-d_numbers / numbers, -d_pressure / pressure)
         return 1 / max(1.0, float(shrink.max()))
 

@@ -128,7 +128,6 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
-    """Read GraphML, GML or an adjacency list with networkx."""
     import networkx as nx
 
     lines = text.splitlines()

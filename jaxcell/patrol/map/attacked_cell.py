@@ -39,7 +39,6 @@ class Vulnerability(Result):
         Float[np.ndarray, "times"],
         quantity("attack_time", "probability of capture, exactly", "1", kind="share"),
     ]
-    "The probability that a robot sees the target within the attack time."
     simulated: Annotated[
         Float[np.ndarray, "times"],
         quantity("attack_time", "share of simulated runs", "1", kind="share"),

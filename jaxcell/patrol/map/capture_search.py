@@ -219,7 +219,6 @@ class _Problem:
     "An attack with a single time."
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 for each cell from which a robot does not see the target, otherwise 0."
 
     @classmethod
     def of(
@@ -315,7 +314,6 @@ class _Problem:
         return search, logits
 
     def _team(self, walks: Sequence[Circulation]) -> tuple[tuple[Policy, ...], float]:
-        """Return the policies of robots, and their least probability of capture."""
         team = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
         caught = capture_probabilities(self.graph, self.visible, team, self.attack)[0]
         return team, float(caught[self.visible.any(axis=0)].min(initial=1.0))

@@ -60,10 +60,7 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Compute the shares of time of the walk to `image` with probabilities `chance`.
-
-        The linear system is relative to a cell `pivot`, which must be visited often.
-        """
+        """Compute the shares of time from the linear system without a frequent cell, `pivot`."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
@@ -107,10 +104,7 @@ class CirculationAscent:
         work: str = "",
         say: Callable[[str, int, int], None] | None = None,
     ) -> tuple[Logits, list[Circulation], list[float]]:
-        """Follow the gradient with `count` steps of Adam.
-
-        `say` is called with the description of the work, the number of completed steps, and their
-        total.
+        """Follow the gradient with `count` steps of Adam; `say` reports the progress of `work`.
 
         **Returns:** the last logits, the walks, and the least capture after every `_BLOCK` steps.
         """
@@ -252,7 +246,6 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
-    """Differentiate the soft loss of `_log_missed` with respect to its first two arguments."""
     hardness = rest[-1]
 
     def loss(chance, share):  # type: ignore[no-untyped-def]

@@ -58,9 +58,7 @@ class PatrolledMap(Result):
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
     attack: Vulnerability
-    "The probability of capturing an adversary that attacks one cell."
     captures: Capture
-    "The probability of capturing an adversary, for each attacked cell."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` if there is no base station."
     reassignment: Reassignment | None = None

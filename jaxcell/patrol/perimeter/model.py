@@ -38,13 +38,12 @@ class Perimeter:
 
     An attack begins when the robots head clockwise, before a coin is tossed. Because robots move
     simultaneously, the segments between two successive robots describe the state: segment `i` is
-    `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
-    the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
-    turns in place remains in its segment.
+    `i` segments ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot:
+    an adversary who enters it as the robot leaves is detected when a robot enters it again. A robot
+    that turns in place remains in its segment.
     """
 
     segments: int
-    "Number of segments of the perimeter."
     robots: int
     "Number of robots, a divisor of `segments`."
     movement: Movement

@@ -55,7 +55,6 @@ class Charged(Result):
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
     ] = None
-    "The share of the capture that the last quarter of a search added; `None` without a search."
 
     @classmethod
     def of(

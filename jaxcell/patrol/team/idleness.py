@@ -63,7 +63,6 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The least probability of capture if an attack begins at a random time, wherever robots are."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:

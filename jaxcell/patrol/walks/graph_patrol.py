@@ -68,9 +68,7 @@ class GraphPatrol(Measures):
     division: Division | None = None
     "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None
-    "The age of news at a base, or `None`."
     charged: Charged | None = None
-    "The walks that return to a charger in time, or `None`."
     walks_with_memory: MemoryPatrol | None = None
     "The walks of robots with memory, or `None`. The other measures are of the walk without memory."
     idleness: Idleness | None = None

@@ -30,8 +30,7 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
     Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
     edge and several edges along it, the path with fewer edges is first. If the numbers of edges are
-    equal too, the edges that only one of two paths contains decide: the path with the last of them,
-    in the order of the graph, is second.
+    equal too, the path that contains the last edge of the graph on only one of the paths is second.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**

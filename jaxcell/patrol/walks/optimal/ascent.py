@@ -142,7 +142,6 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames="attack_time")
 def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untyped-def]
-    """Compute the least probability of capture, and the log-probability of a miss per target."""
     missed = _log_missed(logits, steps, unseen, floor, None, attack_time)
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 

@@ -143,7 +143,7 @@ class _Visits:
         return shares / shares.sum()
 
     def most(self, draw: Float[np.ndarray, "vertices"], begin: int) -> float:
-        """Compute the largest total of `draw` over vertices that a walk from `begin` visits in time."""
+        """Compute the largest total `draw` of the vertices that a walk from `begin` can visit."""
         worth = np.zeros((self.end + 1, self.tail.size))
         for time in range(self.end - 1, 0, -1):
             later = np.minimum(time + self.lasts[self.second], self.end)

@@ -49,9 +49,7 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """Compute the derivatives of the probability of capture with respect to a robot's moves.
-
-        Each attack has a start of the robot, and a target."""
+        """Differentiate the probabilities of attacks (a start and a target) by a robot's moves."""
         n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
         count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]
@@ -84,7 +82,6 @@ class LinearizedCapture:
     def _by_time(
         self, moves: Float[np.ndarray, "moves"]
     ) -> list[tuple[int, scipy.sparse.csr_array]]:
-        """Split moves into one matrix for each travel time."""
         matrices, shape = [], (self._polytope.vertices,) * 2
         for time in np.unique(self._times).tolist():
             equal = self._times == time
@@ -99,8 +96,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the probabilities `missed` for a time `left`: in `late`, for longer times, and in
-        `probability`, for attacks that take this time."""
+        """Store `missed`, for longer times than `left` and for attacks that take this time."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:
