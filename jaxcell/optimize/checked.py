@@ -49,7 +49,7 @@ def one_each(
 def distribution(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return numbers like `one_each`, if they sum to 1."""
+    """Return numbers as `one_each` does, after a check that they sum to 1."""
     shares = one_each(name, values, count, what, zero=zero)
     total = float(shares.sum())
     if abs(total - 1) > _ROUNDING:

@@ -35,7 +35,7 @@ class Linear:
     """
 
     label: str
-    "The name in messages and results."
+    "The name of the constraint in messages and results."
     coefficients: Any
     "The coefficient of each weight, stored as an array `[edges]`."
     lower: float | int = -math.inf
@@ -212,7 +212,7 @@ def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "inde
 def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
     """Describe a smallest set of constraints that contradict each other.
 
-    Of the constraints with a price, one is left out if the others still contradict each other.
+    Constraints are left out one by one as long as the others still contradict each other.
     """
     price = _least_violation(edges, constraints)[1]
     kept = [rule for rule, paid in zip(constraints, price, strict=True) if paid > _NO_PRICE]

@@ -76,12 +76,12 @@ class Emphasis(NamedTuple):
     def most(self, gain: _Weights, prices: Any = None) -> float:
         """Return the largest `gain @ weights` over all allowed weights.
 
-        At most two edges have weight at the maximum. `prices` is only for `Room.most`.
+        At most two edges have weight at the maximum. `prices` is used only by `Room.most`.
         """
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1; on the tour are at least the share and `spare` times the rest."""
+        """Scale weights to sum 1; the tour has at least the share plus `spare` times the rest."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -104,7 +104,7 @@ class Design(NamedTuple):
 
     resistance: float
     gain: _Weights
-    "The decrease of the sum per unit of each weight."
+    "The decrease of the sum of resistances per unit of the weight of each edge."
     columns: Float[np.ndarray, "edges vertices"]
     "The vectors `c_e = X b_e / sqrt(t_e)`, one per edge."
 
@@ -114,7 +114,7 @@ class Iterate(NamedTuple):
 
     numbers: _Numbers
     prices: _Prices | None
-    "The prices of the equations, or `None` for a method without prices."
+    "The shadow prices of the equations, or `None` if a method does not compute them."
     resistance: float
     gap: float
     "A bound on the relative excess of the sum of resistances over the least sum."

@@ -54,7 +54,7 @@ class GldFit(Result):
     certificate: Certificate
 
     def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
-        """Compute the distribution function of the law."""
+        """Compute the distribution function of the law at `x`."""
         return self.law.cdf(x)
 
     l1 = from_part("law.l1", "", "l1, the place of the law")
@@ -140,9 +140,9 @@ class _Problem:
     log_odds: _Point
     "The log-odds of the empirical distribution function at the points `inner`."
     outer: _Point
-    "From the lower end of the least sample to the upper end of the greatest; see `_maximum`."
+    "The interval from the lower end of the least sample to the upper end of the greatest."
     narrow: _Point
-    "From the upper end of the least sample to the lower end of the greatest; see `_maximum`."
+    "The interval from the upper end of the least sample to the lower end of the greatest."
     size: int
     steps: int
 

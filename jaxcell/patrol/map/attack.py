@@ -26,7 +26,7 @@ class Attack:
     arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
-        """Create attacks from one or several numbers of steps, and the name of a distribution."""
+        """Create attacks of one or several numbers of steps, for the distribution `start`."""
         given = np.atleast_1d(np.asarray(times))
         if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"times: expected whole numbers of steps, got {times!r}")

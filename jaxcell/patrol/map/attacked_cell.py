@@ -108,7 +108,7 @@ def vulnerability(
     - `key`: random key of `jax.random` for the simulation.
     - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `attack`: the attack; for the start `worst`, the cells are the worst for its first time.
+    - `attack`: the attack; the start `worst` is the worst cell of a robot for its first time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].

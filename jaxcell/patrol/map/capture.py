@@ -35,7 +35,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots start in all cells out of view with equal probability."
+    "The probability of capture if a robot starts in each cell out of view with equal probability."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 

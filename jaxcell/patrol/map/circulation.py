@@ -60,7 +60,7 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Compute the shares of time from the linear system without a frequent cell, `pivot`."""
+        """Compute the shares of time of a walk, relative to that of a frequent cell, `pivot`."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))

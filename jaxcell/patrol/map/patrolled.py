@@ -64,9 +64,9 @@ class PatrolledMap(Result):
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The probability of capture after a robot has failed and others keep their regions; or `None`."
+    "The probability of capture if a robot fails and the others keep their regions, or `None`."
     recovery: Capture | None = None
-    "The probability of capture after a robot has failed and others take new regions; or `None`."
+    "The probability of capture if a robot fails and the others get new regions, or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
@@ -77,7 +77,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "Lower bounds on the share of steps along the tours, to be compared, or `None`."
+    "The lower bounds on the share of steps along the tours that are compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),

@@ -47,19 +47,19 @@ class Policy:
     tour: Int[np.ndarray, "steps"] | None
     "The closed walk through the cover and the contact cell; `None` if they are a single cell."
     commute_time: float
-    "The mean number of steps between two of the cells and back, over all pairs."
+    "The mean number of steps from one cell to another and back, over all pairs of `cells`."
     certificate: Certificate | None
-    "The certificate of [`jaxcell.optimize.minimum_commute`][] if it chose the weights."
+    "The certificate of [`jaxcell.optimize.minimum_commute`][], if it computed the weights."
 
     def share_of_time(self, graph: Graph) -> Float[np.ndarray, "cells"]:
-        """Compute the share of time of the robot in each cell in the long run; the sum is 1."""
+        """Compute the share of time that the robot spends in each cell in the long run."""
         if not self.weights.any():
             return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Build `derived(*description, **more)`: an attribute of each policy of a result."""
+    """Build a `derived` quantity of a result: the attribute `path` of each of its policies."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])

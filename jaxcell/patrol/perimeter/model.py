@@ -129,7 +129,7 @@ class Maximin:
     value: float
     "The probability of detection in the weakest segment."
     segment: int
-    "The weakest segment: the index of its polynomial."
+    "The row of the polynomials that belongs to the weakest segment."
     certificate: Certificate
 
 

@@ -118,7 +118,7 @@ def check_reach(
     *,
     stay: bool = False,
 ) -> None:
-    """Raise if an attack is too short for a robot to come from every vertex, or to return.
+    """Raise an error if an attack is too short for a robot that comes from any vertex, or returns.
 
     If robots may `stay` at a vertex, they return after a time of 1.
     """

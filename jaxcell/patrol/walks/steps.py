@@ -28,7 +28,7 @@ class Steps(NamedTuple):
     even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "For each neighbour of a cell, the slot in which that neighbour has the cell as its neighbour."
+    "For each step, the slot of the step back, among the steps from the neighbour."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":

@@ -64,7 +64,7 @@ class MaximinCapture:
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
-    "The least probability over targets and positions of the robots as the attack begins."
+    "The least probability of capture over targets, and positions of robots at the start."
     certificate: Certificate
 
     @property

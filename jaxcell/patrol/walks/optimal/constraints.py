@@ -30,7 +30,7 @@ class MetConstraints(Result):
     weights: Float[np.ndarray, "edges"]
     "The weights of the walk, with sum 1."
     prices: Float[np.ndarray, "constraints"]
-    "The decrease of the mean commute time per unit by which a bound is relaxed, to first order."
+    "The decrease of the mean commute time per unit of relaxation of a bound, to first order."
 
     @derived("constraint", "constraint", kind="coordinate")
     def constraint(self) -> list[str]:

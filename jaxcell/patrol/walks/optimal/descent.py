@@ -31,7 +31,7 @@ Measure = Callable[..., Float[Array, ""]]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OptimizedWalk:
-    """An optimised chain of a patroller."""
+    """A chain of a patroller that minimises or maximises a quantity, such as its entropy rate."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
     value: float

@@ -49,7 +49,7 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """Differentiate the probabilities of attacks (a start and a target) by a robot's moves."""
+        """Compute derivatives of probabilities of capture with respect to the moves of a robot."""
         n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
         count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]
@@ -69,7 +69,7 @@ class LinearizedCapture:
     def along(
         self, robot: int, change: Float[np.ndarray, "moves"]
     ) -> Float[np.ndarray, "starts targets"]:
-        """Compute the first-order change of all probabilities for a change of a robot's moves."""
+        """Compute the first-order change of all probabilities for a `change` of a robot's moves."""
         late, moved = self._late[robot], np.zeros_like(self._late[robot])
         change_missed = np.empty_like(self._away)
         both = list(zip(self._steps[robot], self._by_time(change), strict=True))
@@ -96,7 +96,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store `missed`, for longer times than `left` and for attacks that take this time."""
+        """Store `missed`, the probability of a miss with a time `left`, in the two last arrays."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

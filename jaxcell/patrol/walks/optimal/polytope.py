@@ -58,7 +58,7 @@ class ChainPolytope:
     def matrix(
         self, moves: Float[np.ndarray, "*batch moves"]
     ) -> Float[np.ndarray, "*batch vertices vertices"]:
-        """Build matrices from one number per move, such as transition matrices."""
+        """Build matrices, such as transition matrices, from one number per move."""
         matrix = np.zeros((*moves.shape[:-1], self.vertices, self.vertices))
         matrix[..., self.tails, self.heads] = moves
         return matrix

@@ -50,7 +50,7 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex, a vertex with the same cuts by one of the symmetries.
+        """Choose the model of a vertex: a vertex to which a symmetry maps it, with the same cuts.
 
         Returns one array per symmetry that maps the vertex to the model: the index of the promise
         of the model that corresponds to each promise of the vertex."""
