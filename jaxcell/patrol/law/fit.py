@@ -209,7 +209,7 @@ class _Maximum:
     gain: float
     "The predicted gain in log-likelihood of one more step."
     edge: Bool[np.ndarray, "2"]
-    "Whether the support ends at the lower point, and whether it ends at the upper point."
+    "For the lower and for the upper point, whether the support ends there."
     steps: int
 
 

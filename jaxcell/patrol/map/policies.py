@@ -37,7 +37,7 @@ class Policy:
     weights: Float[np.ndarray, "edges"]
     "The share of steps along each edge of the graph, in the long run."
     chain: Chain
-    "The walk, which stays in place in cells without edges."
+    "The Markov chain of the walk, which stays in place in cells that the robot does not visit."
     cover: Int[np.ndarray, "stops"]
     "The cells from which all `cells` are seen, in the order in which they were chosen."
     uncovered: Int[np.ndarray, "unseen"]

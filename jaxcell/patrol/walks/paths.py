@@ -29,8 +29,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     on no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
-    edge and several edges along it, the path with fewer edges is first. If the numbers of edges are
-    equal too, the path that contains the last edge of the graph on only one of the paths is second.
+    edge and several edges along it, the path with fewer edges is first. Remaining ties are
+    broken by the highest number of an edge that is on only one of the paths: that path is second.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**
