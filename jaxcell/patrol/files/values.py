@@ -32,7 +32,7 @@ def load_values(
 def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
     """Read the stakes of a game at each of the named vertices.
 
-    Each line of the file has the name of a vertex and equally many numbers, one, two or four:
+    Each line has the name of a vertex and one, two or four numbers, as many as the first line:
     the value of the goods to the patroller, their value to the adversary if it differs, the gain of
     the patroller from a capture, and the penalty of the adversary. `#` begins a comment.
     """

@@ -113,9 +113,9 @@ def capture_policies(
     from *even* walks, which take all edges with equal probability; both are perturbed randomly.
 
     Each trained walk is then mixed with *excursions*, a walk that visits all cells and drifts back
-    to those with most of the time. Their share of the time is 1e-5 per cell, at most 0.1 in total,
-    so that every cell is visited, and commute times are bounded. The result is a local optimum, the
-    best of all starts.
+    to those where the robot spends most of its time. Excursions take a share of the time of 1e-5
+    per cell, at most 0.1 in total, so that every cell is visited, and commute times are bounded.
+    The result is a local optimum, the best of all starts.
 
     **Arguments:**
 

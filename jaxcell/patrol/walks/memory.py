@@ -38,7 +38,7 @@ class MemoryPatrol(Result):
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
-    "The number of memory states of the walk that captures most; the smallest of equal numbers."
+    "The number of memory states of the walk that captures most; the smallest if walks tie."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
         Float[np.ndarray, "robots states states"],
