@@ -44,9 +44,6 @@ best target for the leader:
 averaged over the types of the follower. With one type, the problem is one linear program per
 target; with more types, one mixed-integer program. `payoffs` computes `P` and `Q` of patrol
 strategies from the `Stakes` at each vertex, and `stackelberg` solves for the commitment.
-
-Problems on graphs use `Graph`. The results are `MinimumCommute`, `FastestMixing`, `Cover`,
-`MinimumCover`, `Mixture` and `Commitment`.
 """
 
 from ..base.hosted import attach

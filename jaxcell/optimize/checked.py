@@ -17,7 +17,7 @@ def check_count(name: str, value: int) -> None:
 
 
 def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
-    """Return an array of finite numbers, of any shape."""
+    """Return `values` as an array of finite numbers, of any shape."""
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -34,7 +34,7 @@ def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
 def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return an array of one positive number per item; with `zero`, numbers may be 0."""
+    """Return `count` positive numbers, one `what` ("per edge"); with `zero`, they may be 0."""
     array = np.array(values, np.float64)
     if array.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")
@@ -49,7 +49,7 @@ def one_each(
 def distribution(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return an array of one share per item; the shares sum to 1."""
+    """Return numbers as `one_each` does, after a check that they sum to 1."""
     shares = one_each(name, values, count, what, zero=zero)
     total = float(shares.sum())
     if abs(total - 1) > _ROUNDING:

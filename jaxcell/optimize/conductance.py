@@ -22,7 +22,7 @@ _COARSE = 1e-2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MinimumCommute:
-    """The weights of edges with the least mean commute time."""
+    """The weights of edges for which a random walk has the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge. Weights are not negative and sum to 1."

@@ -14,11 +14,11 @@ _ACCURATE = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-12)
 
 
 class ConicWeights(NamedTuple):
-    """The weights with the least sum of resistances."""
+    """The weights of edges with the least sum of resistances between the vertices."""
 
     weights: Float[np.ndarray, "edges"]
     least: float
-    "The least sum according to the solver."
+    "The least sum of resistances, as the solver returns it."
 
 
 def least_resistance(

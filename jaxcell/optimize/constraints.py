@@ -35,9 +35,9 @@ class Linear:
     """
 
     label: str
-    "The name in messages and results."
+    "The name of the constraint in messages and results."
     coefficients: Any
-    "The coefficient of each weight, which becomes an array `[edges]`."
+    "The coefficient of each weight, stored as an array `[edges]`."
     lower: float | int = -math.inf
     upper: float | int = math.inf
     "The upper bound; if it equals the lower bound, the value of the function is fixed."
@@ -86,9 +86,9 @@ class Room:
     totals: Float[np.ndarray, "prices"]
     "The right-hand sides: the sum of all weights, then equalities, then inequalities."
     signs: Int[np.ndarray, "prices"]
-    "1 for a lower bound, -1 for an upper bound, 0 for an equality."
+    "For each equation, 1 for a lower bound, -1 for an upper bound, 0 for an equality."
     owner: Int[np.ndarray, "prices"]
-    "For each price, the index of its constraint, or -1 for the sum of all weights."
+    "For each equation, the index of its constraint, or -1 for the sum of all weights."
     units: Float[np.ndarray, "prices"]
     "The largest coefficient of each constraint. Constraints are divided by it."
     inside: Float[np.ndarray, "numbers"]
@@ -106,7 +106,7 @@ class Room:
     def first_prices(
         self, gain: Float[np.ndarray, "used"], numbers: Float[np.ndarray, "numbers"]
     ) -> Float[np.ndarray, "prices"]:
-        """Return start prices for the interior-point method, with positive pressures."""
+        """Return initial prices for the interior-point method, with positive dual slacks."""
         prices, spare = np.zeros(self.totals.size), self.signs != 0
         prices[spare] = -self.signs[spare] / (self.edges * numbers[self.edges :])
         prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()
@@ -134,8 +134,8 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds which numbers can be positive: after multiplication by a large enough
-    `t`, these numbers can be 1 or more. A second program finds a point far from all bounds.
+    One linear program finds which of the weights and slacks can be positive, all at the same time.
+    A second program finds a point far from all bounds.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:
@@ -147,7 +147,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
     unequal = np.flatnonzero(signs)
     spare = np.diag(-signs.astype(float))[unequal]
     sums = np.concatenate([rows.T, spare])
-    # Numbers x = (z + v) / t, with z = 1 for as many as possible.
+    # Numbers x = (z + v) / t, with z = 1 for as many as possible: all x > 0 are 1 / t or more.
     count = len(sums)
     program = scipy.optimize.linprog(
         -np.append(np.ones(count), np.zeros(count + 1)),
@@ -178,7 +178,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
 
 class _Sides(NamedTuple):
-    """The sum of all weights and the bounds of constraints, as rows with entries of at most 1."""
+    """The equation of the sum of weights and the bounds of constraints, with entries up to 1."""
 
     rows: Float[np.ndarray, "sides edges"]
     bounds: Float[np.ndarray, "sides"]
@@ -212,22 +212,20 @@ def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "inde
 def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
     """Describe a smallest set of constraints that contradict each other.
 
-    If the least sum of violations is positive, the constraints with a price prove the
-    contradiction. Each of these constraints is removed if the remaining ones still contradict each
-    other.
+    Constraints are left out one by one as long as the others still contradict each other.
     """
-    price = _give_way(edges, constraints)[1]
+    price = _least_violation(edges, constraints)[1]
     kept = [rule for rule, paid in zip(constraints, price, strict=True) if paid > _NO_PRICE]
     for rule in list(kept):
         others = [other for other in kept if other is not rule]
-        if others and _give_way(edges, others)[0] > _NO_ROOM:
+        if others and _least_violation(edges, others)[0] > _NO_ROOM:
             kept = others
     if len(kept) == 1:
         return f"no weights meet {kept[0].label}"
     return f"these contradict each other: {', '.join(rule.label for rule in kept)}"
 
 
-def _give_way(
+def _least_violation(
     edges: int, constraints: Sequence[Linear]
 ) -> tuple[float, Float[np.ndarray, "constraints"]]:
     """Compute the least sum of violations of bounds, and the shadow price of each constraint."""

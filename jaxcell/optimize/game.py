@@ -140,7 +140,10 @@ _Solved = tuple[_Weights, Int[np.ndarray, "types"], float, int]
 
 
 def _dobss(R: _Payoffs, C: _Payoffs, time_limit: float) -> _Solved:
-    """Solve DOBSS for the weights `x`, the value `a` and answer `q` of each type, and `z = x q`."""
+    """Solve the program DOBSS for payoffs `R` of the leader and `C` of the follower.
+
+    Its variables are the weights `x`, the value `a` and answer `q` of each type, and `z = x q`.
+    """
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
@@ -247,7 +250,7 @@ def _commit(
 
 
 def _on_simplex(weights: _Weights) -> _Weights:
-    """Make weights from a solver nonnegative with sum 1, which rounding may have changed."""
+    """Make weights from a solver nonnegative with sum 1, because rounding may have changed them."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 

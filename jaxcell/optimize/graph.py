@@ -66,7 +66,7 @@ class Graph:
 
     @property
     def lengths(self) -> Float[np.ndarray, "edges"]:
-        """The length of each edge: `ways`, or the distance between its ends, in metres, or 1."""
+        """The length of each edge: from `ways` in metres, or from `xy`, or 1 if both are `None`."""
         if self.ways is not None:
             return self.ways
         if self.xy is None:
@@ -75,7 +75,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Build the symmetric sparse matrix with the number of each edge at both its entries."""
+        """Build the symmetric sparse matrix whose entries `[i, j]` are the values of the edges."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

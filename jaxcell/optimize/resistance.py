@@ -1,7 +1,7 @@
 """Least sum of resistances between the vertices of a graph, from an interior-point method.
 
 **The problem.** With `X` the pseudo-inverse of the weighted Laplacian `sum_e w_e b_e b_e' / t_e` of
-edges with weights `w` and durations `t`, `b_e` the difference of the ends of edge `e`:
+edges with weights `w` and durations `t`, where `b_e = e_i - e_j` for an edge `e` from `i` to `j`:
 
     minimise R(w) = tr X     over numbers x >= 0 with sums' x = totals,
 
@@ -11,8 +11,8 @@ where `x` are the weights, which sum to 1, followed by the slack of inequalities
     -dR/dw_e = |c_e|^2, the gain of an edge,     d2R/dw_e dw_f = 2 (c_e' c_f)(c_e' b_f) / sqrt(t_f).
 
 **The method.** At the optimum there are prices with `gain + pressure = sums prices`, where the
-pressure is not negative, and 0 at each positive number. Mehrotra's predictor-corrector steps
-approach it from the interior, with one Cholesky factor of the Hessian each.
+pressure (the dual slack) of a number is not negative, and 0 if the number is positive. Mehrotra's
+predictor-corrector steps approach it from the interior, each with one Cholesky factorisation.
 
 **The bound.** `R` is convex and homogeneous of degree -1, so its reciprocal is concave, and the
 tangent at `w` bounds the reciprocal everywhere: no weights have a sum below `R(w)^2 / most`, with
@@ -51,10 +51,9 @@ _Prices: TypeAlias = Float[np.ndarray, "prices"]
 class Emphasis(NamedTuple):
     """The set of weights with at least a share on the edges of a tour.
 
-    The excess of the tour over its share is one more unknown, so that the steps of the method find
-    whether the bound is tight. There are two equations, for the sum of all weights, and for the sum
-    of the excess and the weights off the tour. An equation for the sum on the tour would lose the
-    rest in rounding if the share is almost 1.
+    The excess of the weight on the tour over the share is one more unknown. There are two
+    equations, for the sum of all weights, and for the sum of the excess and the weights off the
+    tour. An equation for the weight on the tour would be inaccurate if the share is almost 1.
     """
 
     on_tour: Bool[np.ndarray, "edges"]
@@ -70,19 +69,19 @@ class Emphasis(NamedTuple):
         return np.array([1.0, 1 - self.share])
 
     def first_prices(self, gain: _Weights, numbers: _Numbers) -> Float[np.ndarray, "2"]:
-        """Return start prices for the interior-point method, with positive pressures."""
+        """Return initial prices for the interior-point method, with positive dual slacks."""
         on_tour = 1.2 * gain[self.on_tour].max()
         return np.array([on_tour, 1.4 * gain.max() - on_tour])
 
     def most(self, gain: _Weights, prices: Any = None) -> float:
         """Return the largest `gain @ weights` over all allowed weights.
 
-        Such weights are on at most two edges. `prices`, an argument of `Room.most`, has no effect.
+        At most two edges have weight at the maximum. `prices` is used only by `Room.most`.
         """
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1, with at least `share + spare (1 - share)` on the tour."""
+        """Scale weights to sum 1; the tour has at least the share plus `spare` times the rest."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -90,7 +89,7 @@ class Emphasis(NamedTuple):
         return weights * np.where(self.on_tour, more, less)
 
     def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
-        """Return first numbers: equal weights, multiplied twice by the square roots of their gains.
+        """Return initial numbers: equal weights, twice multiplied by the roots of their gains.
 
         In trees without an emphasis, these weights are optimal.
         """
@@ -105,17 +104,17 @@ class Design(NamedTuple):
 
     resistance: float
     gain: _Weights
-    "The decrease of the sum per unit of each weight."
+    "The decrease of the sum of resistances per unit of the weight of each edge."
     columns: Float[np.ndarray, "edges vertices"]
-    "The vectors `c_e`, one per edge."
+    "The vectors `c_e = X b_e / sqrt(t_e)`, one per edge."
 
 
 class Iterate(NamedTuple):
-    """The numbers `x` of a step, with their prices, sum of resistances and gap."""
+    """An iterate: weights and slacks, with their prices, sum of resistances and gap."""
 
     numbers: _Numbers
     prices: _Prices | None
-    "The prices of the equations, or `None` for a method without prices."
+    "The shadow prices of the equations, or `None` if a method does not compute them."
     resistance: float
     gap: float
     "A bound on the relative excess of the sum of resistances over the least sum."
@@ -146,7 +145,7 @@ class Laplacian:
     def divide(
         self, design: Design, unit: float, diagonal: _Numbers
     ) -> Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]]:
-        """Return a function that divides by the Hessian of the edges plus a diagonal.
+        """Return a function that multiplies by the inverse of the Hessian plus a diagonal.
 
         A large Hessian is factorised in 32 bits, in half the time and memory. A relative error of
         0.001 in a step does no harm, because the next step starts from residuals in 64 bits.
@@ -176,7 +175,7 @@ class Laplacian:
     def _hessian(
         self, columns: Float[np.ndarray, "edges vertices"], factor: np.floating
     ) -> Float[np.ndarray, "edges edges"]:
-        """Compute the Hessian in blocks on and above the diagonal; LAPACK reads nothing else."""
+        """Compute the Hessian on and above the diagonal, in blocks; LAPACK reads nothing else."""
         edges = len(self.edges)
         tail, head = self.edges.T
         scaled = columns * (factor / np.sqrt(self.durations)).astype(columns.dtype)[:, None]
@@ -195,8 +194,8 @@ def pseudo_inverse(
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, the weighted Laplacian.
 
-    `b_e` is the difference of the ends of edge `e`. **Raises:** `numpy.linalg.LinAlgError` if edges
-    with weight 0 separate vertices, up to rounding.
+    For an edge `e` from `i` to `j`, `b_e = e_i - e_j`. **Raises:** `numpy.linalg.LinAlgError` if
+    edges with weight 0 separate vertices, up to rounding.
     """
     tail, head = edges.T
     laplacian = np.zeros((vertices, vertices))
@@ -283,7 +282,7 @@ def _predictor_corrector(
 ) -> tuple[Any, Any, Any]:
     """Take one step from a point (numbers, pressures, prices). Numbers and pressures stay positive.
 
-    `inverse` divides by the Hessian with `pressure / numbers` on its diagonal.
+    `inverse` multiplies by the inverse of the Hessian plus the diagonal `pressure / numbers`.
     """
     numbers, pressure, prices = point
     residual = sums @ prices - gain - pressure
@@ -298,7 +297,6 @@ def _predictor_corrector(
         return d_numbers, (aim - pressure * d_numbers) / numbers, d_prices
 
     def length(d_numbers: Any, d_pressure: Any) -> float:
-        """Return the longest step, of at most 1, after which no number is negative."""
         shrink = np.maximum(-d_numbers / numbers, -d_pressure / pressure)
         return 1 / max(1.0, float(shrink.max()))
 

@@ -61,14 +61,14 @@ class SpectralProblem:
         return matrix / np.outer(self.root, self.root)
 
     def along(self, matrix: _Matrix) -> _Weights:
-        """Compute the number `s_e' A s_e` of each edge, for a symmetric matrix."""
+        """Compute the number `s_e' A s_e` of each edge, for a symmetric matrix `A`."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         own = np.diag(scaled)
         return own[tail] + own[head] - 2 * scaled[tail, head]
 
     def between(self, matrix: _Matrix) -> Float[np.ndarray, "edges edges"]:
-        """Compute the number `s_e' A s_f` of each pair of edges."""
+        """Compute the number `s_e' A s_f` of each pair of edges, for a symmetric matrix `A`."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         rows = scaled[tail] - scaled[head]
@@ -77,18 +77,18 @@ class SpectralProblem:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Point:
-    """Weights, a level above the norm, and forces that keep them within their bounds.
+    """Weights, an upper bound `level` on the norm, and the dual variables of their constraints.
 
-    The class also describes a change of a point. A force on a matrix keeps the matrix positive
-    definite and is itself a matrix; a force on a number keeps the number positive.
+    The dual variable of a positive definite matrix is such a matrix itself, that of a positive
+    number is a positive number. The class also describes a change of a point.
     """
 
     weights: _Weights
     level: float
     forces: _Pair
-    "The forces on `level I - M` and `level I + M`."
+    "The dual variables of the matrices `level I - M` and `level I + M`."
     pressure: _Forces
-    "The forces on `limits - bounds w`."
+    "The dual variables of the numbers `limits - bounds w`."
 
     def moved(self, change: "_Point", primal: float, dual: float) -> "_Point":
         return _Point(
@@ -154,7 +154,7 @@ def _bound(problem: SpectralProblem, point: _Point) -> float:
 
 
 def _step(problem: SpectralProblem, point: _Point) -> _Point:
-    """Take a predictor-corrector step to the optimum, where the forces along each edge balance.
+    """Take a predictor-corrector step toward the optimum.
 
     **Raises:** `numpy.linalg.LinAlgError` if a matrix is singular up to rounding.
     """
@@ -167,7 +167,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
     solve = _hessian_solve(problem, point, inverse, slack)
 
     def change(forces, pressure):  # type: ignore[no-untyped-def]
-        """Return the change after which forces balance, its effect on slacks, and step lengths."""
+        """Return the change to feasible dual variables, its effect on slacks, and step lengths."""
         weights, level = solve(_balance(problem, forces, pressure))
         opened = level * np.eye(root.shape[-1]) + _SIGNS * problem.laplacian(weights)
         widened = -(problem.bounds @ weights)
@@ -194,7 +194,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
 def _balance(
     problem: SpectralProblem, forces: _Pair, pressure: _Forces
 ) -> Float[np.ndarray, "unknowns"]:
-    """Sum the forces along each edge, 0 if they balance, and on the level, 1 if they balance."""
+    """Compute the sums in the dual constraints, which must be 0 for edges and 1 for the level."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 
@@ -202,7 +202,7 @@ def _balance(
 def _hessian_solve(
     problem: SpectralProblem, point: _Point, inverse: _Pair, slack: _Forces
 ) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[_Weights, float]]:
-    """Return a function that computes the change of weights and level for unbalanced forces."""
+    """Return a function that computes the change of weights and level from sums of `_balance`."""
     stiff = scipy.sparse.diags_array(point.pressure / slack)
     hessian = np.empty((len(point.weights) + 1,) * 2)
     hessian[:-1, :-1] = (problem.bounds.T @ stiff @ problem.bounds).toarray()

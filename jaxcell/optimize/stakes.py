@@ -14,9 +14,9 @@ class Stakes:
     adversary_values: Float[np.ndarray, "vertices"] | None = None
     "The value of the goods to the adversary, `d_adv`; by default equal to `values`."
     rewards: Float[np.ndarray, "vertices"] | None = None
-    "The gain of the patroller from a capture, `c_pat`; by default as in Alg. 4.2."
+    "The gain of the patroller from a capture, `c_pat`; for its default see [`payoffs`][]."
     costs: Float[np.ndarray, "vertices"] | None = None
-    "The penalty of a captured adversary, `c_adv`; by default a gain as in Alg. 4.2."
+    "The penalty of a captured adversary, `c_adv`; for its default see [`payoffs`][]."
 
 
 def payoffs(

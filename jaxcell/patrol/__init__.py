@@ -7,14 +7,14 @@ A time is a number of steps, unless edges have travel times.
 
 The main names are in this package; the packages below contain all names, and define the terms:
 
-- `patrol.files`: a `Graph`, `load_graph`, `save_graph`, and values of vertices.
+- `patrol.files`: a `Graph`, `load_graph`, `save_graph`, and files with a number per vertex.
 - `patrol.walks`: walks on a graph, such as the `random_walk` with given weights and the walk
     `toward` a vertex; walks that optimise a measure, such as `maximin_capture`; the
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
-- `patrol.team`: parts of a graph, travel times, idleness, news at a base, and charging.
+- `patrol.team`: parts of a graph, travel times, idleness, the age of news, and charging.
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells,
-    `distributed_policies` and `capture_policies` compute walks, `capture_probabilities` are exact,
-    `vulnerability` adds a simulation and a fitted law, and `PatrolledMap` is the result.
+    `distributed_policies` and `capture_policies` compute walks, `capture_probabilities` their exact
+    probabilities of capture; `vulnerability` adds a simulation, and a distribution fitted to it.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
 - `patrol.perimeter`: the baselines BMP, DCP and DNCP on a closed perimeter.
 

@@ -57,7 +57,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex as read from a file, not yet checked; `field` names its position in the file."""
+    """A vertex as read from a file, not yet checked; error messages name it by its `field`."""
 
     field: str
     name: object
@@ -65,7 +65,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge as read from a file, not yet checked; `field` names its position in the file."""
+    """An edge as read from a file, not yet checked; error messages name it by its `field`."""
 
     field: str
     tail: object
@@ -128,7 +128,6 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
-    """Read GraphML, GML or an adjacency list with networkx."""
     import networkx as nx
 
     lines = text.splitlines()

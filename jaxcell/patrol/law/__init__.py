@@ -1,7 +1,7 @@
 """The generalized lambda distribution `Gld` (Alam 2018, Eq. 4.10), and its fit, `fit_gld`.
 
-A fit, `GldFit`, is the distribution that maximizes the likelihood of samples. Samples that are
-whole numbers may stand for intervals; their likelihood is then the probability of the intervals.
+A fit, `GldFit`, is the distribution that maximizes the likelihood of samples. A whole number may
+stand for the interval of length 1 around it, whose probability is then its likelihood.
 """
 
 from ...base.hosted import attach

@@ -80,7 +80,7 @@ class Gld:
     ) -> Float[np.ndarray, "*values"]:
         """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support.
 
-        Approximate log-odds `near` replace the search for a bracket.
+        If approximate log-odds `near` are given, Newton's method starts from them.
         """
         z = np.asarray((np.asarray(x, np.float64) - self.l1) * self.l2)
         log_odds = _invert(np.atleast_1d(z), self.l3, self.l4, near)
@@ -116,7 +116,7 @@ def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
 
 @np.errstate(all="ignore")
 def standard_quantile(log_odds: Any, l3: _Parameter, l4: _Parameter) -> Any:
-    """Compute the quantile from log-odds, for location 0 and scale 1."""
+    """Compute the quantile for given log-odds, with location 0 and scale 1."""
     log_u, log_v = _logs(log_odds)
     return _power(log_u, l3) - _power(log_v, l4)
 
@@ -140,8 +140,9 @@ def _invert(
 ) -> Float[np.ndarray, "*laws_and_values"]:
     """Find the log-odds at which the standard quantile function is `z`.
 
-    A table of the function brackets each solution. The middle of the bracket replaces a Newton step
-    that would leave the bracket. Beyond the table, the log-odds are infinite.
+    A table of the function brackets each solution; with approximate solutions `near`, the bracket
+    is the whole table. The middle of the bracket replaces a Newton step that would leave it. Beyond
+    the table, the log-odds are infinite.
     """
     nodes = _NODES if near is None else _NODES[[0, -1]]
     table = standard_quantile(nodes, l3, l4)

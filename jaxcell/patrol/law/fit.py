@@ -54,7 +54,7 @@ class GldFit(Result):
     certificate: Certificate
 
     def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
-        """Compute the distribution function of the law."""
+        """Compute the distribution function of the law at `x`."""
         return self.law.cdf(x)
 
     l1 = from_part("law.l1", "", "l1, the place of the law")
@@ -130,19 +130,19 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The samples of a fit, and pairs of points; log-odds at a pair are parameters of a law."""
+    """The samples of a fit, and the points at which log-odds are parameters of a law."""
 
     data: Likelihood
     few: Likelihood
-    "The likelihood of at most `_RANKED` of the values, which ranks laws and starts the search."
+    "The likelihood of at most `_RANKED` of the values, for a quick choice among many laws."
     inner: _Point
-    "Two points near the quartiles."
+    "Two points near the quartiles of the samples."
     log_odds: _Point
-    "The log-odds of the distribution of the samples at `inner`."
+    "The log-odds of the empirical distribution function at the points `inner`."
     outer: _Point
-    "The interval that the support must contain: both ends of all samples."
+    "The interval from the lower end of the least sample to the upper end of the greatest."
     narrow: _Point
-    "The interval that the support must contain so that all samples have positive probability."
+    "The interval from the upper end of the least sample to the lower end of the greatest."
     size: int
     steps: int
 
@@ -178,9 +178,10 @@ class _Problem:
 
 
 def _starts(problem: _Problem) -> list[tuple[_Numbers, _Point]]:
-    """Return the starts of the search: the best laws of a grid, with different kinds of shapes.
+    """Return the parameters and points of the best laws on a grid of shapes, to start the search.
 
-    The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
+    Only the best law of each kind (`_KINDS`) is returned. The laws have the quartiles of the
+    samples, except that a bounded support is widened to contain all samples.
     """
     farthest = math.log(2 * problem.size)
     shapes = np.array(list(itertools.product(_SHAPES, repeat=2)))
@@ -208,17 +209,17 @@ class _Maximum:
     gain: float
     "The predicted gain in log-likelihood of one more step."
     edge: Bool[np.ndarray, "2"]
-    "For the lower and the upper side: `True` if the support ends at the point on this side."
+    "For the lower and for the upper point, whether the support ends there."
     steps: int
 
 
 def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Find the local maximum of the likelihood to which a start leads.
+    """Find a local maximum of the likelihood from the law `law_through(numbers, point)`.
 
     A censored sample is an interval. Its likelihood has a kink if the support of the law ends at
     the outer end of the interval, and the maximum often lies there. So the search first requires
-    supports that contain the intervals, and then admits supports that end within an interval if
-    they are better.
+    supports that contain the intervals (`outer`). It then also tries supports that end within the
+    least or the greatest interval (`narrow`), and keeps the better result.
     """
     wide = _maximise(problem, numbers, point)
     narrowed = wide.edge & (problem.narrow != problem.outer)
@@ -235,17 +236,15 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 
 
 def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Maximize the likelihood with Newton's method within bounds.
+    """Maximize the likelihood from `law_through(numbers, point)` with a bounded Newton's method.
 
-    The curvatures of the loss are replaced by their absolute values, so that each step lowers the
-    loss.
-
+    The curvatures of the loss are replaced by their absolute values, so that each step lowers it.
     No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
     and L-BFGS-B stop too early.
 
-    The parameters of a law are its log-odds at two points and its shapes. On a side with a bounded
-    support, the outer point is used, because then no change of the other parameters excludes a
-    sample. Otherwise the inner point is used, because log-odds there hardly depend on the shape.
+    The log-odds of a law are parameters at two points. If the support is bounded on the side of a
+    point, this is the point of `outer`, because then no change of the other parameters excludes a
+    sample. Otherwise it is that of `inner`, where the log-odds hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])

@@ -1,7 +1,7 @@
 """Likelihood of samples under generalized lambda distributions, with derivatives.
 
-Here, the parameters of a law are four numbers: the log-odds of its distribution function at two
-points, and its two shapes.
+Here, the parameters of a law are four `numbers`: the log-odds of its distribution function at two
+points, the entries of `point`, and its two shapes.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ _VALUES = 20_000
 
 
 def law_through(numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*#laws 2"]) -> Gld:
-    """Return the laws with given log-odds at two points and given shapes."""
+    """Return laws with log-odds `numbers[:2]` at the points `point`, and shapes `numbers[2:]`."""
     l3, l4 = numbers[..., 2:3], numbers[..., 3:]
     end = standard_quantile(numbers[..., :2], l3, l4)
     l2 = np.diff(end) / np.diff(point)
@@ -41,7 +41,7 @@ class Likelihood:
     x: Float[np.ndarray, "values"]
     "The values at which the distribution function is evaluated."
     weight: Float[np.ndarray, "samples"]
-    "The share of each distinct sample."
+    "The share of the samples that have each distinct value."
     ends: Int[np.ndarray, "2 samples"] | None
     "The indices in `x` of the ends of each sample; `None` if samples are not intervals."
 
@@ -60,7 +60,7 @@ class Likelihood:
     def loss(
         self, numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*#laws 2"]
     ) -> Float[np.ndarray, "*laws"]:
-        """Compute the negative mean log-likelihood of each law, infinite for impossible samples."""
+        """Compute the negative mean log-likelihood of the laws `law_through(numbers, point)`."""
         law = law_through(numbers, point)
         return self._loss(law, law.log_odds(self.x))
 
@@ -70,10 +70,10 @@ class Likelihood:
         point: Float[np.ndarray, "2"],
         below: float = math.inf,
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """Compute the loss, its gradient and its Hessian.
+        """Compute the loss, and its gradient and Hessian with respect to `numbers`.
 
-        The derivatives are difference quotients between nearby laws, evaluated in batches. They are
-        NaN unless the loss is less than `below`.
+        The derivatives are difference quotients between nearby laws. They are NaN, to save time, if
+        the loss is not less than `below`.
         """
         law = law_through(numbers, point)
         log_odds = law.log_odds(self.x)

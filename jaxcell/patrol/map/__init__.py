@@ -2,11 +2,11 @@
 
 `cell_graph` builds the graph whose vertices are the free cells. From each cell a robot sees other
 cells (Eq. 4.1, `jaxcell.space.visible_cells`). A *cover* is a set of cells from which all cells are
-seen. It grows cell by cell: the cover of robot 0 gets the best cell, that of robot 1 the second
-best, and so on (Alg. 4.3).
+seen. It is built cell by cell: the cover of robot 0 gets the cell that sees most additional cells,
+the cover of robot 1 the second best cell, and so on (Alg. 4.3).
 
 **Policies.** Each robot has a `Policy`. `distributed_policies` are walks on the whole map that
-emphasise the cover (section 4.4.4). `centralized_policies` (4.4.5) divide the map around a
+often visit the cover (section 4.4.4). `centralized_policies` (4.4.5) divide the map around a
 `base_station` into `Regions`, one per robot, by `angular_regions`; each has a *contact cell* where
 the robot reports. If a robot is silent for longer than `silence_limit`, `reassign` divides the map
 among the others (`Reassignment`).

@@ -39,7 +39,6 @@ class Vulnerability(Result):
         Float[np.ndarray, "times"],
         quantity("attack_time", "probability of capture, exactly", "1", kind="share"),
     ]
-    "The probability that a robot sees the target within the attack time."
     simulated: Annotated[
         Float[np.ndarray, "times"],
         quantity("attack_time", "share of simulated runs", "1", kind="share"),
@@ -55,7 +54,7 @@ class Vulnerability(Result):
     "The distribution of the time of the first view, up to the longest attack time."
     arrivals: Arrivals
     fit: GldFit | None
-    "The distribution fitted to the runs, or `None` if the fit failed."
+    "The distribution fitted to the simulated times, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "reason why no law is fitted")]
 
     @derived("attack_time", "fitted less exact", "1")
@@ -109,7 +108,7 @@ def vulnerability(
     - `key`: random key of `jax.random` for the simulation.
     - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `attack`: the attack; the start `worst` is computed for its first time.
+    - `attack`: the attack; the start `worst` is the worst cell of a robot for its first time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].
@@ -164,7 +163,6 @@ def vulnerability(
 def _begin(
     graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "cells"], attack: Attack
 ) -> list[Float[np.ndarray, "cells"]]:
-    """Compute the distribution of each robot when an attack on the target begins."""
     begins = attack.begins(graph, policies, view)
     if attack.start != "worst":
         return begins

@@ -47,7 +47,7 @@ class CaptureSearch(Result):
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "The least part of the probability of each step that is divided equally among neighbours."
+    "The least share of steps in which a robot goes to a uniformly random neighbour."
     start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
@@ -60,7 +60,7 @@ class CaptureSearch(Result):
         float | None,
         quantity("", "least probability by closed tours, which are predictable", "1", kind="share"),
     ]
-    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if a cover is a single cell."
+    "The result of [`jaxcell.patrol.map.capture_by_tours`][]; `None` if a cover is a single cell."
     certificate: Certificate
 
     @derived("attempt", "start", kind="coordinate")
@@ -76,7 +76,7 @@ class CaptureSearch(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frontier(Result):
-    """The trade-off between capture and unpredictability."""
+    """The trade-off between the least probability of capture and the unpredictability of steps."""
 
     title: ClassVar[str] = "Capture against entropy"
     tables: ClassVar[Mapping[str, str]] = {"floor": "floors"}
@@ -112,9 +112,10 @@ def capture_policies(
     logits of the steps of all robots together. The searches start from tours through covers, and
     from *even* walks, which take all edges with equal probability; both are perturbed randomly.
 
-    The result mixes each trained walk with rare excursions, which visit all cells and drift back.
-    Excursions spend a share of time of at least 1e-5 in an average cell, so that every cell is
-    visited, and commute times are bounded. The result is a local optimum, the best of all starts.
+    Each trained walk is then mixed with *excursions*, a walk that visits all cells and drifts back
+    to those where the robot spends most of its time. Excursions take a share of the time of 1e-5
+    per cell, at most 0.1 in total, so that every cell is visited, and commute times are bounded.
+    The result is a local optimum, the best of all starts.
 
     **Arguments:**
 
@@ -129,8 +130,8 @@ def capture_policies(
     - `say`: a function that is called with a description of the work, the number of completed
         steps, and their total.
 
-    **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
-    the last quarter of the steps added: if it is large, more steps would improve the result.
+    **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the capture
+    that the last quarter of the steps added; if it is large, more steps would capture more.
 
     One robot in a corridor of five cells, each of which sees its neighbours:
 
@@ -209,7 +210,7 @@ def _check_randomness(randomness: float) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem of a search: steps on a graph, and targets that some but not all cells see."""
+    """A search problem: the steps on a graph, and the targets that some but not all cells see."""
 
     graph: Graph
     visible: Bool[np.ndarray, "cells cells"]
@@ -218,7 +219,6 @@ class _Problem:
     "An attack with a single time."
     steps: Steps
     unseen: Float[np.ndarray, "cells targets"]
-    "1 for each cell from which a robot does not see the target, otherwise 0."
 
     @classmethod
     def of(
@@ -235,7 +235,7 @@ class _Problem:
         return cls(graph, visible, robots, attack.first, Steps.of(graph), unseen)
 
     def begins(self, count: int, seed: int) -> list[Logits]:
-        """Return the logits of the starts of a search, perturbed at random.
+        """Return the logits of at most `count` starts of a search, perturbed at random.
 
         Tours come first, then even walks, unless even walks capture so little that no gradient
         leads away from them.
@@ -282,7 +282,7 @@ class _Problem:
         return CirculationAscent(self.graph, self.steps, self.unseen, time, start, randomness)
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
-        """Convert logits of walks from the floor `above` of randomness to a lower floor."""
+        """Return logits of the same walks if their randomness falls from `above` to `floor`."""
         chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))
@@ -314,7 +314,6 @@ class _Problem:
         return search, logits
 
     def _team(self, walks: Sequence[Circulation]) -> tuple[tuple[Policy, ...], float]:
-        """Return the policies of robots, and their least probability of capture."""
         team = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
         caught = capture_probabilities(self.graph, self.visible, team, self.attack)[0]
         return team, float(caught[self.visible.any(axis=0)].min(initial=1.0))

@@ -41,8 +41,8 @@ class Circulation:
 
     The first flow is the flow of a walk with trained steps, the second the flow of a reversible
     walk, the *excursions*. No commute time in the mixture exceeds the commute time of the
-    excursions divided by their share, because more flow never makes commute times longer
-    (Rayleigh's principle, which holds for the symmetric part of any walk).
+    excursions divided by their share of the time, because additional flow never makes commute times
+    longer (Rayleigh's principle, which holds for the symmetric part of any walk).
     """
 
     chance: Float[np.ndarray, "branches cells"]
@@ -52,7 +52,7 @@ class Circulation:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trained(Circulation):
-    """The trained walk of one robot, and the linear system of its shares of time."""
+    """The trained walk of one robot, with a solver of the linear system of its shares of time."""
 
     pivot: int
     rest: Int[np.ndarray, "others"]
@@ -60,7 +60,7 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Compute the shares of time, relative to a cell `pivot` that is often visited."""
+        """Compute the shares of time of a walk, relative to that of a frequent cell, `pivot`."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
@@ -76,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Convert the gradient over shares of time to the gradient over visits."""
+        """Compute the gain of one more visit to each cell, from the gradient in shares of time."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -95,7 +95,7 @@ class CirculationAscent:
     start: str
     "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
     floor: float
-    "The part of the probability of each trained step that is divided equally among neighbours."
+    "The least share of trained steps in which a robot goes to a uniformly random neighbour."
 
     def climb(
         self,
@@ -104,10 +104,7 @@ class CirculationAscent:
         work: str = "",
         say: Callable[[str, int, int], None] | None = None,
     ) -> tuple[Logits, list[Circulation], list[float]]:
-        """Follow the gradient with `count` steps of Adam.
-
-        `say` is called with the description of the work, the number of completed steps, and their
-        total.
+        """Follow the gradient with `count` steps of Adam; `say` reports the progress of `work`.
 
         **Returns:** the last logits, the walks, and the least capture after every `_BLOCK` steps.
         """
@@ -176,11 +173,11 @@ class CirculationAscent:
     def _excursions(
         self, share: Float[np.ndarray, "cells"]
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
-        """Build the random walk of excursions, by which a robot also visits rare cells.
+        """Build the reversible walk of the excursions, which visit all cells.
 
-        Conductances of its steps fall with the distance from cells with a large `share` of the
-        time, so that a robot drifts back to these cells. Returns the share of the time of
-        excursions in each cell, and the probability of each step.
+        The conductance of an edge falls with its distance from the cells with a large `share` of
+        the time, so that excursions drift back to these cells. Returns the share of time that
+        excursions spend in each cell, and the probability of each of their steps.
         """
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
         often = np.flatnonzero(share >= 1 / share.size)
@@ -195,7 +192,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the weakest target in each range of targets, and the weakest remaining targets."""
+    """Choose the `count` most missed targets, with at least one in each of `count // 4` ranges."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets
@@ -249,7 +246,6 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
-    """Differentiate the soft minimum of capture with respect to steps and shares of time."""
     hardness = rest[-1]
 
     def loss(chance, share):  # type: ignore[no-untyped-def]

@@ -34,7 +34,7 @@ class Attacks:
     state: UInt8[np.ndarray, "times"]
     "The [`AttackState`][] at each time."
     since: Int[np.ndarray, "times"]
-    "The steps since the last attack began."
+    "The number of steps since the last attack began, at each time."
     caught: Int[np.ndarray, "times"]
     "The number of failed attacks up to each time."
     succeeded: Int[np.ndarray, "times"]

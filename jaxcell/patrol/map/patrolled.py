@@ -58,34 +58,32 @@ class PatrolledMap(Result):
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
     attack: Vulnerability
-    "The probability of capturing an adversary that attacks one cell."
     captures: Capture
-    "The probability of capturing an adversary, for each attacked cell."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` if there is no base station."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "The probability of capture after a robot has failed and others keep their regions; or `None`."
+    "The probability of capture if a robot fails and the others keep their regions, or `None`."
     recovery: Capture | None = None
-    "The probability of capture after a robot has failed and others take new regions; or `None`."
+    "The probability of capture if a robot fails and the others get new regions, or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"], quantity("", "part of a cell that a robot must see")
     ] = "cell"
     search: CaptureSearch | None = None
-    "The search that found the policies if they maximise capture; otherwise `None`."
+    "The search that found the policies, if they were chosen to maximise capture; otherwise `None`."
     frontier: Frontier | None = None
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The compared lower bounds on the share of steps on the tours, or `None`."
+    "The lower bounds on the share of steps along the tours that are compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
     smallest_covers: Float[np.ndarray, "robots"] | None = None
-    "The number of cells of the smallest cover of each robot's cells; NaN if unknown."
+    "The size of the smallest cover of the cells of each robot; NaN if unknown."
     chosen_share: Annotated[
         float | None, quantity("", "share of steps on the tours", "1", kind="share")
     ] = None

@@ -37,7 +37,7 @@ class Policy:
     weights: Float[np.ndarray, "edges"]
     "The share of steps along each edge of the graph, in the long run."
     chain: Chain
-    "The walk, which stays in place in cells without edges."
+    "The Markov chain of the walk, which stays in place in cells that the robot does not visit."
     cover: Int[np.ndarray, "stops"]
     "The cells from which all `cells` are seen, in the order in which they were chosen."
     uncovered: Int[np.ndarray, "unseen"]
@@ -47,19 +47,19 @@ class Policy:
     tour: Int[np.ndarray, "steps"] | None
     "The closed walk through the cover and the contact cell; `None` if they are a single cell."
     commute_time: float
-    "The mean number of steps between two of the cells and back, over all pairs."
+    "The mean number of steps from one cell to another and back, over all pairs of `cells`."
     certificate: Certificate | None
-    "The certificate of [`jaxcell.optimize.minimum_commute`][] if it chose the weights."
+    "The certificate of [`jaxcell.optimize.minimum_commute`][], if it computed the weights."
 
     def share_of_time(self, graph: Graph) -> Float[np.ndarray, "cells"]:
-        """Compute the share of time of the robot in each cell in the long run; the sum is 1."""
+        """Compute the share of time that the robot spends in each cell in the long run."""
         if not self.weights.any():
             return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity of a result: an attribute, at a dotted path, of each of its policies."""
+    """Build a `derived` quantity of a result: the attribute `path` of each of its policies."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])
@@ -71,13 +71,13 @@ def distributed_policies(
 ) -> tuple[Policy, ...]:
     """Compute walks on which each robot alone sees all cells (Alam 2018, section 4.4.4).
 
-    The cover of robot `i` is [`jaxcell.optimize.greedy_cover`][] with choice `i`. The walk has the
-    minimum average expected commute time with an emphasis on the cover,
-    [`jaxcell.optimize.minimum_commute`][]. A cover of a single cell needs no emphasis.
+    Robot `i` has the cover of [`jaxcell.optimize.greedy_cover`][] with `choice=i`. Its walk has the
+    least mean commute time among walks with at least a given share of their steps on the closed
+    tour through the cover, [`jaxcell.optimize.minimum_commute`][]. A single cell needs no tour.
 
     **Arguments:** a connected graph and the visibility, as in
-    [`jaxcell.patrol.capture_probabilities`][]; the number of robots; and the least weight of the
-    tour through the cover, from 0 to 1. **Returns:** a [`Policy`][] for each robot.
+    [`jaxcell.patrol.capture_probabilities`][]; the number of robots; and the least share of steps
+    on the tour, from 0 to 1. **Returns:** a [`Policy`][] for each robot.
 
     A corridor of five cells, each of which sees its neighbours; cells 1 and 3 see all cells:
 
@@ -113,8 +113,8 @@ def centralized_policies(
     station, with the least sum of path lengths to the cells of the cover.
 
     **Arguments:** the graph and the visibility, as in [`jaxcell.patrol.capture_probabilities`][];
-    the region of each robot; and the least weight of the tour through the cover and the contact
-    cell, from 0 to 1. **Returns:** a [`Policy`][] for each region, in order.
+    the region of each robot; and the least share of steps on the closed tour through the cover and
+    the contact cell, from 0 to 1. **Returns:** a [`Policy`][] for each region, in order.
 
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
     both from the cell of its cover, and reports at cell 3 or 1:
@@ -165,7 +165,10 @@ def _policy(
     view: Bool[np.ndarray, "cells"] | None = None,
     walk: MinimumCommute | None = None,
 ) -> Policy:
-    """Compute a policy on given cells, with a contact cell in `view` if there is a base station."""
+    """Compute a policy on given cells, with a contact cell in `view` if there is a base station.
+
+    The cover is the greedy cover with `choice`; a given `walk` is not optimised again.
+    """
     inside = np.isin(graph.edges, cells).all(axis=1)
     part = part_of_graph(graph, cells)
     cover = greedy_cover(visible[np.ix_(cells, cells)], choice)

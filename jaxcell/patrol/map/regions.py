@@ -144,7 +144,7 @@ def _connected(
     robots: int,
     base: int,
 ) -> Int[np.ndarray, "cells"]:
-    """Move disconnected pieces of regions to the regions that they touch."""
+    """Move each piece that is not connected to the rest of its region to an adjacent region."""
     settled = np.full_like(region, -1)
     loose = []
     for k in range(robots):
@@ -183,7 +183,7 @@ def _connected(
 def _pieces(
     near: scipy.sparse.csr_array, cells: Int[np.ndarray, "chosen"]
 ) -> list[Int[np.ndarray, "..."]]:
-    """Return the connected parts of a set of cells, the largest first."""
+    """Return the connected components of a set of cells, the largest first."""
     if cells.size == 0:
         return []
     parts, part = scipy.sparse.csgraph.connected_components(near[cells][:, cells], directed=False)
@@ -196,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from a piece to a goal, without the cell of the piece, or `None`."""
+    """Return the cells after `piece` on the shortest path to `goal` over `through`, or `None`."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

@@ -38,13 +38,12 @@ class Perimeter:
 
     An attack begins when the robots head clockwise, before a coin is tossed. Because robots move
     simultaneously, the segments between two successive robots describe the state: segment `i` is
-    `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
-    the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
-    turns in place remains in its segment.
+    `i` segments ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot:
+    an adversary who enters it as the robot leaves is detected when a robot enters it again. A robot
+    that turns in place remains in its segment.
     """
 
     segments: int
-    "Number of segments of the perimeter."
     robots: int
     "Number of robots, a divisor of `segments`."
     movement: Movement
@@ -96,7 +95,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
 
     The coefficients belong to the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time -
     k)`. Each coefficient `c[k]` is the probability of detection if `k` of `time` coins show heads.
-    Unlike coefficients of powers of p, they do not cancel in rounding. `scipy.interpolate.BPoly(
+    Unlike a sum of powers of p, this sum loses no digits by cancellation. `scipy.interpolate.BPoly(
     c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
     **Arguments:** the robots, and the number of steps that a penetration takes. **Returns:** the
@@ -130,7 +129,7 @@ class Maximin:
     value: float
     "The probability of detection in the weakest segment."
     segment: int
-    "The weakest segment, as a row of the polynomials."
+    "The row of the polynomials that belongs to the weakest segment."
     certificate: Certificate
 
 

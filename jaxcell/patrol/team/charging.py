@@ -55,7 +55,6 @@ class Charged(Result):
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
     ] = None
-    "The share of the capture that the last quarter of a search added; `None` without a search."
 
     @classmethod
     def of(
@@ -68,7 +67,7 @@ class Charged(Result):
     ) -> "Charged":
         """Compute the statistics of walks whose steps depend on the number of steps since a charge.
 
-        The probabilities of steps are 0 in states that never occur."""
+        `chance` contains the probability of each step, 0 in states that never occur."""
         robots, every, vertices, _ = chance.shape
         often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
         here = np.tile(np.eye(vertices)[charger], (robots, 1))
@@ -186,7 +185,7 @@ def _captured(
     charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """Compute the probability of visiting each vertex in time, from the worst state that occurs."""
+    """Compute the probability of capture at each vertex, from the worst state in `visited`."""
     away, least = 1 - np.eye(attack.size), np.ones(attack.size)
     late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):

@@ -72,17 +72,17 @@ def divide_graph(
     seeds = [int(apart.max(axis=1).argmax())]
     while len(seeds) < parts:
         seeds.append(int(apart[seeds].min(axis=0).argmax()))
-    beside = graph.matrix(np.ones(len(graph.edges))).toarray() > 0
+    neighbours = graph.matrix(np.ones(len(graph.edges))).toarray() > 0
     part = np.full(graph.vertices, -1, np.int64)
     part[seeds] = np.arange(parts)
     while (part < 0).any():
         sizes = np.bincount(part[part >= 0], minlength=parts)
         for smallest in np.argsort(sizes, kind="stable"):
-            free = np.flatnonzero((part < 0) & beside[part == smallest].any(axis=0))
+            free = np.flatnonzero((part < 0) & neighbours[part == smallest].any(axis=0))
             if free.size:
                 part[free[apart[seeds[smallest], free].argmin()]] = smallest
                 break
-    part = _balanced(part, [np.flatnonzero(row).tolist() for row in beside], parts)
+    part = _balanced(part, [np.flatnonzero(row).tolist() for row in neighbours], parts)
     alone = np.flatnonzero(np.bincount(part, minlength=parts) == 1)
     if alone.size:
         vertex = int(np.flatnonzero(part == alone[0])[0])
@@ -94,7 +94,7 @@ def divide_graph(
 
 
 def _balanced(
-    part: Int[np.ndarray, "vertices"], beside: list[list[int]], parts: int
+    part: Int[np.ndarray, "vertices"], neighbours: list[list[int]], parts: int
 ) -> Int[np.ndarray, "vertices"]:
     """Move vertices between connected parts until sizes differ by at most 1, up to a step limit.
 
@@ -103,24 +103,24 @@ def _balanced(
     plus a large cost for a part of a single vertex.
     """
     random = np.random.default_rng(0)
-    owner, sizes = part.tolist(), np.bincount(part, minlength=parts).tolist()
+    part_of, sizes = part.tolist(), np.bincount(part, minlength=parts).tolist()
 
     def cost(size: int) -> int:
         return size**2 + (_ALONE if size == 1 else 0)
 
     # The rise of the cost above the cost of the best division.
     best, total = part, 0
-    steps = min(_STEPS * len(owner), _WORK // (1 + len(owner) // parts))
+    steps = min(_STEPS * len(part_of), _WORK // (1 + len(part_of) // parts))
     for step in range(steps):
         if max(sizes) - min(sizes) <= 1:
-            return np.array(owner)
-        vertex = int(random.integers(len(owner)))
-        old = owner[vertex]
-        others = [owner[near] for near in beside[vertex] if owner[near] != old]
+            return np.array(part_of)
+        vertex = int(random.integers(len(part_of)))
+        old = part_of[vertex]
+        others = [part_of[near] for near in neighbours[vertex] if part_of[near] != old]
         if not others or sizes[old] == 1:
             continue
         new = others[int(random.integers(len(others)))]
-        pieces = _pieces_without(vertex, owner, beside)
+        pieces = _pieces_without(vertex, part_of, neighbours)
         stays = pieces[int(random.integers(len(pieces)))]
         rise = (
             cost(len(stays))
@@ -132,26 +132,26 @@ def _balanced(
         if rise > 0 and random.random() >= np.exp(-rise / heat):
             continue
         for moved in [vertex, *(each for piece in pieces if piece is not stays for each in piece)]:
-            owner[moved] = new
+            part_of[moved] = new
         sizes[new] += sizes[old] - len(stays)
         sizes[old] = len(stays)
         total += rise
         if total < 0:
-            best, total = np.array(owner), 0
+            best, total = np.array(part_of), 0
     return best
 
 
-def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> list[list[int]]:
+def _pieces_without(vertex: int, part: list[int], neighbours: list[list[int]]) -> list[list[int]]:
     """Return the connected pieces into which a part falls without one of its vertices."""
     pieces, reached = [], {vertex}
-    for first in beside[vertex]:
-        if owner[first] != owner[vertex] or first in reached:
+    for first in neighbours[vertex]:
+        if part[first] != part[vertex] or first in reached:
             continue
         piece = [first]
         reached.add(first)
         for here in piece:
-            for near in beside[here]:
-                if owner[near] == owner[vertex] and near not in reached:
+            for near in neighbours[here]:
+                if part[near] == part[vertex] and near not in reached:
                     reached.add(near)
                     piece.append(near)
         pieces.append(piece)

@@ -101,10 +101,10 @@ def _hitting(
     share: Float[np.ndarray, "vertices"],
     step: Float[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the mean hitting times, which are infinite for targets without long-run visits.
+    """Compute the mean hitting times, infinite for targets that are not visited in the long run.
 
-    With the fundamental matrix `Z = (I - P + 1 pi)^-1`, the times are `(Z s)_i - (Z s)_j + pi s
-    (z_jj - z_ij) / pi_j`.
+    With the fundamental matrix `Z = (I - P + 1 pi)^-1` and the mean time `s_i` of a step from `i`,
+    the hitting times are `(Z s)_i - (Z s)_j + pi s (z_jj - z_ij) / pi_j`.
     """
     inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
     ahead, visited = inverse @ step, share > 0

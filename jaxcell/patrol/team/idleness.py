@@ -35,7 +35,7 @@ _Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Idleness(Result):
-    """The times between visits to vertices, from one simulation per patrol."""
+    """Statistics of the times between visits to vertices, from one simulation of each patrol."""
 
     title: ClassVar[str] = "Idleness of patrols"
     tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols"}
@@ -63,7 +63,6 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The least probability of capture if an attack begins at a random time, wherever robots are."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
@@ -87,7 +86,7 @@ def idleness_over_vertices(
 ) -> tuple[derived, derived]:
     """Build two quantities: the mean and the maximum over vertices of the time between visits.
 
-    `idleness` is a function that returns the time between visits to each vertex of a result."""
+    `idleness` is a function that computes this time at each vertex for a result, in `units`."""
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
     return mean(lambda self: float(idleness(self).mean())), worst(

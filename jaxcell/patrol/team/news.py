@@ -63,7 +63,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
-        """Compute the mean age, a sum of tails of a law; infinite if the law does not reach 1."""
+        """Compute the mean age from a distribution function; infinite if `law` does not reach 1."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 
@@ -79,12 +79,12 @@ def age_of_news(
 ) -> News:
     """Compute the exact probability distribution of the age of news at a base.
 
-    A robot sees a vertex when it is at the vertex, and reports when it is at the base. The newest
-    news of a vertex comes from the last visit to the vertex after which the visitor has reached the
+    A robot sees a vertex when it is at the vertex, and reports when it is at the base. The news of
+    a vertex is as old as the last visit to the vertex after which the same robot has been at the
     base. Backward in time, a robot is also a Markov chain, with `pi_j p_ji / pi_i` in place of
     `p_ij`: the age of its news is the backward time to the base and from there to the vertex.
     Robots are independent, and distributed as in the long run. An edge that takes several units of
-    time gets additional vertices, one per unit.
+    time is divided by additional vertices into edges of one unit.
 
     **Arguments:**
 
@@ -94,8 +94,8 @@ def age_of_news(
     - `unit`: length of a unit, in seconds.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`News`][]. Ages end when greater ages have a probability below 1e-9, or at 20,000
-    units.
+    **Returns:** [`News`][], up to an age that is exceeded with a probability below 1e-9, or up to
+    20,000 units.
 
     A robot that goes round a triangle visits the base at every third step:
 
@@ -131,8 +131,8 @@ def _backward(
     """Follow a robot backward in time: from the base, where news arrives, to each vertex.
 
     **Returns:** a mask of the vertices whose news the robot brings to the base in the long run; and
-    for each age, the probability that the robot has not passed the base within this time, and for
-    each vertex the probability that its news at the base is older than the age.
+    for each age, the probability that the robot last passed the base longer ago, and for each
+    vertex the probability that its news at the base is older.
     """
     whole = with_vertices_on_the_way(matrix, delays)
     (share,) = long_run([whole])

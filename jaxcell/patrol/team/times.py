@@ -38,7 +38,6 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
 
 
 def check_vertex(parameter: str, vertex: int, vertices: int) -> None:
-    """Raise an error if a number is not a vertex."""
     if not 0 <= vertex < vertices:
         raise ValueError(f"{parameter}: expected a vertex, 0 to {vertices - 1}, got {vertex}")
 
@@ -53,9 +52,10 @@ def hitting_check(
     step: Float[np.ndarray, "vertices"],
     times: Float[np.ndarray, "vertices vertices"],
 ) -> tuple[float, float]:
-    """Compute the relative residual of hitting times in `h = s + P h`, and its tolerance.
+    """Compute the relative residual of the hitting times in `times = step + matrix @ times`.
 
-    Times to vertices that are not visited in the long run are infinite, and are ignored.
+    Also returns its tolerance. Infinite times, to vertices that are not visited in the long run,
+    are ignored; `step` is the mean time of a step from each vertex.
     """
     there = np.flatnonzero(np.isfinite(times).all(axis=0))
     gap = step[:, None] + matrix @ times[:, there] - times[:, there]

@@ -18,17 +18,17 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
 - `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1). As in the printed algorithm,
     a step counts only in the direction of its path; this reproduces all rows of Table 4.2 for `k =
     1`.
-- Not in the source are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
-    distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
-    `maximum_return_time_entropy`, the entropy of the time of return to a vertex, which
-    `return_time_entropy` computes for any chain. Each returns an `OptimizedWalk`. `measure`
-    computes `h`, `C`, `K`, `H` and more of any chain, and returns `Measures`. `GraphPatrol` adds
-    the graph, for datasets and recordings, and for several independent robots the first arrival at
+- Three other optima are not in the source: `minimum_kemeny`, of `K = sum_j pi_j h_ij` with `pi`
+    the stationary distribution; `maximum_entropy_rate`, of `H = -sum_i pi_i sum_j p_ij log p_ij`,
+    in nats; and `maximum_return_time_entropy`, of the `return_time_entropy`, which is the entropy
+    of the time of return to a vertex. Each function returns an `OptimizedWalk`.
+- `measure` computes `h`, `C`, `K`, `H` and more of any chain (`Measures`). `GraphPatrol` adds the
+    graph, for datasets and recordings, and for several independent robots the first arrival at
     each vertex and the probability of capturing an attack.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
     recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that
-    return to a charger. With a *memory*, a state that changes at each move, robots capture more:
+    return to a charger. With a *memory*, a state that may change at each move, they capture more:
     `memory_patrol` compares memories of several sizes and a tour (`MemoryPatrol`), and
     `capture_bound` is an upper bound for any memory.
 - In `strategy_game`, a `StrategyGame`, the patroller commits to a mixture of walks and the

@@ -76,9 +76,9 @@ def first_passage(
 ) -> Float[Array, "states targets"]:
     """Compute the probability of first passage from each state to each target in time.
 
-    At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`.
-    The lengths of the last two arguments are the numbers of iterations of the loops. They are
-    passed as shapes because JAX compiles once per shape.
+    At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`,
+    with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. The lengths of the last
+    two arguments are the largest delay and attack time; JAX compiles once per such shape.
     """
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
@@ -118,7 +118,7 @@ def check_reach(
     *,
     stay: bool = False,
 ) -> None:
-    """Raise if an attack is too short for a robot to come from every vertex, or to return.
+    """Raise an error if an attack is too short for a robot that comes from any vertex, or returns.
 
     If robots may `stay` at a vertex, they return after a time of 1.
     """

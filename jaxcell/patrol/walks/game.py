@@ -26,13 +26,13 @@ class StrategyGame(Result):
 
     names: Sequence[str]
     preferred: tuple[tuple[int, ...], ...]
-    "The preferred vertices of each strategy: one vertex, all, or the emphasised vertices."
+    "For each strategy, its target, or the vertices that it emphasises, or all vertices."
     weight: Annotated[
         Float[np.ndarray, "strategies edges"],
         quantity("strategy edge", "share of steps along the edge", "1", kind="distribution"),
     ]
     closest: Int[np.ndarray, "strategies vertices"]
-    "The vertices in order of their mean hitting time, the closest first."
+    "For each strategy, the vertices in order of their mean hitting time, the closest first."
     patroller_payoff: Annotated[
         Float[np.ndarray, "strategies vertices"],
         quantity("strategy vertex", "payoff of the patroller for an attack on the vertex"),

@@ -37,8 +37,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Largest number of vertices for which first arrivals of several robots are computed; it takes 10
-s."""
+"Largest number of vertices for which first arrivals of robots are computed, which takes 10 s."
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,9 +68,7 @@ class GraphPatrol(Measures):
     division: Division | None = None
     "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None
-    "The age of news at a base, or `None`."
     charged: Charged | None = None
-    "The walks that return to a charger in time, or `None`."
     walks_with_memory: MemoryPatrol | None = None
     "The walks of robots with memory, or `None`. The other measures are of the walk without memory."
     idleness: Idleness | None = None

@@ -29,9 +29,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     on no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
-    edge and several edges along it, the path with fewer edges is first. If the numbers of edges are
-    equal too, the edges that only one of two paths contains decide: the path with the last of them,
-    in the order of the graph, is second.
+    edge and several edges along it, the path with fewer edges is first. Remaining ties are
+    broken by the highest number of an edge that is on only one of the paths: that path is second.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**
@@ -78,7 +77,7 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 def _lengths(graph: Graph) -> list[int]:
     """Return integer lengths with which no two paths are equally long.
 
-    The lowest bits are one bit per edge, so that the length of a path shows its edges; the middle
+    The lowest bits are one bit per edge, so that different paths have different sums; the middle
     bits count the edges; the highest bits are the length in units.
     """
     exact = _exact(graph.lengths)
@@ -91,7 +90,7 @@ def _lengths(graph: Graph) -> list[int]:
 
 
 def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
-    """Return lengths as exact fractions, so that the pieces of a line sum to its length."""
+    """Return lengths as exact fractions, so that the edges along a line sum to its length."""
     exact = [Fraction(0)] * lengths.size
     parts = np.arange(1, _PARTS + 1)[:, None]
     left = np.flatnonzero(lengths)

@@ -28,7 +28,7 @@ class Steps(NamedTuple):
     even: _Chance
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "For each neighbour of a cell, the slot in which that neighbour has the cell as its neighbour."
+    "For each step, the slot of the step back, among the steps from the neighbour."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":
@@ -78,7 +78,7 @@ class Steps(NamedTuple):
         return _pull(chance, value, self)
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
-        """Return the weight of each cell among the starts of a robot; all weights are equal."""
+        """Return the weight of each cell as a start in `log_missed_from_worst`; here 1 for all."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
 
@@ -92,8 +92,8 @@ class SymmetricSteps(NamedTuple):
     """
 
     own: Steps
-    """The steps from each cell (in frame 0) to a memory state and a neighbouring vertex. In the
-    numbers of these states the frame varies slowest, and the vertex fastest."""
+    """The steps from each cell, in frame 0, to states: a frame, a number and a neighbouring vertex.
+    In the index of a state the frame varies slowest, and the vertex fastest."""
     frames: Int[Array, "frames vertices"]
     "The image of each vertex in each frame; the frames are a group of permutations."
 

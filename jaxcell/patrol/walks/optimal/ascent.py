@@ -31,9 +31,9 @@ class Ascent:
     "1 for each cell from which a robot does not see the target, otherwise 0."
     attack_time: int
     floor: float
-    "The part of the probability of each step that is divided equally among the neighbours."
+    "The least share of steps in which a robot goes to a uniformly random neighbour."
     hardness: tuple[float, float]
-    "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
+    "Inverse temperature of the soft minimum of log-capture, at the start and at the end."
 
     def climb(
         self, logits: Float[np.ndarray, "robots branches cells"], count: int
@@ -81,7 +81,7 @@ def active_targets(
 
 
 def late_gain(course: list[float]) -> float:
-    """Compute the share of the last value that the last quarter of a search added."""
+    """Compute the share of the last value in `course` that the last quarter of the values added."""
     if not course:
         return 0.0
     return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
@@ -96,8 +96,8 @@ def log_missed_from_worst(
     """Compute the logarithm of the probability that a robot misses attacks from its worst start.
 
     `late` is the probability of a miss from each cell, and `weight` the weight of the cell as a
-    start. With a hardness, the worst start is a soft minimum of logarithms, because the gradient of
-    a product of many probabilities is almost 0.
+    start. With a hardness, an inverse temperature, the worst start is a soft minimum of logarithms,
+    because the gradient of a product of many probabilities is almost 0.
     """
     caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
     if hardness is None:
@@ -142,14 +142,13 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames="attack_time")
 def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untyped-def]
-    """Compute the least probability of capture, and the log-probability of a miss per target."""
     missed = _log_missed(logits, steps, unseen, floor, None, attack_time)
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 
 
 @functools.partial(jax.jit, static_argnames="attack_time")
 def _follow(logits, moments, steps, unseen, floor, schedule, attack_time):  # type: ignore[no-untyped-def]
-    """Take steps of Adam on the logits, for the soft minimum over the given targets."""
+    """Take one step of Adam on the logits for each learning rate and hardness in `schedule`."""
     adam = optax.scale_by_adam()
 
     def loss(logits, hardness):  # type: ignore[no-untyped-def]

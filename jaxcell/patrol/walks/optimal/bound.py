@@ -15,7 +15,7 @@ _BEGINS = 6
 # Largest number of variables of the linear program for the probabilities of attacks.
 _MOST = 500_000
 CUTS = 1500
-"""Largest number of cuts per test."""
+"""Largest number of cuts in the test of one probability of capture."""
 # Largest number of moves times the longest attack for which cuts are made, and the largest product
 # of this number and the number of cuts, without symmetries.
 _PROMISES, _WORK = 1500, 240_000
@@ -40,9 +40,9 @@ def capture_bound(
     that the tolerance of the program does not matter. The bound is the least total over several
     vertices at which the robot may be. For several independent robots, it is the sum of the totals.
 
-    With `tests`, nested cuts lower the bound for a single robot. The adversary then sees the robot
-    all the time, and attacks one of the two vertices that are farthest apart. A test takes seconds;
-    large graphs are not tested.
+    With `tests`, nested Benders cuts lower this bound for a single robot. In this method the
+    adversary sees the robot all the time, and attacks one of the two vertices that are farthest
+    apart. A test takes seconds; large graphs are not tested.
 
     **Arguments:**
 
@@ -85,10 +85,7 @@ def capture_bound(
 
 
 class _Visits:
-    """The visits of walks to vertices within the attack times, counted per pair of moves.
-
-    The time of a pair is the end of its first move.
-    """
+    """The visits of walks to vertices within the attack times, by pairs of successive moves."""
 
     def __init__(
         self, delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
@@ -103,7 +100,7 @@ class _Visits:
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for each pair whose second move makes a new visit in time, and 0 otherwise.
+        """Return 1 for each pair whose second move ends in time at a vertex new to it, or else 0.
 
         The first move of the pair ends at `time`, in steps since the attack began.
         """
@@ -113,7 +110,7 @@ class _Visits:
         return (in_time & ~again).astype(float)
 
     def draw(self, begin: int) -> Float[np.ndarray, "vertices"]:
-        """Find the attack probabilities of vertices for which the best walk captures least."""
+        """Find the attack probabilities for which the best walk from `begin` captures least."""
         moves, targets = self.tail.size, self.attack.size
         if self.first.size * self.end > _MOST:
             return np.full(targets, 1 / targets)
@@ -146,7 +143,7 @@ class _Visits:
         return shares / shares.sum()
 
     def most(self, draw: Float[np.ndarray, "vertices"], begin: int) -> float:
-        """Compute the largest total probability of the vertices that a walk visits in time."""
+        """Compute the largest total `draw` of the vertices that a walk from `begin` can visit."""
         worth = np.zeros((self.end + 1, self.tail.size))
         for time in range(self.end - 1, 0, -1):
             later = np.minimum(time + self.lasts[self.second], self.end)

@@ -64,7 +64,7 @@ class MaximinCapture:
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
-    "The least probability over targets and positions of the robots as the attack begins."
+    "The least probability of capture over targets, and positions of robots at the start."
     certificate: Certificate
 
     @property
@@ -96,9 +96,9 @@ def maximin_capture(
     at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
-    of a soft minimum of logarithms lead near the optimum, while the minimum becomes harder. If all
+    of a soft minimum of logarithms, whose inverse temperature rises, lead near the optimum. If all
     edges and attacks take equally long, Adam follows these gradients on the logits. Linear programs
-    of the nearly best attacks then reach the optimum.
+    over the nearly best attacks then reach the optimum.
 
     **Arguments:**
 
@@ -140,7 +140,7 @@ def maximin_capture(
         check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     whole = _with_memory(graph, memory, stay)
-    among = ChainPolytope.on(whole, stay=stay)
+    polytope = ChainPolytope.on(whole, stay=stay)
     check_reach(delays, attack, stay=stay)
     delays = np.tile(delays, (memory, memory))
     arguments = on_device(delays, attack)
@@ -152,29 +152,29 @@ def maximin_capture(
         least = 1 if len(frames) == 1 else _SYMMETRIC
         count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
-        begin = among.starts(max(count, min(starts, 2)), robots, seed)[-count:]
-        begins = among.matrix(begin)
+        begin = polytope.starts(max(count, min(starts, 2)), robots, seed)[-count:]
+        begins = polytope.matrix(begin)
         matrices, steps, late = _ascend(
             SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
             attack,
             begins if copies is None else np.concatenate([begins, copies[None]]),
         )
     else:
-        begin = among.starts(starts, robots, seed)
-        moves, steps, late = _descend(among, begin, copies, arguments)
-        matrices = among.matrix(moves)
+        begin = polytope.starts(starts, robots, seed)
+        moves, steps, late = _descend(polytope, begin, copies, arguments)
+        matrices = polytope.matrix(moves)
     if graph.vertices * memory**2 > POLISHED:
         certificate = Certificate(steps, late, _LITTLE)
     else:
         if whole.vertices > EXACT:
             tolerance = max(tolerance, _LITTLE)
         moves, _, residual, programs = maximize_least_capture(
-            lambda moves: LinearizedCapture(among, moves, attack, delays),
-            among,
-            matrices[:, among.tails, among.heads],
+            lambda moves: LinearizedCapture(polytope, moves, attack, delays),
+            polytope,
+            matrices[:, polytope.tails, polytope.heads],
             tolerance,
         )
-        matrices = among.matrix(moves)
+        matrices = polytope.matrix(moves)
         certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices, value = _without_rare_moves(matrices, arguments)
@@ -206,31 +206,31 @@ def _copied(
 
 
 def _descend(
-    among: ChainPolytope,
+    polytope: ChainPolytope,
     starts: Float[np.ndarray, "starts robots moves"],
     copies: _Matrices | None,
     arguments: tuple[Any, ...],
 ) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
-    """Follow the gradient of a soft minimum from each start, and then those of harder minima.
+    """Follow the gradient of a soft minimum of capture from each start, then of harder minima.
 
-    The latter begin at the best result, and at known walks with `copies` of states of memory.
+    The descents for harder minima begin at the best result, and at the known walks `copies`.
 
     **Returns:** the best moves, the number of steps, and the share of the value that the hardest
     minimum added.
     """
 
     def value(moves: Float[np.ndarray, "robots moves"]) -> float:
-        return _value(among.matrix(moves), arguments)
+        return _value(polytope.matrix(moves), arguments)
 
-    every, values, steps = descend(_missed, among, starts, (*arguments, _HARDNESS))
+    every, values, steps = descend(_missed, polytope, starts, (*arguments, _HARDNESS))
     best = [every[np.nanargmin(values)]]
     if copies is not None:
-        weights = copies[:, among.tails, among.heads] + _MOVED
-        best.append(np.stack([among.inside(robot) for robot in weights]))
+        weights = copies[:, polytope.tails, polytope.heads] + _MOVED
+        best.append(np.stack([polytope.inside(robot) for robot in weights]))
     before = moves = np.stack(best)
     for hardness in _HARDER:
         before, harder = moves, (*arguments, hardness)
-        moves, _, more = descend(_missed, among, moves, harder, _HARDER_STEPS)
+        moves, _, more = descend(_missed, polytope, moves, harder, _HARDER_STEPS)
         steps += more
     values = np.array([value(each) for each in moves])
     first = int(values.argmax())
@@ -298,7 +298,7 @@ def _missed(
     horizon: Float[Array, "times"],
     hardness: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Compute the negative soft minimum of the log-probability of capture."""
+    """Compute the negative soft minimum of log-probabilities of capture over starts and targets."""
     captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
         matrices
     )
@@ -320,7 +320,7 @@ def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tupl
     """Remove negligible moves from the chains of a team, unless capture decreases.
 
     Because each step has a least probability, a robot visits even vertices that it leaves to other
-    robots, once in 10^6 moves; rounding spoils the times of such visits.
+    robots, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:

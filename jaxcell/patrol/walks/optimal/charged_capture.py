@@ -114,9 +114,9 @@ def charged_capture(
 
 
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
-    """Count the steps of a short tour of all vertices, per number of steps since the charge.
+    """Count how often a short tour of all vertices takes each step, by the steps since the charge.
 
-    Steps of the tour at which the next charge is overdue are left out."""
+    Steps that it takes when a charge is overdue are left out."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
     # All edges have the same length here, because each takes one step.
     tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])

@@ -30,7 +30,7 @@ class MetConstraints(Result):
     weights: Float[np.ndarray, "edges"]
     "The weights of the walk, with sum 1."
     prices: Float[np.ndarray, "constraints"]
-    "The decrease of the mean commute time per unit by which a bound is relaxed, to first order."
+    "The decrease of the mean commute time per unit of relaxation of a bound, to first order."
 
     @derived("constraint", "constraint", kind="coordinate")
     def constraint(self) -> list[str]:
@@ -99,8 +99,6 @@ def load_constraints(
 
 
 class _Reader:
-    """A reader of constraints from the fields of a document."""
-
     def __init__(self, graph: Graph, names: Sequence[str]) -> None:
         self.names = list(names)
         self.shares = np.eye(len(graph.edges))

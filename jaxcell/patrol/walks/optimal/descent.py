@@ -31,7 +31,7 @@ Measure = Callable[..., Float[Array, ""]]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OptimizedWalk:
-    """An optimised chain of a patroller."""
+    """A chain of a patroller that minimises or maximises a quantity, such as its entropy rate."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
     value: float
@@ -55,7 +55,9 @@ def minimize(
     tolerance: float,
     throw: bool,
 ) -> OptimizedWalk:
-    """Minimise a measure of a chain from several starts, and return the best chain.
+    """Minimise `measure(matrices, *arguments)` from several starts, and return the best chain.
+
+    `what` is the name of the calling function, for messages.
 
     **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
     relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
@@ -87,13 +89,12 @@ def descend(
 ) -> tuple[Float[np.ndarray, "starts robots moves"], Float[np.ndarray, "starts"], int]:
     """Follow the gradient within the polytope of the chains, from several starts.
 
-    A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
-    pressure, at most `most` steps of L-BFGS minimise in coordinates that are relative to the
-    probabilities and projected on the equalities, so that each step preserves the equalities. This
-    affine scaling finds optima with many probabilities of 0, as here; on logits, Adam and L-BFGS
-    slow down near such optima.
-    Starts run one after the other: under `vmap`, all line searches would wait for the slowest,
-    which takes twice as long.
+    A logarithmic barrier keeps all probabilities positive; its weight, the pressure, falls. For
+    each pressure, at most `most` steps of L-BFGS minimise the measure in coordinates that are
+    relative to the probabilities and projected on the equalities, which each step preserves. This
+    affine scaling finds optima with many probabilities of 0; Adam and L-BFGS on logits slow down
+    near such optima. Starts run one after the other, because under `vmap` all line searches would
+    wait for the slowest.
 
     The measure is a function of the transition matrices `[robots, vertices, vertices]` and the
     arguments. It is compiled once per shape if it is the same function object in each call.
@@ -134,7 +135,7 @@ def _path(
         inverse = jnp.linalg.pinv(scaled, rtol=1e-12)
 
         def moved(x):  # type: ignore[no-untyped-def]
-            """Project relative changes onto those that preserve the equalities, and apply them."""
+            """Apply the relative changes `x`, projected onto those that preserve the equalities."""
             broken = jnp.einsum("rej,rj->re", scaled, x)
             return p * (1 + x - jnp.einsum("rie,re->ri", inverse, broken))
 

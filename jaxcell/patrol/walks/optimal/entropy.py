@@ -147,8 +147,5 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
 def _predictable(
     matrices: Float[Array, "1 vertices vertices"], steps: Float[Array, "horizon"]
 ) -> Float[Array, ""]:
-    """Compute the negative entropy of return times.
-
-    The horizon is passed as the length of an array because JAX compiles once per shape.
-    """
+    # The horizon is passed as the length of an array because JAX compiles once per shape.
     return -return_time_entropy(matrices[0], steps.size)

@@ -13,8 +13,8 @@ class LinearizedCapture:
     each start, and `P_t` the matrix of moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`,
     where `S` counts as 0 at the target itself, and as 1 everywhere after the attack. The derivative
     with respect to a move sums over the times at which the robot makes the move before it reaches
-    the target. The derivatives of selected attacks therefore need few values, while the derivatives
-    of all attacks with respect to all moves would need billions.
+    the target. Only derivatives of selected attacks are computed, because those of all attacks with
+    respect to all moves would be billions of numbers.
 
     The vertices of the polytope are the targets, or for a robot with memory its states; the target
     varies fastest.
@@ -49,9 +49,7 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """Compute the derivatives of the probability of capture with respect to a robot's moves.
-
-        Each attack has a start of the robot, and a target."""
+        """Compute derivatives of probabilities of capture with respect to the moves of a robot."""
         n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
         count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]
@@ -71,7 +69,7 @@ class LinearizedCapture:
     def along(
         self, robot: int, change: Float[np.ndarray, "moves"]
     ) -> Float[np.ndarray, "starts targets"]:
-        """Compute the first-order change of all probabilities for a change of a robot's moves."""
+        """Compute the first-order change of all probabilities for a `change` of a robot's moves."""
         late, moved = self._late[robot], np.zeros_like(self._late[robot])
         change_missed = np.empty_like(self._away)
         both = list(zip(self._steps[robot], self._by_time(change), strict=True))
@@ -84,7 +82,6 @@ class LinearizedCapture:
     def _by_time(
         self, moves: Float[np.ndarray, "moves"]
     ) -> list[tuple[int, scipy.sparse.csr_array]]:
-        """Split moves into one matrix for each travel time."""
         matrices, shape = [], (self._polytope.vertices,) * 2
         for time in np.unique(self._times).tolist():
             equal = self._times == time
@@ -99,8 +96,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the probabilities of a miss with a time `left`: for longer times, and as the result
-        of attacks that take this time."""
+        """Store `missed`, the probability of a miss with a time `left`, in the two last arrays."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

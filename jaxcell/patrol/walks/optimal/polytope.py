@@ -58,7 +58,7 @@ class ChainPolytope:
     def matrix(
         self, moves: Float[np.ndarray, "*batch moves"]
     ) -> Float[np.ndarray, "*batch vertices vertices"]:
-        """Build matrices from one number per move, such as transition matrices."""
+        """Build matrices, such as transition matrices, from one number per move."""
         matrix = np.zeros((*moves.shape[:-1], self.vertices, self.vertices))
         matrix[..., self.tails, self.heads] = moves
         return matrix
@@ -111,11 +111,11 @@ class ChainPolytope:
         return np.concatenate([rows, columns]), sides
 
     def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
-        """Compute the distance of a linear function of the chain from its maximum over all chains.
+        """Compute by how much `gains @ moves` is below its maximum over all chains.
 
-        For the gradient of a function, the result is the Frank-Wolfe gap: 0 at a stationary point,
-        and for a concave function a bound on its distance from the maximum. The linear program only
-        finds the prices of the equalities. For any prices, the best end of a move from each vertex
+        If `gains` is the gradient of a function, this is the Frank-Wolfe gap: 0 at a stationary
+        point, and for a concave function a bound on its distance from the maximum. A linear program
+        only finds the prices of the equalities. For any prices, the best move from each vertex
         gives an upper bound, so the tolerance of the program does not matter.
         """
         if self.stationary is not None:

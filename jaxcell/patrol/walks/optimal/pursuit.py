@@ -25,10 +25,10 @@ class Pursuit:
     number of steps. The promises that it can keep form a convex set at each vertex. After a move,
     promises for the targets not reached become promises with less time left. Because the adversary
     may attack at any time, promises for the whole attack time must always be at least a given
-    probability. Each set is approximated from outside by cuts, half-spaces that contain it: a
-    linear program at a vertex, with the sets at its neighbours, either keeps given promises or
-    returns a cut that excludes them. The given promises are those of walks that the programs plan
-    (nested Benders cuts, as in stochastic dual dynamic programming). Vertices that a symmetry of
+    probability. Each set is approximated from outside by *cuts*, half-spaces that contain it. A
+    linear program at a vertex, with the sets at its neighbours, either shows how given promises can
+    be kept, or returns a cut that excludes them (nested Benders cuts, as in stochastic dual dynamic
+    programming). It is solved along walks that follow its solutions. Vertices that a symmetry of
     the game exchanges share the cuts of one of these vertices, the *model*.
     """
 
@@ -50,7 +50,7 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex: an equivalent vertex, with which it shares cuts.
+        """Choose the model of a vertex: a vertex to which a symmetry maps it, with the same cuts.
 
         Returns one array per symmetry that maps the vertex to the model: the index of the promise
         of the model that corresponds to each promise of the vertex."""
@@ -68,8 +68,7 @@ class Pursuit:
     def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
         """Return the index of the promise for each target and time, -1 if the time is too short.
 
-        A time at which no first arrival is possible has the promise of the last possible time
-        before it.
+        A time at which no first arrival is possible has the same promise as the time before.
         """
         vertices, targets = len(self.delays), len(self.targets)
         there = np.arange(vertices)[:, None] == self.targets
@@ -144,11 +143,11 @@ class _Search:
 
 
 class _Program:
-    """The linear program that keeps the promises at a vertex with promises at its neighbours.
+    """The linear program that tests whether the next move can keep the promises at a vertex.
 
-    Columns are the promises; for each neighbour, the probability of the move and the promises there
-    times this probability; a slack; and a relief of the probability to keep, which is 0 except in
-    the proof that no promises can be kept. All are from 0 to 1.
+    Its variables (columns), from 0 to 1, are the promises; for each neighbour, the probability of
+    the move, and the promises there times this probability; a slack; and the *relief*, which lowers
+    the probability to keep, and is 0 except in the proof that no promises can be kept.
     """
 
     def __init__(self, pursuit: Pursuit, here: int, least: float) -> None:
@@ -206,7 +205,7 @@ class _Program:
         return len(self.rows) - 1
 
     def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
-        """Solve the linear program in which only `rows` are active.
+        """Solve the program with new `cuts`, the `cost` of the slack, and upper limits of `rows`.
 
         Returns the values of the columns and the prices of the rows, or `None` for both if the
         solver finds no solution.
@@ -239,7 +238,7 @@ class _Program:
     def _ceiling(
         self, gain: Float[np.ndarray, "columns"], prices: Float[np.ndarray, "rows"]
     ) -> float:
-        """Bound the linear function of the columns with coefficients `gain` from above.
+        """Compute an upper bound on `gain @ columns` over all columns that satisfy the rows.
 
         The bound holds however inexact the solver is: by weak duality, any prices of the rows give
         a bound, because columns are from 0 to 1. The relief is 0 unless `gain` contains it.
@@ -253,8 +252,8 @@ class _Program:
     def impossible(self) -> bool:
         """Try to prove, after a failed solve, that the program of this vertex has no solution.
 
-        Then the robot cannot keep the least probability of capture at any neighbour. The proof is
-        that the probability must be relieved, because the least relief has a positive lower bound.
+        Then the robot cannot keep the least probability of capture at any neighbour. The proof is a
+        positive lower bound on the relief that would be necessary.
         """
         for row in (*self.wanted, *self.full):
             self.solver.changeRowBounds(row, -np.inf, np.inf)
@@ -273,7 +272,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack time, and a plan."""
+        """Return an upper bound on the least promise for a whole attack time, and the solution."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
@@ -286,7 +285,7 @@ class _Program:
     def separate(
         self, wanted: Float[np.ndarray, "promises"], cuts: Cuts
     ) -> tuple[float, tuple[Any, float], Any]:
-        """Return the distance of promises from the set that can be kept, a cut, and a plan."""
+        """Return the distance of promises from those that can be kept, a cut, and the solution."""
         plan, prices = self._solve(cuts, 1.0, zip(self.wanted, -wanted, strict=True))
         if plan is None:
             return np.inf if self.impossible() else 0.0, (None, 0.0), None

@@ -21,8 +21,8 @@ _SHORTEST = 1e-9
 _ENOUGH, _GOOD = 0.1, 0.75
 
 NEAR, MOST = 0.5, 6
-"""Limits of the attacks in a program: their capture exceeds the least by at most `NEAR` times the
-value, and they are at most `MOST` times as many as the moves."""
+"""Limits of the attacks in a linear program: their probability of capture exceeds the least by at
+most `NEAR` times the value, and there are at most `MOST` of them per move."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
@@ -41,7 +41,7 @@ def maximize_least_capture(
 
     At a maximum of the least of smooth functions, several functions are equal, and often determine
     the maximum. Linear programs then converge as fast as Newton's method, while gradients of a soft
-    minimum are slow. A program contains only the nearly best attacks.
+    minimum are slow. `law` linearizes the probabilities of capture at given moves.
 
     **Returns:** the chains of the robots, the probability, the relative gain that a linear program
     without a trust region predicts, and the number of programs.
@@ -76,9 +76,9 @@ def _program(
     No probability of a move changes by more than `distance`.
 
     The variables are the probabilities of the moves of each robot, the change of its least
-    probability of capture for each target, and the relative change of the value. Capture is in
-    units of the value. Few attacks are constraints at first. If the distance is 1, attacks that
-    the solution captures less often are added, because without them the gain is a loose bound.
+    probability of capture for each target, and the relative change of the value. Probabilities of
+    capture are divided by the value. Few attacks are constraints at first. If the distance is 1,
+    other attacks that the solution violates are added, because the gain would be a loose bound.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
     """
@@ -110,7 +110,7 @@ def _solved(
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
 ) -> tuple[_Moves, Float[np.ndarray, "robots targets"], float]:
-    """Solve a program that contains the known attacks.
+    """Solve the linear program with the attacks in the mask `known`.
 
     **Returns:** the chains, the increase of the least probability of each robot for each target,
     and the relative gain of the value.

@@ -16,7 +16,7 @@ def scale_to_stationary(
     """Compute the chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
 
     This is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
-    `share`. If the flow of a positive weight is 0 in all such flows, its probability tends to 0.
+    `share`. A positive weight whose flow must be 0 gets a probability that tends to 0.
     Each step is the better of a Sinkhorn step, which is slow if some flows almost vanish,
     and a Newton step on the same dual problem.
     """
