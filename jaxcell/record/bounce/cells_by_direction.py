@@ -31,8 +31,8 @@ def save_cells(
 ) -> None:
     """Write the groups of all cells of a map of any size to a Zarr store, atomically.
 
-    The store has the variables of the dataset of the groups, and the image of each cell. Cells are
-    computed and written one direction at a time, so that only one direction is in memory.
+    The store has the variables of the dataset of the groups, and `image`, the cell to which each
+    cell is mapped. Cells are computed and written one direction at a time to save memory.
 
     **Arguments:**
 
@@ -72,7 +72,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells. Return the numbers of contradictions as checks."""
+    """Write the arrays over cells; return checks that count their contradictions."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {

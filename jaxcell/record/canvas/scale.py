@@ -35,7 +35,7 @@ class Scale:
     open: bool = False
     "If true, the legend shows that the last level includes all larger numbers."
     whole: bool = False
-    "If true, numbers are whole, so a level ends one before the next bound."
+    "If true, all numbers are whole, so the text of a level ends with its upper bound minus 1."
 
     @classmethod
     def over(

@@ -31,7 +31,7 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     **Raises:** `ValueError` if the name has another ending; `FileNotFoundError` if the folder does
     not exist.
 
-    The surface of the bundled sea at its first record:
+    The surface of the bundled sea at the first time in its file:
 
         >>> from jaxcell import bundled, drift, examples, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)

@@ -93,7 +93,7 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
 
 
 def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Log the ranks of groups as labels, for large groups with a colour of their own."""
+    """Label each large group with its rank, if it has a colour of its own."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
@@ -164,7 +164,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Return a sentence on the time of release in a periodic current."""
+    """Describe the period of a periodic current and the time of release; "" for others."""
     if drift.phases is None:
         return ""
     return (

@@ -26,7 +26,7 @@ def log_base(map: CellMap, regions: Regions) -> None:
 
 
 def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:
-    """Log the cells where robots report, if any."""
+    """Log the cells where robots report to a base station, if there is one."""
     contacts = [policy.contact for policy in policies if policy.contact is not None]
     if contacts:
         xy = map.xy(np.array(contacts))

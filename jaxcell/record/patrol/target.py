@@ -23,7 +23,7 @@ _POINTS = 400
 
 
 def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the attacked cell: the cells in view of it, and the time of the first view."""
+    """Log the tab of the target: the cells from which it is seen, and the time until it is seen."""
     attack, stream = patrol.attack, map.stream
     classes = [
         NOT_FREE,
