@@ -51,7 +51,7 @@ def bundled_names() -> Mapping[str, Path]:
 
 
 def with_path(argument: str) -> str:
-    """Return the path of the bundled file for a name such as `@lab_a`; return others unchanged."""
+    """Return the path of a bundled file such as `@lab_a`; return other arguments unchanged."""
     return str(bundled(argument)) if argument.startswith("@") else argument
 
 

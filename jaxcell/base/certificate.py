@@ -1,4 +1,4 @@
-"""Certificates: records of the error of a solution, computed from the solution itself."""
+"""Certificates, which record the error of a solution as computed from the solution itself."""
 
 import dataclasses
 import enum

@@ -1,6 +1,6 @@
 """Read text files such as JSON, and check the types of their fields.
 
-A wrong field raises a `ValueError` that names the field, the expected value, and its value.
+A wrong field raises a `ValueError` that names the field, the expected value and the actual value.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ MAX_NUMBER = 1e9
 
 
 def check_file(path: Path, kind: str) -> None:
-    """Raise an error if a path is not a file; `kind`, such as `a map`, is the expected file."""
+    """Raise an error if a path is not a file; `kind`, such as `a map`, describes the file."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -130,7 +130,7 @@ class Fields:
         return value
 
     def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
-        """Get an array of finite numbers; -1 in `shape` stands for any length."""
+        """Get an array of finite numbers, of integers if `whole`; -1 in `shape` is any length."""
         # Imported here because pages of help do not need NumPy.
         import numpy as np
 

@@ -47,7 +47,7 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
     **Arguments:**
 
     - `needed`: estimated bytes.
-    - `doing`: the computation, as the subject of the sentence in the error.
+    - `doing`: the name of the computation, with which the error begins.
     - `instead`: advice to use less memory, or a function of the free bytes that returns the advice.
     """
     if needed <= NEGLIGIBLE:
@@ -67,7 +67,7 @@ def gigabytes(count: float | int) -> str:
 
 
 def read_size(text: str, name: str) -> int:
-    """Convert a size such as `8G`, `500M` or `2.5 GB` to bytes; `K` is 1000 bytes."""
+    """Convert a size such as `8G` or `2.5 GB`, the value of the option `name`, to bytes."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
     count = int(float(match[1]) * 1000 ** " KMGT".index(match[2].upper() or " ")) if match else 0
     if not count:
@@ -103,7 +103,7 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 
 def _control_groups() -> Iterator[tuple[int, str]]:
-    """Yield the bytes that are left in each control group of this process, and in its parents."""
+    """Yield the bytes left in each control group of this process, and in its parent groups."""
     for folder, most, used, cache in _limits(PROC, GROUPS):
         stat = _lines(folder / "memory.stat")
         # The system can free cached pages of files.

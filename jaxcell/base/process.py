@@ -75,7 +75,7 @@ def _exit(number: int, _: FrameType | None) -> None:
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS and LAPACK to one thread inside a `with` block.
 
-    A second thread does not speed up the factorization of matrices with some hundred rows. Threads
+    A second thread does not speed up the factorization of matrices with a few hundred rows. Threads
     of OpenBLAS spin while they wait, so that a factorization takes up to twenty times longer if JAX
     or another process runs too.
     """

@@ -306,7 +306,7 @@ def parts(result: Any) -> dict[str, Any]:
 
 
 def is_single(about: Quantity) -> bool:
-    """Check whether a quantity is an entry of the summary: a number, a text, or a short list."""
+    """Check whether a quantity is one entry of the summary: a number, a text, or a list."""
     return not about.dims or (about.listed and len(about.dims) == 1)
 
 

@@ -30,7 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> None:
-    """Log the recording of robots that start anywhere; the map shows the first robot."""
+    """Record robots that start anywhere on a map; only the first robot is drawn there."""
     map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
     if isinstance(result, HomeFromAnywhere):
         _log_goal(map, result)
@@ -68,7 +68,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space in the convex hull of the segments `possible` of each bump."""
+    """Log the free space in the convex hull of the wall segments `possible` after each bump."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return

@@ -72,7 +72,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the arrays over cells; return checks that count their contradictions."""
+    """Write the arrays over cells; return checks, which count inconsistent values."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {

@@ -26,7 +26,7 @@ _PALE: Color = (149, 154, 184)
 
 
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
-    """Log the recording of a mixture of bouncing policies."""
+    """Record a mixture of bouncing policies, which covers a room."""
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
     heats = {
@@ -78,7 +78,7 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share `alpha` of the time for each bouncing angle as a bar; label some of them."""
+    """Log a bar for each bouncing angle; its height is `alpha`, the share of time at this angle."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}

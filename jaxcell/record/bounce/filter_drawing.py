@@ -38,7 +38,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 
     The knowledge cycles, which a filter never leaves, are loops. The other states are in columns by
     their number of edges from the start. If a filter has more than 300 states, only some cycles and
-    the last states in `visited` are drawn.
+    the last of the `visited` states of a run are drawn.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)

@@ -24,7 +24,7 @@ _EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
-    """Log the recording of periodic groups, with a tab per bouncing angle."""
+    """Record periodic groups, with a tab per bouncing angle."""
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)

@@ -27,7 +27,7 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log the recording of a robot that chooses angles to localize itself."""
+    """Record a robot that chooses bouncing angles to localize itself."""
     map = CellMap(stream, localized.cells)
     tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
     send_blueprint(stream, tabs, "step", pace(localized.run.path.size))
@@ -115,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log a tab of the bumps until localization, for the worst heading and for each heading."""
+    """Log a tab that shows the bumps until localization, from the worst and from each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

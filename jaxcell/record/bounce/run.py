@@ -44,7 +44,7 @@ def observed(word: str) -> str:
 
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
-    """Log the robot at its true pose, and its trail; `order` is the drawing order."""
+    """Log the true pose of a robot at each step, and its trail; `order` is the drawing order."""
     length, corners = robot_length(map), MAX_CORNERS
     map.robot(
         poses, ROBOT, length=length, trail_color=TRAIL, corners=corners, middle=0.0, order=order

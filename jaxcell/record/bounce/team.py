@@ -18,7 +18,7 @@ MAX_TIMES, MAX_PICTURES = 20_000, 500
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
-    """Log the recording of a joint trajectory of several robots."""
+    """Record a joint trajectory of several robots."""
     stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)

@@ -23,7 +23,7 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> None:
-    """Log numbers over a timeline as a curve; `style` are arguments of [`log_curve_style`][]."""
+    """Log numbers over a timeline as a curve; `style` has arguments of [`log_curve_style`][]."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
@@ -41,7 +41,7 @@ def curve(
 ) -> rrb.TimeSeriesView:
     """Log a curve over the timeline `step`, and return a view of the curve.
 
-    `most` is explained in [`curve_view`][]; `style` are arguments of [`log_curve_style`][].
+    `most` is explained in [`curve_view`][]; `style` has arguments of [`log_curve_style`][].
     """
     log_curve(stream, path, values, times=times, **style)
     return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)

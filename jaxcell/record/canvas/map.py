@@ -278,7 +278,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of indices of `classes`, or one per time; a higher `order` lies on top."""
+    """Log a picture, whose pixels are indices of `classes`, or one picture per time."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
@@ -289,7 +289,7 @@ def log_pictures(
 def log_classes(
     stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
 ) -> None:
-    """Log the labels and colours of the classes of a picture, and its drawing order."""
+    """Log the labels and colours of the classes of a picture; a higher `order` lies on top."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)

@@ -34,7 +34,7 @@ def log_labels(
     grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts with their x and y; the viewer centres each text below this point.
+    """Log labels, each a text with its x and y; the viewer centres the text below this point.
 
     `grounds` is the colour behind each text, or one colour for all texts.
     """

@@ -51,8 +51,8 @@ class Scale:
     ) -> "Scale":
         """Create a scale over the range of some numbers, except infinite numbers and NaN.
 
-        `least` and `most` replace the ends of the range. `spaced` is the spacing of the bounds of
-        the levels, `numpy.linspace` or `numpy.geomspace`; further keywords are fields of the scale.
+        `least` and `most` replace the ends of the range. `spaced` is a function that computes the
+        bounds of the levels, such as `numpy.geomspace`. Further keywords are fields of the scale.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least

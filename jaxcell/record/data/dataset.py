@@ -29,8 +29,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if numbers violate
-    their kinds or the checks of the result.
+    **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if a number is out
+    of the range of its kind, or if a check of the result fails.
 
     The groups of a robot that bounces in a lab:
 

@@ -11,7 +11,7 @@ from ...drift import SeaDrift
 
 
 def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Write deployment cells as CSV with a header and a line per drifter, or as GeoJSON (RFC 7946).
+    """Write the cells in which to drop drifters, one per line, as CSV or as GeoJSON (RFC 7946).
 
     The columns, or properties of the points, are
 

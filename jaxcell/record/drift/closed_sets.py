@@ -15,7 +15,7 @@ _NONE = PictureClass("in no nearly closed set", FREE)
 
 
 def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
-    """Log the tab of nearly closed sets, which drifters hardly leave."""
+    """Log a tab that shows nearly closed sets of cells, which few drifters leave."""
     views = []
     # Numbers continue from layer to layer, while ranks begin again in each layer.
     firsts = np.cumsum([0, *(layer.count for layer in sets.layers)]).tolist()

@@ -24,7 +24,7 @@ _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the tab of currents: arrows over time, and drifters that move with the current."""
+    """Log a tab that shows the current as arrows over time, and drifters that move with it."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))

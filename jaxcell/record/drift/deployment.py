@@ -20,7 +20,7 @@ _MAX_ROWS = 24
 
 
 def log_deployment(map: CurrentMap) -> rrb.Container:
-    """Log the tab of the deployment: the cells of the surface in which to drop drifters."""
+    """Log a tab that shows the cells of the surface in which to drop drifters."""
     drift = map.drift
     chosen = drift.deployment
     kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])

@@ -43,9 +43,9 @@ M = TypeVar("M", bound="SeaMap")
 
 
 class Clock:
-    """The timeline of a recording, in units such as hours from the first time of the currents.
+    """The timeline of a recording, which counts a unit of time, such as hours, from the start.
 
-    A unit is short enough to show each step of the Markov chain, and all currents are covered.
+    The unit is short enough to show each step of the Markov chain. All currents are covered.
     """
 
     def __init__(self, drift: SeaLayers) -> None:

@@ -29,7 +29,7 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log the recording of observed drifters and of the groups in which they end.
+    """Record observed drifters, and the groups of cells in which they end.
 
     Static tabs show the persistent groups, nearly closed sets, absorption times, sampling errors,
     and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
@@ -60,7 +60,7 @@ def _log_places(map: ObservedMap) -> rrb.Container:
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:
-    """Log the tab of sampling errors, which are estimated by resampling the drifters."""
+    """Log a tab that shows sampling errors, which are estimated by resampling the drifters."""
     found = map.drift
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)

@@ -61,7 +61,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the tab of a voyage: in three dimensions, the value function, the policy and drifters."""
+    """Log a tab that shows the value function, the policy and drifters in three dimensions."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy

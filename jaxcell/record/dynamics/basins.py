@@ -27,7 +27,7 @@ axes; their labels are the two attractors."""
 
 
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
-    """Log the recording of attractors and basins.
+    """Record the attractors of a system and their basins.
 
     The pictures show a plane of the first two axes. The timeline `slice` moves the plane along the
     third axis, if any. The plane is in the middle of all other axes.
@@ -64,7 +64,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
-    """Log the recording of attractors and basins along the values of the first parameter."""
+    """Record attractors and their basins over the values of the first parameter."""
     name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
     each = zip(branches.members, branches.label, strict=True)
@@ -152,7 +152,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells in the planes of [`_slices`][]; `names` has attractor numbers."""
+    """Return the classes of cells in the planes of [`_slices`][], by the attractor numbers `names`."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):
@@ -161,7 +161,7 @@ def _pictures(
 
 
 def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the attractors as points in the first three axes of the box."""
+    """Log the attractors as points along the first three axes of the box."""
     each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
     if basins.attractors > _MAX_NAMED:
         each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])

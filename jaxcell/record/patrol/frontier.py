@@ -11,7 +11,7 @@ from ..canvas.prose import described
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
-    """Log the tab of the trade-off between capture and unpredictability, as a curve."""
+    """Log a tab that shows the trade-off between capture and unpredictability as a curve."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
     titles = "entropy of a step, in nats (mean over robots)", "least probability of capture"

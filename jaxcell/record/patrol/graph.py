@@ -33,10 +33,10 @@ _MAX_CHANCES = 60
 
 
 def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
-    """Log the random walk of a patroller on a graph.
+    """Record the random walk of a patroller on a graph.
 
-    Over the timeline `step`: walking patrollers, which start from the stationary distribution, and
-    the time since the last visit to each vertex. Without a timeline: the share of steps along each
+    The timeline `step` shows walking patrollers, which start from the stationary distribution, and
+    the time since the last visit to each vertex. Static views show the share of steps along each
     edge, the times between visits, the ages of news at a base, the steps between charges, the
     probabilities of the next step from each vertex, a heat map of the hitting times, and the
     payoffs and the mixture of a game.
@@ -147,7 +147,7 @@ def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
 
 
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
-    """Simulate the vertices of patrollers, which start from the stationary distribution."""
+    """Simulate the vertex of each patroller over time, from the stationary distribution."""
     random, walks = np.random.default_rng(patrol.seed), []
     vertices = patrol.stationary.size
     steps = max(1, min(_STEPS, _MAX_COLORS // vertices))
@@ -176,7 +176,7 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
 
 
 def _log_waits(drawing: _Drawing) -> rrb.Container:
-    """Log the tab of times between visits, ages of news at the base, and steps between charges."""
+    """Log a tab that shows times between visits, ages of news, and steps between charges."""
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"

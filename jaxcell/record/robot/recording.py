@@ -223,7 +223,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of a filter, its `size` in cells and its colour; no state if it is refuted."""
+        """Log a state of a filter with its `size` in cells; `None` if the filter is refuted."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:

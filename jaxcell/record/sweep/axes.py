@@ -29,7 +29,7 @@ class Axis:
     labels: tuple[str, ...]
     "The text of each step: its value or, if it stands for several values, the first of them."
     step: Int[np.ndarray, "places"]
-    "The step of each index along the dimension of the dataset."
+    "The step to which each index along `dimension` belongs."
 
     @property
     def steps(self) -> int:

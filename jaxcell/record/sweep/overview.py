@@ -24,7 +24,7 @@ _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
 PICTURE_BYTES = 16_000_000
-"""Largest size of all heat maps of a recording in bytes; a pixel has one byte."""
+"""Largest total size of the heat maps of a recording, in bytes; a pixel has one byte."""
 # Seconds in which the viewer plays a whole axis.
 _SECONDS = 30
 _MAX_BESIDE = 3
