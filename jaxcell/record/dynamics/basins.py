@@ -152,7 +152,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells in the planes of [`_slices`][], by the attractor numbers `names`."""
+    """Return the classes of cells in the planes of `_slices`; attractor k has number `names[k]`."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):
