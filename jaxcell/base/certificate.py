@@ -20,7 +20,7 @@ class Certificate:
     iterations: int
     "Number of iterations of the solver: matrix products, or changes of the active set."
     residual: float
-    "Error of the solution, in the norm that the docstring of the solver describes."
+    "Error of the solution, in a measure that the docstring of the solver defines."
     tolerance: float
     "The largest residual that counts as converged."
 

@@ -110,9 +110,9 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
 
 
 def from_part(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity that is an attribute of a part of a result, such as `deployment.cells`.
+    """Describe a quantity that is an attribute of a field of a result, as in `deployment.cells`.
 
-    If the part is `None`, the result does not have the quantity. The arguments after `path` are
+    If the field is `None`, the result does not have the quantity. The arguments after `path` are
     those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 
@@ -183,7 +183,7 @@ class Result:
 
     @property
     def quiet(self) -> tuple[str, ...]:
-        """Names of parts that only files and JSON include; a terminal does not show them."""
+        """Names of fields whose results a terminal does not show; files and JSON include them."""
         return ()
 
     @property

@@ -72,8 +72,8 @@ def curve_view(
     """Create a view of the curves at a path, over the whole timeline.
 
     `first` and `last` are the ends of the timeline; `last` is `None` while the recording grows.
-    `most` is the largest number on an axis from 0. If it is an `int`, the axis is extended so that
-    the viewer places ticks only at whole numbers.
+    `most` is the largest number of the curves, whose axis begins at 0. If it is an `int`, the axis
+    is long enough for the viewer to place ticks only at whole numbers.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

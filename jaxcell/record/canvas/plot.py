@@ -68,7 +68,7 @@ class Plot:
         last: float,
         order: float = -10.0,
     ) -> None:
-        """Log a picture as high as the chart, from 0 to `last` on the x axis, with row 0 below."""
+        """Log a picture as high as the chart, from 0 to `last` on the x axis; row 0 is lowest."""
         path, (rows, columns) = f"{self.path}/{name}", picture.shape
         log_pictures(self.stream, path, classes, picture[::-1], order=order)
         scale = [_WIDTH * last / self.most_x / columns, _HEIGHT / rows, 1]

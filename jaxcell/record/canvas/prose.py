@@ -1,4 +1,4 @@
-"""Parts of the texts in recordings, in Markdown."""
+"""Sentences, numbers and tables for the texts of recordings, in Markdown."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -40,7 +40,8 @@ def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Scale values by a power of ten to whole numbers, and return the numbers and the exponent.
 
     The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the fewest
-    decimals that keep the values different, and the largest value has at least five digits.
+    decimals that keep the values different, and the largest value has at least five digits. If that
+    is impossible, the exponent is `None`.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

@@ -158,7 +158,7 @@ def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
-    """Log the steps since the last visit to each vertex, and return the path of their maximum."""
+    """Log the steps since the last visit to each vertex; return the path of the maximum's curve."""
     stream, vertices = drawing.stream, len(drawing.xy)
     # Before the first visit, use the time since the beginning.
     idle, now = np.empty((len(walks), vertices), np.int64), np.zeros(vertices, np.int64)

@@ -37,7 +37,10 @@ def log_sight(
     color: Color,
     *timelines: tuple[str, Int[np.ndarray, "times"]],
 ) -> None:
-    """Log the outline of the area seen from each cell in `viewers`, at the times of `timelines`."""
+    """Log the outline of the area that is seen from each cell in `viewers`.
+
+    A timeline has a name and a time for each viewer. Without timelines, the outline is static.
+    """
     assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
