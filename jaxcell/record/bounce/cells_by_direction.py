@@ -29,7 +29,7 @@ _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 def save_cells(
     result: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the groups of all cells of a map of any size to a Zarr store, atomically.
+    """Write the group of each cell to a Zarr store, atomically, for maps of any size.
 
     The store has the variables of the dataset of the groups, and `image`, the cell to which each
     cell is mapped. Cells are computed and written one direction at a time to save memory.

@@ -90,7 +90,7 @@ class _OfAngle:
         )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
-        """Return the title, the name, the classes, and the class of each cell, for each picture."""
+        """Return each picture as its title, its name, its classes, and the class of each cell."""
         on_group = self.step == 0
         kind = (palette.group_class(self._rank)[self.group] + on_group).astype(np.uint8)
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))

@@ -45,7 +45,8 @@ M = TypeVar("M", bound="SeaMap")
 class Clock:
     """The timeline of a recording, which counts a unit of time, such as hours, from the start.
 
-    The unit is short enough to show each step of the Markov chain. All currents are covered.
+    The unit is short enough to show each step of the Markov chain, and the timeline is long
+    enough to show all times of the currents.
     """
 
     def __init__(self, drift: SeaLayers) -> None:
