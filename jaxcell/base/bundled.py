@@ -1,4 +1,4 @@
-"""Bundled data: maps, graphs, a small ocean file, and specifications of sweeps."""
+"""Bundled data: maps, graphs, a small file of ocean currents, and specifications of sweeps."""
 
 import difflib
 import functools
@@ -50,9 +50,9 @@ def bundled_names() -> Mapping[str, Path]:
     )
 
 
-def with_path(word: str) -> str:
-    """Replace a name with `@` by the path of the bundled file; return other words unchanged."""
-    return str(bundled(word)) if word.startswith("@") else word
+def with_path(argument: str) -> str:
+    """Return the path of a bundled file such as `@lab_a`; return other arguments unchanged."""
+    return str(bundled(argument)) if argument.startswith("@") else argument
 
 
 def _folder() -> Path:

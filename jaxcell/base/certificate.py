@@ -1,4 +1,4 @@
-"""Certificates: records of the error of a solution, computed from the solution itself."""
+"""Certificates, which record the error of a solution as computed from the solution itself."""
 
 import dataclasses
 import enum
@@ -20,7 +20,7 @@ class Certificate:
     iterations: int
     "Number of iterations of the solver: matrix products, or changes of the active set."
     residual: float
-    "Error of the solution, as the docstring of the solver defines it."
+    "Error of the solution, in a measure that the docstring of the solver defines."
     tolerance: float
     "The largest residual that counts as converged."
 
@@ -30,7 +30,7 @@ class Certificate:
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raise `RuntimeError` if `throw` is true and the solver of `what` did not converge."""
+        """Raise `RuntimeError` if `throw` is true and the solver of the problem `what` stalled."""
         if throw and self.outcome is not Outcome.CONVERGED:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "
@@ -45,6 +45,5 @@ class Solution:
     value: Float[Array, "*cells"]
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
-    """For a chain that is estimated from samples, the change of each value if only half of the
-    samples are used. It is `inf` if exactly one of the two values is infinite. For other chains
-    it is `None`."""
+    """For a chain estimated from samples, the change of each value if only half of the samples are
+    used; `inf` if only one of the two estimates is infinite. For other chains it is `None`."""

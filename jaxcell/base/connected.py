@@ -13,8 +13,8 @@ def vertices_apart(
 ) -> tuple[Int[np.ndarray, "some"], int] | None:
     """Find the smallest connected component of a graph that is not connected.
 
-    **Returns:** the vertices of this component, and the first vertex outside; `None` if the graph
-    is connected.
+    **Returns:** the vertices of this component, and the first vertex outside it; `None` if the
+    graph is connected.
     """
     matrix = scipy.sparse.csr_array((np.ones(len(edges)), edges.T), (vertices, vertices))
     parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)

@@ -1,6 +1,6 @@
-"""Read documents: text files with fields of known types.
+"""Read text files such as JSON, and check the types of their fields.
 
-Errors are `ValueError`s of one line with the field, the expectation, and the value.
+A wrong field raises a `ValueError` that names the field, the expected value and the actual value.
 """
 
 import contextlib
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 MAX_NUMBER = 1e9
-"""Largest number accepted by default; most numbers are lengths in metres."""
+"""Largest magnitude of a number that is accepted by default, such as a length in metres."""
 
 
 def check_file(path: Path, kind: str) -> None:
-    """Check that a path is a file; `kind` describes the file in errors."""
+    """Raise an error if a path is not a file; `kind`, such as `a map`, describes the file."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -39,7 +39,7 @@ def read_text(path: Path) -> str:
 
 
 def decode_json(text: str, kind: str) -> Any:
-    """Decode JSON; raise `ValueError` for invalid JSON, or objects with a repeated key."""
+    """Decode JSON that contains `kind`, such as `a map`; reject invalid JSON and repeated keys."""
     try:
         return json.loads(text, object_pairs_hook=_without_repeats)
     except RecursionError:
@@ -58,19 +58,19 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def refused(field: str, expected: str, value: Any) -> ValueError:
-    """Return the error for a field with a wrong value."""
+    """Return an error that names a field, the value that was expected, and the actual value."""
     return ValueError(f"{field}: expected {expected}, got {reprlib.repr(value)}")
 
 
 def checked_list(field: str, value: Any) -> list[Any]:
-    """Check that a value is a list."""
+    """Return a value that is a list; raise `ValueError` for other values."""
     if not isinstance(value, list):
         raise refused(field, "a list", value)
     return value
 
 
 def checked_pair(field: str, value: Any) -> list[Any]:
-    """Check that a value is a list with two elements."""
+    """Return a value that is a list with two elements; raise `ValueError` for other values."""
     if not isinstance(value, list) or len(value) != 2:
         raise refused(field, "a pair [x, y]", value)
     return value
@@ -85,9 +85,10 @@ def checked_number(
     most: float = MAX_NUMBER,
     text: bool = False,
 ) -> float:
-    """Check that a value is a finite number of at least `least` and of a magnitude up to `most`.
+    """Convert a value to a finite number from `least`, with a magnitude of at most `most`.
 
-    If `text`, strings with a number are accepted too. The error contains the text `expected`.
+    If `text` is true, a string with a number is accepted too. Other values raise a `ValueError`
+    that contains the text `expected`.
     """
     number = math.nan
     if type(value) in ((int, float, str) if text else (int, float)):
@@ -100,7 +101,7 @@ def checked_number(
 
 @dataclasses.dataclass(frozen=True)
 class Fields:
-    """The fields of an object in a document."""
+    """The fields of a JSON object, with methods that check their types."""
 
     values: Mapping[str, Any]
     where: str = ""
@@ -111,7 +112,7 @@ class Fields:
         return self.values.get(name)
 
     def needed(self, name: str) -> Any:
-        """Get a field that must not be missing."""
+        """Get a required field; raise `ValueError` if it is missing."""
         if name not in self.values:
             raise ValueError(f"{self.where}{name}: it is missing")
         return self.values[name]
@@ -129,7 +130,7 @@ class Fields:
         return value
 
     def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
-        """Get an array of finite numbers; -1 in `shape` stands for any length."""
+        """Get an array of finite numbers, of integers if `whole`; -1 in `shape` is any length."""
         # Imported here because pages of help do not need NumPy.
         import numpy as np
 
@@ -149,7 +150,7 @@ class Fields:
         return array.astype(np.int32 if whole else float)
 
     def parts(self, name: str) -> "list[Fields]":
-        """Get the fields of each object in a list."""
+        """Get a field that is a list of objects, as the fields of each object."""
         parts = []
         for i, part in enumerate(checked_list(self.where + name, self.get(name))):
             place = f"{self.where}{name}[{i}]"
@@ -159,5 +160,5 @@ class Fields:
         return parts
 
     def refused(self, name: str, expected: str) -> ValueError:
-        """Return the error for a field with a wrong value that is too long to show."""
+        """Return an error that names a field and what was expected, but not its value."""
         return ValueError(f"{self.where}{name}: expected {expected}")

@@ -15,7 +15,7 @@ _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_nort
 
 
 def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
-    """Format a value with its unit; format the index of a cell with the pose of the cell."""
+    """Format a value with its unit; an index of a cell is shown with its pose in `cells`."""
     # Imported here because pages of help do not need NumPy.
     import numpy as np
 
@@ -70,7 +70,7 @@ def in_time(hours: float) -> str:
 
 
 def configuration(cells: Any, z: int, heading: bool = True) -> str:
-    """Format a cell or a position: its number and its pose."""
+    """Format the index `z` of a cell with its centre and, if `heading` is true, its heading."""
     if z < 0:
         return "none"
     x, y, theta = cells.centre(z)

@@ -19,7 +19,8 @@ def attach(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Prepare a package to import the names in its `.pyi` file when they are first used.
 
-    **Returns:** the `__getattr__`, `__dir__` and `__all__` of the package.
+    The arguments are `__name__` and `__file__` of the package. **Returns:** its `__getattr__`,
+    `__dir__` and `__all__`.
     """
     get, names, every = lazy_loader.attach_stub(package, file)
 

@@ -4,10 +4,10 @@ from typing import Literal, TypeAlias
 
 
 MAX_VERTICES = 2_000
-"Largest number of vertices of a graph for which walks are optimised and measured."
+"Largest number of vertices of a graph whose random walks are optimised and analysed."
 
 MAX_CELLS = 5_000
-"Largest number of cells of a patrolled map. Above `MAX_VERTICES`, first-order methods are used."
+"Largest number of cells of a patrolled map. More than `MAX_VERTICES` need first-order methods."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

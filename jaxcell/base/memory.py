@@ -13,7 +13,7 @@ PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 # Limits above this mean no limit: control groups of version 1 then have a number near 2^63.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
-"""Bytes that Python, JAX and other loaded libraries need."""
+"""Least number of bytes that Python, JAX and other loaded libraries are assumed to use."""
 NEGLIGIBLE = 20_000_000
 """Requests of at most this number of bytes are accepted without measuring the free memory."""
 LIMIT = "JAXCELL_MEMORY"
@@ -32,7 +32,7 @@ def free() -> int | None:
 
 
 def shortage(available: int) -> str:
-    """Describe the free memory, and the limit that causes it, if any."""
+    """Describe the `available` bytes and, if there is one, the limit that determines them."""
     left, limit = min(_limits_left(), default=(0, ""))
     # The free memory may have changed a little since it was measured.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
@@ -47,7 +47,7 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
     **Arguments:**
 
     - `needed`: estimated bytes.
-    - `doing`: the computation, for the error.
+    - `doing`: the name of the computation, with which the error begins.
     - `instead`: advice to use less memory, or a function of the free bytes that returns the advice.
     """
     if needed <= NEGLIGIBLE:
@@ -67,7 +67,7 @@ def gigabytes(count: float | int) -> str:
 
 
 def read_size(text: str, name: str) -> int:
-    """Convert a size such as `8G`, `500M` or `2.5 GB` to bytes; `K` is 1000 bytes."""
+    """Convert a size such as `8G` or `2.5 GB`, the value of the option `name`, to bytes."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
     count = int(float(match[1]) * 1000 ** " KMGT".index(match[2].upper() or " ")) if match else 0
     if not count:
@@ -81,7 +81,7 @@ def _limits_left() -> list[tuple[int, str]]:
 
 
 def _user_limit() -> Iterator[tuple[int, str]]:
-    """Yield the bytes left under the limit `JAXCELL_MEMORY`; at least `LIBRARIES` count as used."""
+    """Yield the bytes left under `JAXCELL_MEMORY`; at least `LIBRARIES` count as already used."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
@@ -103,7 +103,7 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 
 def _control_groups() -> Iterator[tuple[int, str]]:
-    """Yield the bytes that are left in each control group of this process, and in its parents."""
+    """Yield the bytes left in each control group of this process, and in its parent groups."""
     for folder, most, used, cache in _limits(PROC, GROUPS):
         stat = _lines(folder / "memory.stat")
         # The system can free cached pages of files.
@@ -119,8 +119,8 @@ def _control_groups() -> Iterator[tuple[int, str]]:
 def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
     """List the control groups that limit memory.
 
-    Each has its folder, its limit, the name of its file with the used bytes, and the name of the
-    field with the cached bytes.
+    Each entry contains the folder of a group, its limit in bytes, the name of the file with the
+    number of used bytes, and the name of the field with the number of cached bytes.
     """
     groups_with_limit = []
     for line in _lines(proc / "self" / "cgroup"):

@@ -14,14 +14,14 @@ from .bundled import bundled_names
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
-"""The beginning of the address of an OPeNDAP server, from which `Path` may remove a slash."""
+"""Start of the address of an OPeNDAP server, with one slash if it was converted to a `Path`."""
 _WILD = re.compile(r"[*?\[]")
 
 
 def existing(path: str | os.PathLike[str]) -> list[str]:
-    """Find the file or folder of a path, or all files that match a pattern, sorted by name.
+    """List the file or folder at a path, or all files that match a pattern, sorted by name.
 
-    The address of a server is returned unchanged.
+    The address of an OPeNDAP server is returned unchanged.
     """
     name = os.fspath(path)
     if ADDRESS.match(name) or os.path.exists(name):
@@ -59,13 +59,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def digest(path: Path) -> str:
-    """Compute the SHA-256 of a file."""
+    """Compute the SHA-256 digest of a file, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
-    """Return the name of a file in results: its path below the working directory, or its name.
+    """Return the name of a file for results: its path below the working directory, or its name.
 
     Bundled data have names such as `@lab_a`. Other folders are left out because results may be
     shared, and a path may contain the name of a person.

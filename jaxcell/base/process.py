@@ -21,7 +21,7 @@ def has_display() -> bool:
 
 @contextlib.contextmanager
 def output_to(descriptor: int) -> Iterator[None]:
-    """Redirect standard output inside a `with` block to a file, also from compiled code."""
+    """Redirect standard output, also of compiled code, to a file descriptor in a `with` block."""
     _flush()
     kept = os.dup(1)
     os.dup2(descriptor, 1)
@@ -50,7 +50,7 @@ def _flush() -> None:
 def end_by_signals() -> list[signal.Signals]:
     """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks clean up.
 
-    **Returns:** the signals with new handlers; none outside of the main thread.
+    **Returns:** the signals that now have a new handler; an empty list outside the main thread.
     """
     handled = []
     if threading.current_thread() is threading.main_thread():
@@ -62,7 +62,7 @@ def end_by_signals() -> list[signal.Signals]:
 
 
 def leave_signals(handled: Sequence[signal.Signals]) -> None:
-    """Restore the default handlers of signals."""
+    """Restore the default handlers of the signals that [`end_by_signals`][] returned."""
     for number in handled:
         signal.signal(number, signal.SIG_DFL)
 
@@ -75,8 +75,9 @@ def _exit(number: int, _: FrameType | None) -> None:
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS and LAPACK to one thread inside a `with` block.
 
-    Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS spin
-    while they wait, which makes them up to twenty times slower if JAX or another process runs too.
+    A second thread does not speed up the factorization of matrices with a few hundred rows. Threads
+    of OpenBLAS spin while they wait, so that a factorization takes up to twenty times longer if JAX
+    or another process runs too.
     """
     with _controller().limit(limits=1, user_api="blas"):
         yield

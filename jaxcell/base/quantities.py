@@ -61,8 +61,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    """If true, the summary includes the array. An array of one dimension is an entry. An array of
-    two dimensions is a column of the table of its first dimension, without the padding -1."""
+    """If true, the summary includes the array: as a list if it has one dimension, and as a column
+    of the table of its first dimension, without the padding -1, if it has two dimensions."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 
@@ -110,9 +110,9 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
 
 
 def from_part(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity that is an attribute of a part of a result, such as `deployment.cells`.
+    """Describe a quantity that is an attribute of a field of a result, as in `deployment.cells`.
 
-    If the part is `None`, the result does not have the quantity. The arguments after `path` are
+    If the field is `None`, the result does not have the quantity. The arguments after `path` are
     those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 
@@ -137,13 +137,12 @@ class Result:
     title: ClassVar[str] = ""
     "The title of datasets."
     leading: ClassVar[tuple[str, ...]] = ()
-    "Names of the quantities that answer the question; summaries begin with them."
+    "Names of the quantities that answer the question of the study; summaries begin with them."
     brief: ClassVar[tuple[str, ...]] = ()
-    """Names of the quantities, and dimensions of the tables, that a terminal shows; by default
-    all."""
+    "Names of the quantities, and dimensions of the tables, that a terminal shows; if empty, all."
     tables: ClassVar[Mapping[str, str]] = {}
-    """Names of tables in the summary, by the dimension of the quantities in each table. In a table
-    `deployment` the column of a quantity `deployment_lon` is `lon`."""
+    """Names of the tables in the summary, keyed by the dimension of their quantities. In a table
+    `deployment` the column of a quantity `deployment_lon` is named `lon`."""
     picture: ClassVar[str] = ""
     "The quantity that `plot` draws by default; if empty, the first quantity on a map."
 
@@ -170,7 +169,7 @@ class Result:
         return "\n".join([*lines, *([f"    arrays: {', '.join(arrays)}"] if arrays else [])])
 
     def _repr_html_(self) -> str:
-        """Describe the result in a notebook."""
+        """Describe the result as HTML for a notebook."""
         return str(_figures("html").html(self))
 
     def plot(self, name: str | None = None, *, ax: Any = None, **options: Any) -> Any:
@@ -184,7 +183,7 @@ class Result:
 
     @property
     def quiet(self) -> tuple[str, ...]:
-        """Names of parts that only files and JSON include; a terminal does not show them."""
+        """Names of fields whose results a terminal does not show; files and JSON include them."""
         return ()
 
     @property
@@ -194,7 +193,7 @@ class Result:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about limits of the answer."""
+        """Sentences about the limitations of the answer."""
         return ()
 
     @property
@@ -203,12 +202,12 @@ class Result:
         return {}
 
     def checks(self) -> "Checks":
-        """Return checks of relations between quantities. Kinds of quantities are always checked."""
+        """Return the checks of this class, in addition to the checks of the kinds of quantities."""
         return {}
 
 
 def _figures(module: str) -> ModuleType:
-    """Import a module of `jaxcell.record.figures`, which itself imports this module."""
+    """Import a module of `jaxcell.record.figures` late, because it imports this module."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
@@ -216,8 +215,8 @@ def _figures(module: str) -> ModuleType:
 PROBABILITY = 1e-8
 
 Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""Value and limit of each check, keyed by its name. A value with the limit `inf` is only
-reported."""
+"""The value of each check and the largest value that is accepted, keyed by the name of the check.
+If this limit is `inf`, the value is only reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
@@ -307,14 +306,14 @@ def parts(result: Any) -> dict[str, Any]:
 
 
 def is_single(about: Quantity) -> bool:
-    """Check whether a quantity is an entry of the summary: a number, a text, or a short list."""
+    """Check whether a quantity is one entry of the summary: a number, a text, or a list."""
     return not about.dims or (about.listed and len(about.dims) == 1)
 
 
 def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
-    """Compute the columns of the tables of a result, by the dimension of the table.
+    """Compute the columns of each table of a result, keyed by the dimension of the table.
 
-    Labels in radians are left out because tables also have them in degrees.
+    Coordinates in radians are left out because tables also have them in degrees.
     """
     tables: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():

@@ -18,7 +18,7 @@ _ON_A_MAP = ("position",), ("direction", "position")
 
 
 def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
-    """Log the recording of any result, with maps and curves of its quantities."""
+    """Record any result, with maps and curves of its quantities."""
     cells, quantities = cells_of(result), values(result)
     maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}
     curves = {name: one for name, one in quantities.items() if one[0].dims == ("step",)}

@@ -1,4 +1,4 @@
-"""Common parts of all datasets: coordinates of cells, and attributes with the provenance."""
+"""Coordinates of cells, and attributes with the provenance, for all datasets."""
 
 import datetime
 import json

@@ -33,7 +33,7 @@ def save_recording(
 ) -> None:
     """Write a Rerun recording of a result.
 
-    Most classes of results have a recording of their own. The recording of other results has a map
+    Most classes of results have a special recording. The recording of other results has a map
     per quantity over positions, a curve per quantity over steps, and a text with the numbers.
 
     **Arguments:**

@@ -30,7 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> None:
-    """Log the recording of robots that start anywhere; the map shows the first robot."""
+    """Record robots that start anywhere on a map; only the first robot is drawn there."""
     map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
     if isinstance(result, HomeFromAnywhere):
         _log_goal(map, result)
@@ -48,14 +48,14 @@ def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> No
 
 
 def stretches(result: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
-    """Return the ends of the stretches where the first robot may be after a bump, in metres."""
+    """Return the end points of the segments of walls where the first robot may be after a bump."""
     possible, boundary = result.trial.sets[bump - 1], result.filter.boundary
     one = possible._replace(slice=np.zeros_like(possible.slice)).joined()
     return np.stack([boundary.point(one.wall, arc) for arc in (one.begin, one.end)], axis=1)
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the stretches of walls where the first robot may be after each bump."""
+    """Log the segments of walls where the first robot may be; `possible` has those of each bump."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
     # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
@@ -68,13 +68,14 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space in the hull of the stretches; before the first bump, all free space."""
+    """Log the free space in the convex hull of the wall segments `possible` after each bump."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return
     (left, bottom, right, top), side = map.bounds, map.extent / _PIXELS
     x, y = np.meshgrid(np.arange(left, right, side), np.arange(bottom, top, side))
     hulls = [shapely.MultiPoint(one.reshape(-1, 2)).convex_hull for one in possible]
+    # Before the first bump the robot may be anywhere.
     areas = [workspace.free_space, *(hull & workspace.free_space for hull in hulls)]
     shapely.prepare(areas)
     pictures = np.stack(
@@ -87,7 +88,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
-    """Log the first robot as an arrow with its tip at the wall, and its last runs as a line."""
+    """Log the first robot until the bump `last`: an arrow with its tip at the wall, and a trail."""
     place = np.concatenate([result.trial.start[:1], result.trial.place[0, :last]])
     theta = np.append(result.theta[0, 0], result.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)

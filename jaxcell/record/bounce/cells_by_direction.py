@@ -29,10 +29,10 @@ _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 def save_cells(
     result: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the groups of all cells of a map of any size to a Zarr store, atomically.
+    """Write the group of each cell to a Zarr store, atomically, for maps of any size.
 
-    The store has the variables of the dataset of the groups, and the image of each cell. Cells are
-    computed and written one direction at a time, so that only one direction is in memory.
+    The store has the variables of the dataset of the groups, and `image`, the cell to which each
+    cell is mapped. Cells are computed and written one direction at a time to save memory.
 
     **Arguments:**
 
@@ -72,7 +72,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells. Return the numbers of contradictions as checks."""
+    """Write the arrays over cells; return checks, which count inconsistent values."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {

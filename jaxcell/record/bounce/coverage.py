@@ -26,7 +26,7 @@ _PALE: Color = (149, 154, 184)
 
 
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
-    """Log the recording of a mixture of bouncing policies."""
+    """Record a mixture of bouncing policies, which covers a room."""
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
     heats = {
@@ -53,10 +53,10 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Return a logarithmic scale of the time in a cell, as a multiple of an even share.
+    """Return a logarithmic scale for the time in a cell, up to `most` even shares.
 
-    An even share is the time in each cell if all cells get the same time. `most` is the largest
-    multiple. Bounds double every second level.
+    The unit, an even share, is the time in each cell if the time in all cells is equal. The bounds
+    of the levels increase by a factor of the square root of 2.
     """
     fours = max(1, math.ceil(math.log(max(most, 1), 4)))
     special: dict[str, Color] = {_LITTLE: _PALE, _NONE: FREE}
@@ -65,7 +65,7 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each number on a scale of [`heat_scale`][]."""
+    """Return the class of each time, in even shares, on a scale from [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
@@ -78,7 +78,7 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share of time of each angle as a bar; among many bars only some have labels."""
+    """Log a bar for each bouncing angle; its height is `alpha`, the share of time at this angle."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
@@ -91,7 +91,7 @@ def _log_shares(
 
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
-    """Log a tab with the persistent groups and the limiting distribution of one bouncing angle."""
+    """Log a tab with the persistent groups and the limiting distribution of bouncing angle `i`."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
     order = np.argsort(-np.asarray(policy.limiting[i].weights), kind="stable")
@@ -114,7 +114,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """Return the classes of a picture: not free, transient, and each persistent group."""
+    """Return the classes of a picture: not free, transient, and each of `count` groups."""
     colors = len(palette.CATEGORIES)
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, colors + 1)]

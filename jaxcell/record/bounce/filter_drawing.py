@@ -24,24 +24,21 @@ class Drawing:
     """A drawing of states of a filter in the plane, with y down."""
 
     state: Int[np.ndarray, "drawn"]
-    "The states that are drawn."
     position: Float[np.ndarray, "drawn 2"]
-    "The coordinates of each drawn state."
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between drawn states, as pairs of states; each pair occurs once."
     whole: bool
-    "`True` if all states are drawn, or all except a trap that the run did not enter."
+    "`True` if all states are drawn, except perhaps a trap that was not visited."
     cycles_left_out: int
-    "The number of knowledge cycles that are not drawn."
+    "The number of cycles in `Filter.cycles` that are not drawn."
 
 
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
     """Place the states of a filter in the plane.
 
-    States outside the knowledge cycles are in columns, one column for each number of edges from the
-    start. The cycles are loops beside the columns. If a filter has more than 300 states, only some
-    cycles and the states at the end of a run are drawn. `visited` contains the state of the run at
-    each step.
+    The knowledge cycles, which a filter never leaves, are loops. The other states are in columns by
+    their number of edges from the start. If a filter has more than 300 states, only some cycles and
+    the last of the `visited` states of a run are drawn.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)
@@ -104,14 +101,14 @@ def _columns(
 
 
 def _rows(count: int) -> Float[np.ndarray, "count 2"]:
-    """Place states along a path in rows, from left to right and from right to left in turn."""
+    """Place states in rows, alternately from left to right and from right to left."""
     row, column = np.divmod(np.arange(count), _PATH_COLUMNS)
     column = np.where(row % 2 == 0, column, _PATH_COLUMNS - 1 - column)
     return np.stack([column, row], axis=1).astype(float)
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle in which a run ends, and others up to `_MAX_ON_CYCLES` states in all."""
+    """Choose the cycle of the last visited state, and more cycles up to `_MAX_ON_CYCLES` states."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))

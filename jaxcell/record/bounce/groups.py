@@ -24,7 +24,7 @@ _EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
-    """Log the recording of periodic groups, with a tab per bouncing angle."""
+    """Record periodic groups, with a tab per bouncing angle."""
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)
@@ -36,7 +36,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
-    """Log a tab with the pictures, the legend and the text of one bouncing angle."""
+    """Log a tab for one bouncing angle; `shown` has the directions of the pictures over time."""
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
@@ -90,7 +90,7 @@ class _OfAngle:
         )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
-        """Return, for each picture, its title, name and classes, and the class of each cell."""
+        """Return each picture as its title, its name, its classes, and the class of each cell."""
         on_group = self.step == 0
         kind = (palette.group_class(self._rank)[self.group] + on_group).astype(np.uint8)
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))

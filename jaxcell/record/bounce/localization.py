@@ -19,7 +19,7 @@ _MAX_ROWS = 12
 
 
 def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spec) -> None:
-    """Log the recording of a robot that is localized from its bumps."""
+    """Record a robot that is localized from its bumps."""
     drawing = draw_filter(localized.filter, localized.run.states)
     map, colors = CellMap(stream, localized.cells), localized.belief_color
     path, title, most = "filter/color", "Filter's colour", int(colors.max())

@@ -27,7 +27,7 @@ _ENDS = ["start/**", "goal/**"]
 
 
 def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec: Spec) -> None:
-    """Log the recording of a plan of a bouncing robot, or of the costliest plan of a summary.
+    """Record a plan of a bouncing robot, or the costliest plan of a summary.
 
     If no plan was found, the recording shows only the cells from which the goal can be reached.
     """
@@ -46,7 +46,7 @@ def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec:
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
-    """Log the start or the goal: a frame around its square, its heading, and its name."""
+    """Log the start or the goal, with a frame around its square, its heading and its name."""
     place, half = map.xy(np.array([cell])), map.frame
     theta = float(map.cells.centre(cell)[2])
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
@@ -79,9 +79,9 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 
 
 def _log_runs(
-    map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
+    map: CellMap, plan: Plan, positions: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow per run and a dot per bump, coloured by bouncing angle; return the legend."""
+    """Log an arrow per straight motion and a dot per bump; return the legend of the turns."""
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [palette.angle_color(i) for i in range(angle.size)]
@@ -91,18 +91,17 @@ def _log_runs(
     dot = max(0.2 * map.cells.cell, 0.011 * map.extent)
     begin, end = np.append(0, bump + 1), np.append(bump, plan.actions.size)
     moves = np.flatnonzero(begin < end)
-    vectors = (place[end] - place[begin])[moves]
+    vectors = (positions[end] - positions[begin])[moves]
     vectors *= 1 - dot / np.linalg.norm(vectors, axis=1, keepdims=True)
     of_runs = [[palette.TRAIL, *colors][i] for i in moves.tolist()]
-    log_arrows(
-        map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
-    )
+    starts, path = positions[begin[moves]], "map/plan/runs"
+    log_arrows(map.stream, path, starts, vectors, of_runs, points(2.5), order=20.0)
     # Several bumps at one position are drawn as rings, with the first bump outside.
     seen: dict[int, int] = {}
     again = np.empty(bump.size)
     for i, position in enumerate((plan.visited[bump] % map.cells.positions).tolist()):
         again[i] = seen[position] = seen.get(position, -1) + 1
-    log_dots(map.stream, "map/plan/bumps", place[bump], dot * 0.7**again, colors, order=25.0)
+    log_dots(map.stream, "map/plan/bumps", positions[bump], dot * 0.7**again, colors, order=25.0)
     counts = np.bincount(number, minlength=angle.size).tolist()
     turns = zip(angle.tolist(), counts, color_of, strict=True)
     return [
@@ -115,7 +114,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log the cells that reach the goal: their number on each square, and a map per direction."""
+    """Log, below the entity `path`, a tab that shows the cells from which the goal is reachable."""
     cells, below = map.cells, f"{path}/" if path else ""
     reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
@@ -195,7 +194,7 @@ def _outcome(plan: Plan) -> str:
 
 
 def _action_string(plan: Plan) -> str:
-    """Format a plan as angles in degrees, with the numbers of steps between them."""
+    """Format a plan as turns in degrees, with the number of steps between turns."""
     words = []
     for action, same in itertools.groupby(plan.actions.tolist()):
         count = len(list(same))

@@ -27,7 +27,7 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log the recording of a robot that chooses angles to localize itself."""
+    """Record a robot that chooses bouncing angles to localize itself."""
     map = CellMap(stream, localized.cells)
     tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
     send_blueprint(stream, tabs, "step", pace(localized.run.path.size))
@@ -57,8 +57,8 @@ def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Co
 def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
     """Choose at most `MAX_DRAWN` states to draw; return the predecessor of each, -1 for the start.
 
-    The drawn states are those that a run visits, the first levels of the tree as far as they fit,
-    and then successors of the visited states.
+    The drawn states are the visited states, as many whole levels of the tree as possible, and then
+    successors of the visited states.
     """
     run = list(dict.fromkeys(visited))
     above = dict(zip(run, [-1, *run], strict=False))
@@ -105,7 +105,7 @@ def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
 
 
 def _name(localized: AdaptivelyLocalized, state: int) -> str:
-    """Describe a state by its number, the number of its cells, and its turn."""
+    """Return the label of a state: its number, its number of cells, and the turn in this state."""
     turn = int(localized.policy.turn[state])
     cells = counted(int(localized.policy.uncertainty[state]), "cell").replace(",", "")
     does = f"turn by {degrees(localized.bounces[turn])}" if turn >= 0 else "run to the first bump"
@@ -115,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log the number of bumps until localization, for the worst heading and for each heading."""
+    """Log a tab that shows the bumps until localization, from the worst and from each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

@@ -1,4 +1,4 @@
-"""Common parts of the recordings of robots that are localized."""
+"""Marks, curves and legends for the recordings of robots that are localized."""
 
 from collections.abc import Iterable, Sequence
 
@@ -39,12 +39,12 @@ def run_legend(map: CellMap) -> list[tuple[str, Color]]:
 
 
 def observed(word: str) -> str:
-    """Shorten the observations of a run for a text; "none" if there are no observations."""
+    """Shorten a long string of observations; return "none" if it is empty."""
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
-    """Log the robot at its true pose, and its trail; `order` is the drawing order."""
+    """Log the true pose of a robot at each step, and its trail; `order` is the drawing order."""
     length, corners = robot_length(map), MAX_CORNERS
     map.robot(
         poses, ROBOT, length=length, trail_color=TRAIL, corners=corners, middle=0.0, order=order
@@ -52,7 +52,7 @@ def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
 
 
 def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
-    """Log frames around the cells that are possible at the end of a run."""
+    """Log frames around the cells that are still possible at `time`, the end of a run."""
     few = cells[:MAX_ARROWS]
     map.frames("candidates", few, KNOWN, np.array([time]), [few.size])
 
@@ -66,8 +66,8 @@ def log_localized(
 ) -> rrb.Container:
     """Log a robot that is localized, the cells where it may be, and curves over its steps.
 
-    The curves are below the entity `path`. `also` lists further entities to show on the map, and
-    `curves` further views of curves.
+    The curves are logged below the entity `path`. The map also shows the entities `also`, and the
+    views `curves` follow the other curves.
     """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)
@@ -95,7 +95,7 @@ def log_turns(
     turns: Bool[np.ndarray, "times"],
     angles: Sequence[float],
 ) -> None:
-    """Log the angle of each turn as a label; `turns` is true at the steps of the turns."""
+    """Log a label at each step where `turns` is true; `angles` has the angle of each turn."""
     bumps = np.flatnonzero(turns)
     labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
     times, shown = np.arange(turns.size), turns.astype(int)
@@ -103,7 +103,7 @@ def log_turns(
 
 
 def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:
-    """Log the number of bumps so far as a curve, from observations with 1 for a bump."""
+    """Log the number of bumps so far as a curve; an observation is 1 for a bump, otherwise 0."""
     # An observation is made at the end of a step, so a bump counts from the step before.
     bumps = np.append(0, np.cumsum(observations))
     path, title, most = "robot/bumps", "Bumps so far", int(bumps[-1])

@@ -14,11 +14,11 @@ from ..canvas.stream import send_blueprint
 
 _MARK: Color = (0, 0, 0)
 MAX_TIMES, MAX_PICTURES = 20_000, 500
-"""Largest number of times at which robots are shown, and of pictures of visited positions."""
+"""Largest number of steps at which robots are shown, and of pictures of visited positions."""
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
-    """Log the recording of a joint trajectory of several robots."""
+    """Record a joint trajectory of several robots."""
     stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)

@@ -1,4 +1,4 @@
-"""The common parts of all recordings.
+"""Elements that all recordings share.
 
 - `stream`: the file, and the layout of the viewer.
 - `map`: a map with y up, pictures of its cells, robots, frames, and views of it.
@@ -6,5 +6,5 @@
 - `marks`: labels, dots, arrows, lines and trails.
 - `curves`: numbers over a timeline. `plot`: charts of bars and curves in a plane.
 - `page`: a tab of views with a legend and a text.
-- `palette`: the colours. `prose`: parts of the texts.
+- `palette`: the colours. `prose`: sentences and tables of the texts.
 """

@@ -24,7 +24,7 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 def arrows(
     cells: CellSpace, where: Integer[np.ndarray, "arrows"]
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
-    """Return the origins and vectors of arrows that show the positions and directions of cells."""
+    """Return the origins and vectors of arrows at the cells `where`, along their headings."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     return np.stack([x, y], axis=1), _length(cells) * heading
@@ -56,7 +56,7 @@ def log_shades(stream: rr.RecordingStream) -> None:
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "positions"]:
-    """Return the shade of each position according to the share of its possible directions.
+    """Return the shade of each position, from the share of its directions that are in `where`.
 
     All shades are 0 if there are few cells, because arrows show them.
     """
@@ -90,15 +90,10 @@ def log_beliefs(
 
 def heat_scale() -> Scale:
     """Return the scale for probabilities of positions; improbable squares are transparent."""
-    return Scale.over(
-        np.array([_FAINT, 1.0]),
-        "probability {}".format,
-        spaced=np.geomspace,
-        special={_UNLIKELY: CLEAR},
-        digits=1,
-    )
+    ends, label = np.array([_FAINT, 1.0]), "probability {}".format
+    return Scale.over(ends, label, spaced=np.geomspace, special={_UNLIKELY: CLEAR}, digits=1)
 
 
-def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
+def heat(belief: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
     """Return the class of each probability on the scale of [`heat_scale`][]."""
-    return heat_scale().levels(share, {_UNLIKELY: share < _FAINT})
+    return heat_scale().levels(belief, {_UNLIKELY: belief < _FAINT})

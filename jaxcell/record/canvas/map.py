@@ -74,10 +74,7 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return the position of a label below a mark at `place`, and the colour of the map there.
-
-        `gap` is the distance of the label from the mark, in metres.
-        """
+        """Return the point `gap` metres below `place` for a label, and the colour behind it."""
         at = place - np.array([0, gap])
         # The viewer draws a label below its place.
         under = at - np.array([0, 0.25 * self.cells.cell])
@@ -94,7 +91,7 @@ class CellMap:
         timeline: str | None = None,
         times: Int[np.ndarray, "pictures"] | None = None,
     ) -> str:
-        """Log the class of each position as a picture, or as one picture per time.
+        """Log `kind`, the class of each position, as a picture or as one picture per time.
 
         The arguments are those of [`log_pictures`][].
         """
@@ -109,7 +106,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log the class of each cell, as a picture of one direction at each time in `shown`."""
+        """Log `kind`, the class of each cell, as a picture of one direction per time in `shown`."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -230,7 +227,7 @@ class CellMap:
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
         """Divide the map into fine squares, and find the fine squares beyond the walls.
 
-        If the map is an image, each of its pixels consists of whole fine squares.
+        If the map is an image, fine squares divide each of its pixels evenly.
 
         **Returns:** the side of a fine square in metres, and a picture with 1 beyond the walls.
         """
@@ -266,7 +263,7 @@ def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = 
 def on_squares(
     cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
 ) -> UInt8[np.ndarray, "*pictures rows columns"]:
-    """Arrange classes of positions as pictures. Squares that are not free get the class 0."""
+    """Arrange `kind`, the class of each position, as pictures; squares that are not free get 0."""
     pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
     pictures[..., cells.square] = kind
     return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
@@ -281,7 +278,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or one per time. Pictures with a higher `order` are on top."""
+    """Log a picture, whose pixels are indices of `classes`, or one picture per time."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
@@ -292,7 +289,7 @@ def log_pictures(
 def log_classes(
     stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
 ) -> None:
-    """Log the labels and colours of the classes of a picture, and its drawing order."""
+    """Log the labels and colours of the classes of a picture; a higher `order` lies on top."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
@@ -316,12 +313,12 @@ def send_pictures(
 
 
 def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
-    """Return the transform of a picture to the map; `side` is the side of a pixel in metres."""
+    """Return the transform from pixels with sides of `side` metres to the map."""
     return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
 
 
 def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:
-    """Return the walls as lines: the edges of the environment, or else of the free squares."""
+    """Return the outlines of the environment or, if it is unknown, the edges of free squares."""
     if cells.workspace is not None:
         rings = shapely.get_rings(shapely.get_parts(cells.workspace.environment))
         return [shapely.get_coordinates(ring) for ring in rings]

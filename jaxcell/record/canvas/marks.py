@@ -19,7 +19,7 @@ MAX_CORNERS = 100
 """Largest number of corners of a trail. Without a limit, n steps would need n^2 corners in all."""
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of labels on a black background. Their points are too small to be seen."""
+"""Style of a label on black; the point to which Rerun attaches a label is too small to be seen."""
 
 
 def points(width: float) -> float:
@@ -34,7 +34,7 @@ def log_labels(
     grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts with their x and y; the viewer centres each text below this point.
+    """Log labels, each a text with its x and y; the viewer centres the text below this point.
 
     `grounds` is the colour behind each text, or one colour for all texts.
     """
@@ -57,7 +57,7 @@ def send_labels(
 ) -> None:
     """Log texts that change over the timeline `step`; `ground` is the colour behind them.
 
-    `times`, `lengths` and `columns` are those of [`send_changing`][].
+    The other arguments are explained in [`send_changing`][].
     """
     style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
@@ -96,7 +96,7 @@ def log_shares(
     level: Float[np.ndarray, "lines"],
     width: float,
 ) -> None:
-    """Log lines whose width and colour show a number from 0 (thin, grey) to 1 (wide, yellow).
+    """Log lines whose width and colour show `level`, from 0 (thin, grey) to 1 (wide, yellow).
 
     `width` is half the width of the widest line, in units of the plane.
     """
@@ -126,10 +126,9 @@ def log_walker(
     width: float = 3.0,
     rim: float | None = None,
 ) -> None:
-    """Log a dot that moves over the timeline `step`, and a line along its last steps.
+    """Log a dot that is at `place[t]` in step t, and a line along its last steps.
 
-    `width` is the width of the line in points of the screen. The line has a light rim if `rim`, the
-    width of the line with its rim, is not `None`.
+    `width` is the width of the line, and `rim` that of a light rim, in points of the screen.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

@@ -33,8 +33,8 @@ def log_matrix(
 ) -> tuple[rrb.Spatial2DView, list[tuple[str, Color]]]:
     """Log a matrix as a heat map, with the names of its rows and columns.
 
-    The numbers are not negative, or NaN if they are missing; `unit` may be empty. `margin` is the
-    space for the names of rows, in squares. **Returns:** the view, and the legend.
+    Missing numbers are NaN, and the others are not negative. `unit` may be empty. `margin` is the
+    width for the names of rows, in squares. **Returns:** the view, and the legend.
     """
     scale = Scale.over(values, f"{{}} {unit}".rstrip().format, special={"none": PLAIN})
     known = ~np.isnan(values)

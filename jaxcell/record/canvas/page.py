@@ -22,7 +22,7 @@ _STRIPES = 8
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""The meaning and the colour of each row; a row may be a `PictureClass` or a `Level`."""
+"""The text and the colour of each row of a legend, also as a `PictureClass` or a `Level`."""
 
 
 def log_tab(
@@ -41,10 +41,10 @@ def log_tab(
     **Arguments:**
 
     - `path`: the parent entity of the text and the legend; empty for the root.
-    - `views`: the views on the left. Several views form a grid, with the legend in a free place.
+    - `views`: the views on the left. Several views form a grid; a free place gets the legend.
     - `text`: the text in Markdown; it may be empty if there is a legend.
-    - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time
-        and that [`log_legends`][] logs, the number of its rows.
+    - `legend`: the meanings of the colours, or an empty list; or the number of rows of a legend
+        that changes over time, which [`log_legends`][] logs.
     - `shares`: the shares of the width for the left and the right side.
     - `rows`: the shares of the height for the text and for the legend.
     """
@@ -120,7 +120,7 @@ def _swatches(
 ]:
     """Return the ends, colours and radii of the lines that draw the colours of a legend.
 
-    A colour is one line. A level of a colour bar consists of several lines.
+    A colour is one line. A level of a colour bar consists of several lines of gradual shades.
     """
     # Transparent colours get the colour of the ground, because they would be drawn black.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
@@ -142,5 +142,4 @@ def _swatches(
 
 
 def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:
-    """Create a view of a legend; `rows` is the number of its rows."""
     return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2), ground=OBSTACLE)

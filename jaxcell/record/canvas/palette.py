@@ -1,7 +1,7 @@
 """The colours of all recordings. Colour-blind people can distinguish them too.
 
 A colour has one meaning everywhere: obstacles are dark, free space is light, the robot is
-vermilion, its possible cells are blue, and its possible cells at the end are green. A path goes
+vermilion, its possible cells are blue, and those that are left at the end are green. A path goes
 from the blue start to the green goal, and the target of an adversary is pink.
 """
 
@@ -105,13 +105,13 @@ def text_on(ground: Color) -> Color:
 
 
 def mix(color: Color, other: Color, share: float) -> Color:
-    """Mix two colours; `share` is the share of the second colour."""
+    """Mix two colours; `share` is the fraction of the second colour, from 0 to 1."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(color, other, strict=True))
     return red, green, blue
 
 
 def tint(color: Color, share: float) -> Color:
-    """Mix a colour with the colour of free space; `share` is the share of free space."""
+    """Mix a colour with the colour of free space; `share` is the fraction of the latter."""
     return mix(color, FREE, share)
 
 
@@ -134,7 +134,7 @@ NOT_FREE = PictureClass("not free", CLEAR)
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
-    """Return the name and the colour of a knowledge cycle, by its number (2, 3, ...)."""
+    """Return the name and the colour of a cycle of a filter, which are numbered from 2."""
     named = list(CATEGORIES.items())
     return named[(color - 2) % len(named)]
 
@@ -168,8 +168,5 @@ def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
-    """Return the class of the cells that lead to each group, from the rank of the group.
-
-    The class after it is that of the cells on the group itself.
-    """
+    """Return the class of cells that lead to each group; the next class is for its own cells."""
     return (1 + 2 * ranked(rank)).astype(np.uint8)

@@ -29,7 +29,7 @@ Ticks: TypeAlias = Sequence[float | int] | Mapping[float, str]
 
 @dataclasses.dataclass(frozen=True)
 class Plot:
-    """A chart whose axes begin at 0."""
+    """A chart whose axes extend from 0 to `most_x` and `most_y`."""
 
     stream: rr.RecordingStream
     path: str
@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes with titles and ticks. A mapping contains the label of each tick."""
+        """Log the axes with titles and ticks; a mapping assigns a label to each tick."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -68,10 +68,7 @@ class Plot:
         last: float,
         order: float = -10.0,
     ) -> None:
-        """Log a picture of classes, as high as the chart, from 0 to `last` on the x axis.
-
-        The first row of the picture is the lowest.
-        """
+        """Log a picture as high as the chart, from 0 to `last` on the x axis; row 0 is lowest."""
         path, (rows, columns) = f"{self.path}/{name}", picture.shape
         log_pictures(self.stream, path, classes, picture[::-1], order=order)
         scale = [_WIDTH * last / self.most_x / columns, _HEIGHT / rows, 1]
@@ -86,7 +83,7 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve over all wider curves; values above the chart are drawn at its top edge."""
+        """Log a curve on top of wider curves; values above the chart are drawn at its top edge."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)

@@ -1,4 +1,4 @@
-"""Parts of the texts in recordings, in Markdown."""
+"""Sentences, numbers and tables for the texts of recordings, in Markdown."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ _MAX_ROWS = 60
 _MAX_HEAD = 72
 
 Spec: TypeAlias = Mapping[str, Any]
-"""The parameters of a result, by name."""
+"""The parameters of the study that computed a result, keyed by name."""
 
 
 def describe(cells: CellSpace) -> str:
@@ -31,7 +31,7 @@ def describe(cells: CellSpace) -> str:
 
 
 def bouncing(bounce: float) -> str:
-    """Describe the motion of a robot with one bouncing angle; the argument is in radians."""
+    """Describe the motion of a robot with one bouncing angle, which is given in radians."""
     return (
         f"A robot runs straight. Where it bumps it turns by **{degrees(bounce)}** "
         "(counter-clockwise), and runs on."
@@ -39,7 +39,7 @@ def bouncing(bounce: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Format an angle in degrees; the argument is in radians."""
+    """Format an angle, which is given in radians, in degrees."""
     return f"{math.degrees(angle):.6g}°"
 
 

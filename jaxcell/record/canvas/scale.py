@@ -35,7 +35,7 @@ class Scale:
     open: bool = False
     "If true, the legend shows that the last level includes all larger numbers."
     whole: bool = False
-    "If true, numbers are whole, so a level ends one before the next bound."
+    "If true, all numbers are whole, so the text of a level ends with its upper bound minus 1."
 
     @classmethod
     def over(
@@ -51,8 +51,8 @@ class Scale:
     ) -> "Scale":
         """Create a scale over the range of some numbers, except infinite numbers and NaN.
 
-        `least` and `most` replace the ends of the range. `spaced` is the spacing of the bounds of
-        the levels, `numpy.linspace` or `numpy.geomspace`; further keywords are fields of the scale.
+        `least` and `most` replace the ends of the range. `spaced` is a function that computes the
+        bounds of the levels, such as `numpy.geomspace`. Further keywords are fields of the scale.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least

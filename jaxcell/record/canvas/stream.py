@@ -20,7 +20,7 @@ from .palette import BLACK, Color
 
 @contextlib.contextmanager
 def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingStream]:
-    """Open a stream for a recording, and write the file if the block ends without an error.
+    """Open a stream for a recording; write the file if the `with` block ends without an error.
 
     In the block, Rerun raises errors for bad arguments instead of printing warnings.
     """
@@ -57,7 +57,7 @@ def recording_name(path: str | os.PathLike[str]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Dated:
-    """A timeline that counts whole units of time from a date; the viewer shows dates."""
+    """A timeline that counts units of time, such as hours, from a date; the viewer shows dates."""
 
     unit: str
     start: np.datetime64
@@ -87,7 +87,7 @@ def send_changing(
     style: Mapping[str, Any] | None = None,
     **columns: Any,
 ) -> None:
-    """Log marks of a kind, such as `rerun.Points2D`, that change at times of a timeline.
+    """Log marks of one archetype, such as `rerun.Points2D`, that change at `times` of a timeline.
 
     `lengths` is the number of marks from each time on, by default one mark. `style` contains the
     components that do not change, and `columns` the other components, concatenated over all times.
@@ -115,7 +115,7 @@ def send_blueprint(
 
 
 def pace(steps: int) -> float:
-    """Return the steps per second that play a run in 20 seconds, at least 2 and at most 30."""
+    """Return the speed, from 2 to 30 steps per second, that plays all steps in 20 seconds."""
     return float(np.clip(steps / 20, 2, 30))
 
 

@@ -1,4 +1,4 @@
-"""Timelines along a parameter, whose times are its values, scaled to integers."""
+"""Timelines along a parameter; a time is a value of the parameter, scaled to an integer."""
 
 from typing import NamedTuple
 
@@ -39,8 +39,9 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Scale values by a power of ten to whole numbers, and return the numbers and the exponent.
 
-    The numbers are exact if at most six decimals suffice. Otherwise they are rounded to as few
-    digits as keep the values different, but to at least five digits of the largest value.
+    The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the fewest
+    decimals that keep the values different, and the largest value has at least five digits. If that
+    is impossible, the exponent is `None`.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

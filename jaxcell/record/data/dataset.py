@@ -17,10 +17,10 @@ from .summary import cells_of
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Convert a result to a labelled dataset, from the descriptions of its quantities.
 
-    Each quantity becomes a variable with its meaning, units and kind as attributes. The names of
-    the variables of a part begin with the name of the part, except coordinates. Arrays of Python
-    objects are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
-    over `position`, `theta` over `direction`.
+    Each quantity becomes a variable with its meaning, units and kind as attributes. If a field is
+    itself a result, the names of its variables begin with the name of the field, except
+    coordinates. Arrays of Python objects are left out. If the result has cells, the dataset has
+    their coordinates: `x` and `y` over `position`, `theta` over `direction`.
 
     **Arguments:**
 
@@ -29,8 +29,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if numbers violate
-    their kinds or the checks of the result.
+    **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if a number is out
+    of the range of its kind, or if a check of the result fails.
 
     The groups of a robot that bounces in a lab:
 
@@ -86,7 +86,7 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
 
 def attributes_of(described: Quantity) -> dict[str, Any]:
-    """Return the attributes of a variable for the description of its quantity."""
+    """Return the attributes of the variable for a quantity, such as `long_name` and `units`."""
     attributes = {"long_name": described.meaning, **described.attributes}
     if described.units is not None:
         attributes["units"] = described.units
@@ -121,7 +121,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
 
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """Join the single numbers of several parts into arrays along the dimension `dim`."""
+    """Combine the single numbers of several results into arrays along the dimension `dim`."""
     rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (
@@ -142,7 +142,7 @@ def _checks(result: Result, prefix: str) -> Checks:
 
 
 def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
-    """Return checks that the numbers of each variable are possible for its kind."""
+    """Return checks that the numbers of each variable are in the range of its kind."""
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in dataset.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)
@@ -168,10 +168,9 @@ def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
 
 
 def _without(array: np.ndarray, padding: float) -> np.ndarray:
-    """Remove the padding from an array; the padding may be NaN."""
     return array[~np.isnan(array) if math.isnan(padding) else array != padding]
 
 
 def _most(*arrays: np.ndarray) -> float:
-    """Return the maximum of 0 and all values; NaN if an array contains NaN."""
+    """Return the largest value, but at least 0; NaN if an array contains NaN."""
     return float(max(np.max(array, initial=0.0) for array in arrays))

@@ -11,7 +11,7 @@ from ...drift import SeaDrift
 
 
 def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Write deployment cells as CSV with a header and a line per drifter, or as GeoJSON (RFC 7946).
+    """Write the cells in which to drop drifters, one per line, as CSV or as GeoJSON (RFC 7946).
 
     The columns, or properties of the points, are
 
@@ -31,7 +31,7 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     **Raises:** `ValueError` if the name has another ending; `FileNotFoundError` if the folder does
     not exist.
 
-    The surface of the bundled sea at its first record:
+    The surface of the bundled sea at the first time in its file:
 
         >>> from jaxcell import bundled, drift, examples, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)

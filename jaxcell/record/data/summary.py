@@ -10,8 +10,9 @@ from ...space import CellSpace
 def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     """Summarize a result as a JSON object, for people and scripts.
 
-    The object has the single numbers and texts, the listed arrays, a list of rows for each of
-    `result.tables`, and an object for each part of the result. Infinity and NaN become `None`.
+    The object has the single numbers and texts, the arrays that are described as `listed`, a list
+    of rows for each of `result.tables`, and an object for each field that is itself a result.
+    Infinity and NaN become `None`.
 
     **Arguments:**
 
@@ -59,7 +60,7 @@ def cells_of(result: Result) -> CellSpace | None:
 
 
 def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
-    """Return a position with its coordinates in metres; `None` for the position -1."""
+    """Return the index of a position and its coordinates in metres; `None` for the index -1."""
     if position < 0:
         return None
     x, y, _ = cells.centre(position)

@@ -25,7 +25,7 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Build the tables that a terminal shows: single numbers, arrays, and tables of the parts.
+    """Build the tables that a terminal shows for a result and for the results in its fields.
 
     `heading` is the title of the first table; its last row has the time of the computation in
     `seconds`. `cells` is the cell space of the positions, by default that of the result.

@@ -18,7 +18,7 @@ _LATE = f"almost forever: over {ALMOST_FOREVER:,} steps"
 
 
 def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
-    """Log the tab of absorption times: the expected times until drifters reach a group."""
+    """Log a tab that shows the expected time until drifters reach a persistent group."""
     layers = [map.drift.layers[map.number] for map in maps]
     hours = [np.asarray(layer.begins.hours) for layer in layers]
     late = [layer.almost_forever for layer in layers]

@@ -15,7 +15,7 @@ _NONE = PictureClass("in no nearly closed set", FREE)
 
 
 def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
-    """Log the tab of nearly closed sets, which drifters hardly leave."""
+    """Log a tab that shows nearly closed sets of cells, which few drifters leave."""
     views = []
     # Numbers continue from layer to layer, while ranks begin again in each layer.
     firsts = np.cumsum([0, *(layer.count for layer in sets.layers)]).tolist()
@@ -37,7 +37,7 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
 
 
 def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
-    """Log the rank and the time scale of each set as a label on its cells."""
+    """Label each set with its rank and the time after which 1/e of its drifters are left in it."""
     label = sets.labels[map.number]
     labels = []
     for number in numbers:

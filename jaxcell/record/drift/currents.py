@@ -16,7 +16,7 @@ _MAX_ARROWS = 700
 # The largest number of arrows over all records and layers, which keeps the file small.
 _MAX_DRAWN = 400_000
 DRIFTERS = 250
-"""The number of drifters that are drawn."""
+"""The largest number of drifters that are drawn in a layer."""
 _TRAIL = 6
 _ARROW: Color = (70, 110, 150)
 # The largest length of an arrow, in cells.
@@ -24,7 +24,7 @@ _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the tab of currents: arrows over time, and drifters that move with the current."""
+    """Log a tab that shows the current as arrows over time, and drifters that move with it."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))
@@ -70,7 +70,7 @@ their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
 
 
 def _log_arrows(map: CurrentMap, layers: int) -> None:
-    """Log the current of each record as arrows, at some of the cells."""
+    """Log the current as arrows at some cells, at fewer times if there are more `layers`."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
     since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)
@@ -89,22 +89,15 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
     foot = map.xy(cells) - vector / 2
     times, sizes = np.rint(since[shown]).astype(np.int64), np.full(shown.size, cells.size)
-    radius = 0.08 * spacing * float(map.side.min())
-    send_changing(
-        map.stream,
-        f"map/current_{map.number}",
-        rr.Arrows2D,
-        times,
-        sizes,
-        clock.timeline,
-        style={"colors": _ARROW, "radii": radius, "draw_order": 10},
-        vectors=vector.reshape(-1, 2),
-        origins=foot.reshape(-1, 2),
-    )
+    radius, line = 0.08 * spacing * float(map.side.min()), clock.timeline
+    style = {"colors": _ARROW, "radii": radius, "draw_order": 10}
+    columns = {"vectors": vector.reshape(-1, 2), "origins": foot.reshape(-1, 2)}
+    path, kind = f"map/current_{map.number}", rr.Arrows2D
+    send_changing(map.stream, path, kind, times, sizes, line, style=style, **columns)
 
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:
-    """Log drifters that are simulated in the current itself, without disturbances."""
+    """Log drifters that are simulated in the current itself, without random disturbances."""
     water, clock, stream = map.water, map.clock, map.stream
     moved = simulate_drifters(
         jax.random.key(seed),

@@ -20,7 +20,7 @@ _MAX_ROWS = 24
 
 
 def log_deployment(map: CurrentMap) -> rrb.Container:
-    """Log the tab of the deployment: the cells of the surface in which to drop drifters."""
+    """Log a tab that shows the cells of the surface in which to drop drifters."""
     drift = map.drift
     chosen = drift.deployment
     kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])
@@ -46,7 +46,7 @@ def log_deployment(map: CurrentMap) -> rrb.Container:
 
 
 def _log_views(map: CurrentMap) -> rrb.View:
-    """Log the cells from which the sea bed is seen, with the disc that each camera sees."""
+    """Log the cells from which cameras see the sea bed, and the disc that each camera sees."""
     views, reach = map.drift.views, map.drift.reach
     assert views is not None
     assert reach is not None

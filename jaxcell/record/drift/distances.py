@@ -15,7 +15,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the tab with the distance between the map and simulated drifters, for each cell."""
+    """Log a tab that shows the share of drifters from each cell with a wrong prediction."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

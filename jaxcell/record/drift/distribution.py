@@ -21,7 +21,7 @@ _MAX_SQUARES = 20_000_000
 def log_distribution(
     maps: Sequence[SeaMap], more: Sequence[rrb.View] = (), about: str = ""
 ) -> rrb.Container:
-    """Log the tab of the distribution of drifters over the cells, after each step.
+    """Log a tab that shows the distribution of drifters over the cells after each step.
 
     The tab also shows the views `more`, whose colours are those of [`density`][], and a text
     `about` them.
@@ -55,13 +55,13 @@ def density() -> Scale:
 
 
 def levels(share: np.ndarray) -> np.ndarray:
-    """Classify each cell according to its share of the drifters."""
+    """Return the class of each cell on the scale [`density`][], from its share of all drifters."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distribution every few steps. Return the classes of cells, and the times."""
+    """Return the classes of cells at every `every`-th of `steps` steps, and their times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)

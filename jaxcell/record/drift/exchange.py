@@ -15,7 +15,7 @@ _PALE = 0.4
 
 
 def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
-    """Log the tab of regions: a map with residence times, and the exchange of drifters."""
+    """Log a tab that shows residence times in regions, and drifters that change regions."""
     names = exchange.name.tolist()
     colors = [tint(color, _PALE) for color in CATEGORIES.values()]
     classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]

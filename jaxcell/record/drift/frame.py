@@ -27,8 +27,8 @@ def log_frame(
 ) -> None:
     """Log the coastline, degrees at the edges, a scale bar and a North arrow.
 
-    `side` contains the sides of the mean cell in kilometres, and `coastline` is the file of land,
-    or "" for Natural Earth.
+    `side` contains the mean width and height of a cell in kilometres. `coastline` is a file of
+    coasts, or "" for those of Natural Earth.
     """
     rows, columns = water.number.shape
     width, height = (np.array([columns, rows]) * side).tolist()
@@ -82,7 +82,7 @@ def on_the_grid(
 
 
 def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 2"]]:
-    """Return the lines of the coast on the grid, in cells."""
+    """Yield the lines of the coast, as columns and rows of the grid."""
     rows, columns = water.number.shape
     lon, lat = water.lon, water.lat
     known = np.isfinite(lon + lat)

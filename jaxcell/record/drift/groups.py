@@ -15,7 +15,7 @@ from .map import DRIFTER, SeaMap
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
-"""The colours of persistent groups by rank; rank 0 has the largest basin of the first layer."""
+"""The colours of persistent groups by rank; that of rank 0 has the largest basin in layer 0."""
 _SEVERAL: Color = FREE
 _AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
@@ -27,7 +27,7 @@ _MIN_LABELLED = 0.01
 
 
 def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
-    """Log the tab of groups: persistent groups, and the cells that lead to them."""
+    """Log a tab that shows persistent groups, and the cells that lead to them."""
     drift, views = maps[0].drift, []
     ranks = drift.group_ranks
     for map in maps:
@@ -93,7 +93,7 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
 
 
 def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Log the ranks of groups as labels, for large groups with a colour of their own."""
+    """Label each large group with its rank, if it has a colour of its own."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
@@ -124,7 +124,7 @@ leaves, or off the map.
 
 
 def groups_text(drift: SeaDrift, spec: Spec) -> str:
-    """Compose the text of the tab of groups in a current."""
+    """Compose the text of the tab that shows the groups of drifters in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
@@ -164,7 +164,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Return a sentence on the time of release in a periodic current."""
+    """Describe the period of a periodic current and the time of release; "" for others."""
     if drift.phases is None:
         return ""
     return (

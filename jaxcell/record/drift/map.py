@@ -43,9 +43,10 @@ M = TypeVar("M", bound="SeaMap")
 
 
 class Clock:
-    """The timeline of a recording, in whole units (such as hours) from the first record.
+    """The timeline of a recording, which counts a unit of time, such as hours, from the start.
 
-    The units are short enough to show each step of the chain. The timeline covers all records.
+    The unit is short enough to show each step of the Markov chain, and the timeline is long
+    enough to show all times of the currents.
     """
 
     def __init__(self, drift: SeaLayers) -> None:
@@ -77,7 +78,7 @@ class SeaMap:
     """The map of a layer in a recording; layer 0 is at the surface."""
 
     dry: ClassVar[str] = "land"
-    "The name, in legends, of squares without water."
+    "The text in legends for the squares that are not cells."
     drift: SeaLayers
 
     def __init__(
@@ -110,7 +111,7 @@ class SeaMap:
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
     ) -> Float[np.ndarray, "*points 2"]:
-        """Convert coordinates on the grid, in cells, to kilometres."""
+        """Convert columns and rows of the grid to positions on the map, in kilometres."""
         return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
 
     def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
@@ -135,7 +136,7 @@ class SeaMap:
         order: float = -10.0,
         times: Int[np.ndarray, "times"] | None = None,
     ) -> str:
-        """Log a picture of the class of each cell, or a picture per time; class 0 is land.
+        """Log `kind`, the class of each cell, as a picture or a picture per time; class 0 is land.
 
         Sea without data gets an additional class. Returns the entity for [`SeaMap.view`][].
         """
@@ -181,7 +182,7 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """The length of arrows per speed; an arrow of the mean speed has a length of 0.9 cells."""
+        """Length of an arrow, in cells, per unit of speed; the mean length is about 0.9 cells."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
@@ -189,7 +190,7 @@ class CurrentMap(SeaMap):
         return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
 
     def log_key(self, spacing: float) -> None:
-        """Log an arrow with its speed below the map, on which arrows are `spacing` cells apart."""
+        """Log an arrow and its speed below the map; arrows on the map are `spacing` cells apart."""
         # An arrow of one cell per second, in kilometres per m/s.
         length = self.arrow * spacing / 1000
         margin, width = 0.04 * self.extent, float(self.size[0])
@@ -205,7 +206,7 @@ class CurrentMap(SeaMap):
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
-    """Create the maps of the layers, with y upward, and log their water and the frame."""
+    """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)
     count = min(len(drift.layers), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]

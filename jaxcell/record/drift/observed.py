@@ -29,7 +29,7 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log the recording of observed drifters and of the groups in which they end.
+    """Record observed drifters, and the groups of cells in which they end.
 
     Static tabs show the persistent groups, nearly closed sets, absorption times, sampling errors,
     and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
@@ -60,7 +60,7 @@ def _log_places(map: ObservedMap) -> rrb.Container:
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:
-    """Log the tab of sampling errors, from random samples of the drifters."""
+    """Log a tab that shows sampling errors, which are estimated by resampling the drifters."""
     found = map.drift
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
@@ -92,7 +92,7 @@ def _most(values: Float[np.ndarray, "cells"]) -> float:
 
 
 def _log_observations(map: ObservedMap) -> rrb.Container:
-    """Log the number of moves from each cell, and the tracks of some drifters."""
+    """Log the number of observed moves from each cell, and the tracks of some drifters."""
     found, water = map.drift, map.water
     count = found.counted.count.astype(float)
     scale = Scale.over(count, "{} moves".format, spaced=np.geomspace, ground="no cell")

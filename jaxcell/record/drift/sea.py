@@ -18,14 +18,13 @@ from .voyage import log_voyage
 
 
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
-    """Log the recording of drifters in a sea, and of the groups in which they end.
+    """Record drifters in a sea, and the groups of cells in which they end.
 
-    Over a timeline of dates from the first record, tabs show the current of each layer as arrows,
-    drifters in the current, the distribution of drifters that the map of cells predicts, and
-    drifters that follow the policy to a goal. Static tabs show persistent groups, nearly closed
-    sets, absorption times, the deployment, the distance between predicted and simulated drifters,
-    the exchange between regions, beaches, the cells that a drifter from the start reaches, and in
-    three dimensions the value function and the policy.
+    Over a timeline of dates, tabs show the current of each layer as arrows, drifters in it, the
+    predicted distribution of drifters, and drifters that follow the policy to a goal. Static tabs
+    show persistent groups, nearly closed sets, absorption times, the deployment, the error of the
+    prediction, the exchange between regions, beaches, the cells that a drifter from the start
+    reaches, and in three dimensions the value function and the policy.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)

@@ -28,7 +28,7 @@ _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 class _Space:
-    """The positions of the cells of all layers in space; layers are far apart, not to scale."""
+    """The positions of all cells in space; the distance between layers is not to scale."""
 
     def __init__(self, surface: CurrentMap) -> None:
         self.surface = surface
@@ -38,7 +38,7 @@ class _Space:
         "The distance between layers, in kilometres of the map."
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """Return the centres of cells, which are numbered through all layers."""
+        """Return the centres of cells in space; cells are numbered from layer to layer."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -61,7 +61,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the tab of a voyage: in three dimensions, the value function, the policy and drifters."""
+    """Log a tab that shows the value function, the policy and drifters in three dimensions."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy
@@ -93,7 +93,7 @@ def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
 
 
 def _log_land(space: _Space) -> None:
-    """Log the land and the depth of each layer."""
+    """Log the land of each layer, and a label with its depth."""
     stream = space.surface.stream
     for layer, water in enumerate(space.surface.drift.waters):
         row, column = np.nonzero(water.land)
@@ -123,7 +123,7 @@ def _log_squares(
     stride: int,
     color: UInt8[np.ndarray, "squares 3"],
 ) -> None:
-    """Log squares around positions on the grid, all at the height `z`."""
+    """Log squares with centres `at` on the grid and sides of `stride` cells, at the height `z`."""
     corners = (at[:, None] + stride * _SIDE + 0.5) * space.surface.side
     height = np.full((*corners.shape[:2], 1), z)
     first = 4 * np.arange(len(at))[:, None, None]
@@ -136,7 +136,7 @@ def _log_squares(
 
 
 def _log_value(space: _Space, policy: Voyage) -> Scale:
-    """Log the water and the value function as squares."""
+    """Log squares of water, and squares coloured by the value function; return their scale."""
     drift, value = space.surface.drift, np.asarray(policy.value).copy()
     outside = ~np.asarray(policy.goal)
     # The value in the goal is 0; the goal is shown with the largest value of other cells.
@@ -193,7 +193,7 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
 
 
 def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
-    """Log drifters that follow the policy on the chain, and return the number of steps."""
+    """Log simulated drifters that follow the policy, and return the number of steps."""
     drift, clock, stream = space.surface.drift, space.surface.clock, space.surface.stream
     begin = np.ones(drift.cells, bool) if drift.start is None else drift.start
     steps = min(_MAX_STEPS, max(1, int(clock.last * clock.seconds / drift.step)))

@@ -27,7 +27,7 @@ axes; their labels are the two attractors."""
 
 
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
-    """Log the recording of attractors and basins.
+    """Record the attractors of a system and their basins.
 
     The pictures show a plane of the first two axes. The timeline `slice` moves the plane along the
     third axis, if any. The plane is in the middle of all other axes.
@@ -64,7 +64,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
-    """Log the recording of attractors and basins, with a timeline of the first parameter."""
+    """Record attractors and their basins over the values of the first parameter."""
     name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
     each = zip(branches.members, branches.label, strict=True)
@@ -76,16 +76,8 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
         log_curve(stream, curve, share, line, times, color=category(number), shape="Linear")
     log_axes(stream, branches.members[0].box, branches.members[0].names, _PICTURES)
     style = {**LABEL, "positions": [[SIDE / 2, -0.6]]}
-    send_changing(
-        stream,
-        "box/parameters",
-        rr.Points2D,
-        times,
-        None,
-        line,
-        style=style,
-        labels=branches.parameters,
-    )
+    path, labels = "box/parameters", branches.parameters
+    send_changing(stream, path, rr.Points2D, times, None, line, style=style, labels=labels)
     table = described(
         branches, "parameters", "count", "outside_share", first={"": range(times.size)}
     )
@@ -100,7 +92,6 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
 
 
 def _heading(result: Basins | Continuation, spec: Spec) -> str:
-    """Return the title of the text, with the name of the system."""
     _, _, name = str(spec.get("system", "")).rpartition(":")
     return f"# {result.title}" + (f" of the system {name}" if name else "")
 
@@ -161,7 +152,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the class of each cell in the planes of [`_slices`][]; `names` numbers attractors."""
+    """Return the classes of cells in the planes of `_slices`; attractor k has number `names[k]`."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):
@@ -170,7 +161,7 @@ def _pictures(
 
 
 def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the attractors as points in the first three axes of the box."""
+    """Log the attractors as points along the first three axes of the box."""
     each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
     if basins.attractors > _MAX_NAMED:
         each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])

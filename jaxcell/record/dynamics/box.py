@@ -29,7 +29,7 @@ def scaled(box: Box, points: Float[np.ndarray, "points axes"]) -> Float[np.ndarr
 def log_axes(
     stream: rr.RecordingStream, box: Box, names: tuple[str, ...], pictures: tuple[str, ...]
 ) -> None:
-    """Log the names and the ends of the drawn axes, and scale `pictures` of cells to the box."""
+    """Log the names and the ends of the axes, and scale the entities `pictures` to the box."""
     columns, rows = (*box.cells[:2], 1)[:2]
     stretch = rr.Transform3D(translation=[0, SIDE, 0], scale=[SIDE / columns, -SIDE / rows, 1])
     for name in pictures:

@@ -18,7 +18,7 @@ sets that follow it in the order."""
 
 
 def log_morse_sets(stream: rr.RecordingStream, sets: MorseSets, spec: Spec) -> None:
-    """Log the recording of Morse sets, projected to the first two and the first three axes."""
+    """Record Morse sets, projected onto the first two and the first three axes."""
     box = sets.box
     columns, rows = (*box.cells[:2], 1)[:2]
     seen = sets.drawn.reshape(columns, rows, -1).max(axis=-1)

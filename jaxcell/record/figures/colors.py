@@ -36,8 +36,8 @@ class Drawn:
     def show(self, ax: "Axes", draw: Callable[[np.ndarray, dict[str, Any]], Any]) -> None:
         """Draw the numbers as colours, and add a colour bar or a legend.
 
-        `draw` is called with an array of numbers or ranks, and the options of matplotlib for their
-        colours. Indices and flags have a legend, with the most frequent value first.
+        `draw` is called with an array and with options of matplotlib for its colours. Indices and
+        flags are replaced by ranks; their legend begins with the most frequent value.
         """
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch

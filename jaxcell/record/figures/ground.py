@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ground(NamedTuple):
-    """A background of a plot, such as a room, on which elements of a quantity have positions."""
+    """A background of a plot, such as a room, on which the elements of an array are drawn."""
 
     dims: tuple[str, ...]
     "The drawn dimensions, which are the last dimensions of the quantity."
@@ -58,7 +58,6 @@ def _room(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -
 
 
 def _path(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the paths of robots over the cells of a room."""
     from matplotlib.colors import ListedColormap
 
     free = np.ma.masked_where(~cells.free, np.zeros(cells.free.shape))
@@ -77,7 +76,6 @@ def _path(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -
 
 
 def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, Any]) -> Any:
-    """Draw the squares of a room, in metres."""
     rows, columns = cells.free.shape
     left, bottom = cells.origin
     box = (left, left + columns * cells.cell, bottom, bottom + rows * cells.cell)
@@ -85,7 +83,6 @@ def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, 
 
 
 def _walls(ax: "Axes", cells: CellSpace) -> None:
-    """Draw the walls of a room, and name its axes."""
     ink = ax.spines["left"].get_edgecolor()
     if cells.workspace is not None:
         for ring in shapely.get_rings(shapely.get_parts(cells.workspace.environment)):
@@ -119,7 +116,6 @@ def _plane(
 
 
 def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the squares of a sea in longitude and latitude."""
     lon, lat = (np.asarray(getattr(result, name)) for name in ("lon", "lat"))
     if drawn.about.kind == "index":
         drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))

@@ -19,8 +19,8 @@ _ROWS = 12
 def html(result: Result) -> str:
     """Describe a result in HTML for a notebook; the HTML needs neither files nor a kernel.
 
-    It has the remarks, the tables that a command prints, a list of arrays, and a picture if the
-    result has an array and matplotlib is installed.
+    It contains the remarks, the tables that a command prints, a list of arrays, and a picture if
+    the result has an array and matplotlib is installed.
     """
     title = result.title or type(result).__name__
     body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]
@@ -39,7 +39,6 @@ def html(result: Result) -> str:
 def _table(
     title: str, heads: Sequence[str] = (), lines: Sequence[Sequence[str]] = (), rows: int = _ROWS
 ) -> str:
-    """Format a table in HTML, with at most the first `rows` rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)
     body = "".join(_row("td", line) for line in lines[:rows])
     if len(lines) > rows:

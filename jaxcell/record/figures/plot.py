@@ -32,8 +32,8 @@ def plot(
     **Arguments:**
 
     - `result`: the result of a study.
-    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the picture of
-        the class of the result, or the first quantity on a map.
+    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default that in
+        `result.picture`, or the first quantity on a map.
     - `ax`: the axes to draw in; by default the axes of a new figure.
     - `options`: the index along a dimension, such as `direction=3`; by default the last index of
         `bump`, `step` and `time`, otherwise the first. Other options are for matplotlib.
@@ -94,10 +94,9 @@ def picture(result: Result) -> str | None:
 
 
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
-    """Find the arrays of numbers of a result and of its parts, keyed by their dataset names.
+    """Find the arrays of a result and of the results in its fields, keyed by their dataset names.
 
-    For each array, return the result or part that has it, its name in this part, and its
-    description.
+    The value for each array is the result that has it, its name there, and its description.
     """
     arrays = {
         prefix + name: (result, name, about)

@@ -27,7 +27,7 @@ _SEVERAL = palette.tint(palette.PLAIN, 0.3)
 
 
 def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container:
-    """Log the tab of the patrol: the robots and the cells in view, the target, and the attacks."""
+    """Log a tab that shows the robots, the cells in their view, the target and the attacks."""
     attacks = simulate_attacks(patrol, patrol.seed)
     stream, times = map.stream, np.arange(len(attacks.place))
     _log_seen(map, patrol, attacks)

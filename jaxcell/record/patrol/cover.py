@@ -16,7 +16,7 @@ _STRIDE = 20
 
 
 def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the covers, which shows the cells of each cover one by one."""
+    """Log a tab that shows the cover of each robot: cells from which all its cells are seen."""
     views = []
     for robot, policy in enumerate(patrol.policies[:MAX_MAPS]):
         name, color, stops = f"cover_{robot}", robot_color(robot)[1], policy.cover

@@ -11,24 +11,15 @@ from ..canvas.prose import described
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
-    """Log the tab of the trade-off between capture and unpredictability, as a curve."""
+    """Log a tab that shows the trade-off between capture and unpredictability as a curve."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
-    plot.axes(
-        ticks(most),
-        ticks(1.0),
-        "entropy of a step, in nats (mean over robots)",
-        "least probability of capture",
-    )
+    titles = "entropy of a step, in nats (mean over robots)", "least probability of capture"
+    plot.axes(ticks(most), ticks(1.0), *titles)
     order = np.argsort(frontier.entropy)
     plot.line("frontier", frontier.entropy[order], frontier.least_capture[order], BELIEF, 3.0)
-    log_dots(
-        stream,
-        "frontier/curve/floors",
-        plot.at(frontier.entropy, frontier.least_capture),
-        1.2,
-        KNOWN,
-    )
+    floors = plot.at(frontier.entropy, frontier.least_capture)
+    log_dots(stream, "frontier/curve/floors", floors, 1.2, KNOWN)
     views = plot.view("Capture against entropy")
     legend = [("a floor of randomness", KNOWN), ("the best that was found", BELIEF)]
     return log_tab(stream, "frontier", "Frontier", views, _text(frontier), legend, rows=(5, 4))

@@ -12,22 +12,12 @@ from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol
 from ...patrol.team import long_run, steps_between_visits
+from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    BELIEF,
-    FREE,
-    PLAIN,
-    ROBOT,
-    ROBOTS,
-    Color,
-    Level,
-    ramp,
-    robot_color,
-    share_colors,
-)
+from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Color, Level, ramp, robot_color
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -43,12 +33,13 @@ _MAX_CHANCES = 60
 
 
 def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
-    """Log the random walk of a patroller on a graph.
+    """Record the random walk of a patroller on a graph.
 
-    Over the timeline `step`: walking patrollers, which start from the stationary distribution, and
-    the time since the last visit to each vertex. Without a timeline: the share of steps along each
-    edge, the waiting times of vertices, news and robots, the next steps from each vertex, a heat
-    map of the hitting times, and the payoffs and the mixture of a game.
+    The timeline `step` shows walking patrollers, which start from the stationary distribution, and
+    the time since the last visit to each vertex. Static views show the share of steps along each
+    edge, the times between visits, the ages of news at a base, the steps between charges, the
+    probabilities of the next step from each vertex, a heat map of the hitting times, and the
+    payoffs and the mixture of a game.
 
     Vertices without positions are placed by a model of springs along edges.
     """
@@ -95,7 +86,7 @@ class _Drawing:
     def labels(
         self, name: str, at: Float[np.ndarray, "labels 2"], labels: Sequence[str], shown: bool
     ) -> None:
-        """Log texts, which are always visible if `shown`, and otherwise on hovering."""
+        """Log texts at points; they are always visible if `shown`, and otherwise on hovering."""
         style = {**LABEL, "show_labels": shown}
         text = rr.Points2D(at, labels=labels, draw_order=60, **style)
         self.stream.log(f"graph/{name}", text, static=True)
@@ -110,10 +101,7 @@ class _Drawing:
     def lines(
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
-        """Log lines that show numbers from 0 to 1.
-
-        A line with a number near 1 is wide and yellow.
-        """
+        """Log lines whose width and colour show `level`, from 0 (thin) to 1 (wide, yellow)."""
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
@@ -152,14 +140,14 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
 
 
 def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the share of steps between vertices, over all robots and states of their memory."""
+    """Compute the share of steps from each vertex to each other, of all robots together."""
     vertices, walks = patrol.stationary.size, patrol.walks
     flow = (long_run(walks)[:, :, None] * walks).mean(axis=0)
     return flow.reshape(-1, vertices, flow.shape[0] // vertices, vertices).sum(axis=(0, 2))
 
 
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
-    """Simulate the vertices of patrollers, which start from the stationary distribution."""
+    """Simulate the vertex of each patroller over time, from the stationary distribution."""
     random, walks = np.random.default_rng(patrol.seed), []
     vertices = patrol.stationary.size
     steps = max(1, min(_STEPS, _MAX_COLORS // vertices))
@@ -170,7 +158,7 @@ def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
-    """Log the steps since the last visit to each vertex as colours, and the maximum as a curve."""
+    """Log the steps since the last visit to each vertex; return the path of the maximum's curve."""
     stream, vertices = drawing.stream, len(drawing.xy)
     # Before the first visit, use the time since the beginning.
     idle, now = np.empty((len(walks), vertices), np.int64), np.zeros(vertices, np.int64)
@@ -188,7 +176,7 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
 
 
 def _log_waits(drawing: _Drawing) -> rrb.Container:
-    """Log the tab of times between visits, ages of news at the base, and steps between charges."""
+    """Log a tab that shows times between visits, ages of news, and steps between charges."""
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"
@@ -236,7 +224,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log the halves of edges, with the probability of leaving their vertex along the edge."""
+    """Log the probability of leaving a vertex along an edge, at the half of the edge near it."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
     # Both halves of each edge, with a gap in the middle between them.
@@ -249,7 +237,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
     beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
     drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
-    colors = share_colors(stay / most, FREE)
+    colors = palette.share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()

@@ -14,14 +14,14 @@ from .vulnerability import log_vulnerability
 
 
 def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec) -> None:
-    """Log robots that patrol a map with limited visibility.
+    """Record robots that patrol a map with limited visibility.
 
-    Over the timeline `step`: the robots and the cells in view, and an adversary that repeatedly
-    attacks one cell. Over the timeline `cover`, and more slowly over `step`: the cells of each
-    cover, one by one. Without a timeline: the share of steps of each robot along each edge; the
-    base station and the regions around it; the distribution of the time until a robot sees the
-    attacked cell, simulated, exact and fitted; the probability of capture at each cell; and the
-    trade-off between capture and unpredictability, if it was computed.
+    The timeline `step` shows the robots and the cells in view, and an adversary that repeatedly
+    attacks one cell. The timeline `cover` and, more slowly, `step` show the cells of each cover one
+    by one. Static views show the share of steps of each robot along each edge, the base station and
+    the regions around it, the simulated, exact and fitted distributions of the time until a robot
+    sees the attacked cell, the probability of capture at each cell, and the trade-off between
+    capture and unpredictability, if it was computed.
     """
     map = CellMap(stream, patrol.cells)
     tabs = [

@@ -13,7 +13,7 @@ from .sight import MAX_MAPS, only_some, robot_table
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the policies: the share of steps of each robot along each edge."""
+    """Log a tab that shows the share of the steps of each robot along each edge."""
     side = patrol.cells.cell
     shown = patrol.policies[:MAX_MAPS]
     most = max(float(policy.weights.max()) for policy in shown)

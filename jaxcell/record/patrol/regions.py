@@ -26,7 +26,7 @@ def log_base(map: CellMap, regions: Regions) -> None:
 
 
 def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:
-    """Log the cells where robots report, if any."""
+    """Log the cells where robots report to a base station, if there is one."""
     contacts = [policy.contact for policy in policies if policy.contact is not None]
     if contacts:
         xy = map.xy(np.array(contacts))
@@ -44,7 +44,7 @@ def base_legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
 
 
 def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Container:
-    """Log the tab of the regions around a base station, also after the loss of a robot."""
+    """Log a tab that shows the regions around a base station, also after the loss of a robot."""
     after, robots = patrol.reassignment, list(range(patrol.robots))
     maps = [("Regions", "regions", regions, robots, patrol.policies)]
     if after is not None:

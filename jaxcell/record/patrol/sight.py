@@ -1,4 +1,4 @@
-"""Parts that several tabs share: the outline of sight from a cell, and tables of robots."""
+"""The outline of the area that is seen from a cell, and tables of robots."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ SEEN = {
     "cell": "their whole free part is in view of the robot",
     "source": "the whole square of the robot is in view of their centre",
 }
-"The condition under which squares count as seen, for each rule of sight."
+"The end of the sentence 'squares count as seen if ...', for each rule of visibility."
 
 
 def log_sight(
@@ -37,7 +37,10 @@ def log_sight(
     color: Color,
     *timelines: tuple[str, Int[np.ndarray, "times"]],
 ) -> None:
-    """Log the outline of the area seen from a cell at each time; without timelines, log it once."""
+    """Log the outline of the area that is seen from each cell in `viewers`.
+
+    A timeline has a name and a time for each viewer. Without timelines, the outline is static.
+    """
     assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
@@ -62,7 +65,7 @@ def place(patrol: PatrolledMap, cell: int) -> str:
 
 
 def robot_table(patrol: PatrolledMap, *names: str) -> str:
-    """Format quantities of the first robots, and the colours of the robots, as a Markdown table."""
+    """Format quantities of the first `_MAX_ROWS` robots, and their colours, as a Markdown table."""
     robots = [f"{i} ({robot_color(i)[0]})" for i in range(patrol.robots)]
     return described(patrol, *names, first={"robot": robots}, most=_MAX_ROWS)
 

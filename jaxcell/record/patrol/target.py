@@ -23,7 +23,7 @@ _POINTS = 400
 
 
 def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the attacked cell: the cells in view of it, and the time of the first view."""
+    """Log a tab that shows from which cells the target is seen, and the time until it is seen."""
     attack, stream = patrol.attack, map.stream
     classes = [
         NOT_FREE,
@@ -50,7 +50,7 @@ def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 
 
 def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
-    """Log the distribution of the time until the target is seen: simulated, exact and fitted."""
+    """Log the simulated, exact and fitted distribution of the time until the target is seen."""
     time = attack.arrival
     last = float(np.quantile(time, _SHOWN, method="lower"))
     if not np.isfinite(last):
@@ -76,7 +76,7 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
 
 
 def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
-    """Log the probability of capture by attack time: simulated, exact and fitted."""
+    """Log the simulated, exact and fitted probability of capture as a function of attack time."""
     most = int(attack.attack_time.max())
     plot = Plot(stream, "target/captures", float(most), 1.0)
     steps_taken = "steps that the attack takes (upright lines: the attack times)"

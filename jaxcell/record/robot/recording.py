@@ -37,8 +37,8 @@ class RobotRecording:
 
     This is a context manager. If the run is interrupted, even by a loss of power, the file has all
     data except the last moments. The timelines `seconds` and `observation` show the true pose, the
-    trail, the place according to odometry and the observations of each robot, and the possible
-    cells of its filter.
+    trail, the position from odometry and the observations of each robot, and the possible cells
+    according to its filter.
 
     To record the events of a run, set `jaxcell.robot.RunLog.on_event` to the method `event`.
 
@@ -77,7 +77,7 @@ class RobotRecording:
         - `spec`: the parameters, which the text shows.
 
         **Raises:** `ValueError` if there are no robots, if the name or the viewer is invalid, or if
-        the filter is on other cells; `OSError` if the folder does not exist, or no viewer answers.
+        the filter has other cells; `OSError` if the folder does not exist, or no viewer answers.
         """
         path = Path(path)
         if path.suffix != ".rrd":
@@ -223,7 +223,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of the filter and its cells. The state is `None` if the filter is refuted."""
+        """Log a state of a filter with its `size` in cells; `None` if the filter is refuted."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:

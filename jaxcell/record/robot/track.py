@@ -92,7 +92,7 @@ class Track:
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
         """Find the last touch of a wall in the tenth of a second before each time, if any.
 
-        **Returns:** the places of these touches, and the number of touches at each time, 0 or 1.
+        **Returns:** the positions of these touches, and the number of touches at each time, 0 or 1.
         """
         touches = np.array(self.about.touches or (), float).reshape(-1, 3)
         last = np.searchsorted(touches[:, 0], times, side="right") - 1
@@ -100,7 +100,7 @@ class Track:
         return touches[last[there], 1:], there.astype(np.int32)
 
     def observe(self) -> None:
-        """Count an observation, and store the place of the robot."""
+        """Count an observation, and store the position of the robot."""
         self.observed += 1
         self.place = None if self.last is None else np.array(self.last[1:3])
 
@@ -109,7 +109,7 @@ class Track:
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:
-        """Convert an estimate in metres ahead and to the left of the start to coordinates."""
+        """Convert an estimate, in metres ahead and to the left of the start, to x and y."""
         x, y, theta = self.about.start or (0.0, 0.0, 0.0)
         place = complex(x, y) + complex(*estimate[:2]) * complex(math.cos(theta), math.sin(theta))
         return np.array([place.real, place.imag])
@@ -118,7 +118,7 @@ class Track:
 def longer_trail(
     old: Float[np.ndarray, "old 2"], new: Float[np.ndarray, "new 2"]
 ) -> Float[np.ndarray, "corners 2"]:
-    """Add places to a trail, and return its corners, at most the last `MAX_CORNERS`."""
+    """Add positions to a trail, and return its corners, at most the last `MAX_CORNERS`."""
     trail = np.concatenate([old, new])
     if len(trail) < 2:
         return trail

@@ -27,9 +27,9 @@ class Axis:
     dimension: str
     timeline: Timeline
     labels: tuple[str, ...]
-    "The value of each step; the first value if a step stands for several values."
+    "The text of each step: its value or, if it stands for several values, the first of them."
     step: Int[np.ndarray, "places"]
-    "The step of each index along the dimension."
+    "The step to which each index along `dimension` belongs."
 
     @property
     def steps(self) -> int:
@@ -79,10 +79,10 @@ def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
 def statistics(
     values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
-    """Compute quantiles of the known values at each step of an axis.
+    """Compute quantiles of the values in the mask `known` at each step of an axis.
 
-    **Returns:** the steps with known values, the `QUANTILES` at these steps, and `True` if each
-    step has only one value.
+    The axis is the dimension `place` of the arrays. **Returns:** the steps with known values, the
+    `QUANTILES` at these steps, and `True` if each step has only one value.
     """
     members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
     rows = members.quantile([*QUANTILES.values()]).unstack()
@@ -96,7 +96,10 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """Compute the mean of the known values at each pair of steps; NaN if none is known."""
+    """Compute the mean of the values in the mask `known` at each pair of steps, NaN for none.
+
+    The axes of the pair are the dimensions `places` of the arrays.
+    """
     across, up = pair
     square = up.along(places[1], values.shape) * across.steps
     square = (square + across.along(places[0], values.shape))[known]

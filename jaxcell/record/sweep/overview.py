@@ -24,7 +24,7 @@ _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
 PICTURE_BYTES = 16_000_000
-"""Largest size of all heat maps of a recording in bytes; a pixel has one byte."""
+"""Largest total size of the heat maps of a recording, in bytes; a pixel has one byte."""
 # Seconds in which the viewer plays a whole axis.
 _SECONDS = 30
 _MAX_BESIDE = 3
@@ -110,7 +110,7 @@ def _log_variable(
     all_axes: Sequence[Axis],
     spanned: Sequence[tuple[Axis, Axis]],
 ) -> rrb.Container:
-    """Log the curves of a variable over each axis, and its heat maps, which have one scale."""
+    """Log the curves of a variable over each axis, and its heat maps over the pairs `spanned`."""
     name, values = str(variable.name), variable.values
     known = np.isfinite(values)
     place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
@@ -236,7 +236,7 @@ def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _made(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return the fields of the specification of a sweep, and the versions of the software."""
+    """Return the parameters and the software versions from the attributes of a sweep."""
     made: dict[str, str] = {}
     for field, value in json.loads(attributes.get("spec", "{}")).items():
         inside = value if isinstance(value, dict) else {"": value}
