@@ -74,7 +74,7 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Compute the exchange after `seconds`, rounded to whole steps, from the map of a layer."""
+        """Compute where drifters from each region are after `seconds`, rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
@@ -137,7 +137,7 @@ class Exchange(Result):
         return self._bound(upper=1)
 
     def _bound(self, upper: int) -> Float[np.ndarray, "regions regions"] | None:
-        """Compute a bound of the exact confidence interval of Clopper and Pearson (1934)."""
+        """Compute the lower (0) or upper (1) confidence limit of Clopper and Pearson (1934)."""
         if self.arrived is None:
             return None
         seen = self.arrived

@@ -12,7 +12,7 @@ from .netcdf import OceanFile
 
 
 LEAST_PRESENT = 0.8
-"""The least share of records with a velocity for a cell to be water; gaps are interpolated."""
+"""The least share of the records at which a water cell has a velocity; gaps are interpolated."""
 
 _BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
 

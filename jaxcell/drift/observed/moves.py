@@ -63,7 +63,7 @@ class CountedMoves:
         return self._weighted(np.where(seen[self.begin], weight, 1.0))
 
     def _weighted(self, weight: Float[np.ndarray, "moves"]) -> Chain:
-        image, place = self._slots
+        image, place = self._images
         share = weight / np.bincount(self.begin, weight, self.water.cells)[self.begin]
         inside = self.end >= 0
         probability = np.bincount(place, share[inside], image.size).reshape(image.shape)
@@ -71,8 +71,8 @@ class CountedMoves:
         return Chain(image, probability / np.maximum(probability.sum(axis=0), 1))
 
     @functools.cached_property
-    def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of the chain; and, for each move that ends in a cell, the index of its image.
+    def _images(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
+        """The images of the chain; and, for each move into a cell, the index of its image in them.
 
         All resampled chains have the same images, so that programs are compiled only once.
         """
@@ -89,18 +89,18 @@ class CountedMoves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spread:
-    """A quantity with its sampling error from a bootstrap over drifters."""
+    """A quantity with its sampling error, estimated by a bootstrap over drifters."""
 
     value: np.ndarray
     "The quantity for all drifters."
     mean: np.ndarray
-    "The mean over resampled drifters."
+    "The mean over the bootstrap samples."
     error: np.ndarray
-    "The standard deviation over resampled drifters; NaN if a sample is not finite."
+    "The standard deviation over the bootstrap samples; NaN if one of them is not finite."
     low: np.ndarray
-    "The 5 % quantile over resampled drifters."
+    "The 5 % quantile over the bootstrap samples."
     high: np.ndarray
-    "The 95 % quantile over resampled drifters."
+    "The 95 % quantile over the bootstrap samples."
 
 
 def boxes(
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell whose centre is nearest to each place; -1 if it is beyond `Water.reach`."""
+    """Find the cell whose centre is nearest to each point, or -1 beyond its `Water.reach`."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)

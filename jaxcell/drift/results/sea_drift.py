@@ -83,7 +83,7 @@ class SeaDrift(SeaCurrents):
     reach: float | None = None
     "The range of cameras that look at the sea bed, in metres."
     seconds: float | int | None = None
-    "The time limit of the search for the fewest views, in seconds; `None` for greedy views."
+    "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` for none."
     voyage: SeaVoyage | None = None
     "The voyage to a goal with the discounted policy."
     surest: SeaVoyage | None = None
@@ -99,7 +99,7 @@ class SeaDrift(SeaCurrents):
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
-    "The time of interest, in hours; `None` for the median time to the end, up to 30 days."
+    "The time of interest, in hours; `None` for the default of [`jaxcell.drift.asked_hours`][]."
     backward: bool = False
     "True if drifters go backward in time."
     notices: tuple[str, ...] = ()
@@ -148,8 +148,7 @@ class SeaDrift(SeaCurrents):
             for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the range of cameras that look at the sea bed, in metres.
-        - `seconds`: the time limit of the search for the fewest views; by default the search is
-            greedy.
+        - `seconds`: the time limit of [`jaxcell.drift.visible_deployment`][], in seconds.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
@@ -174,10 +173,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration.
-
-            Returns the step, and its maps and distances if they were computed.
-            """
+            """Return the step with its duration, and its maps and distances if they are known."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -215,7 +211,7 @@ class SeaDrift(SeaCurrents):
         return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
-        """Add voyages to a goal, with a discount factor per step."""
+        """Add the discounted voyage, with a factor per step, and the surest voyage to a goal."""
 
         def on_sea(policy: Voyage) -> SeaVoyage:
             place = self.place(int(np.flatnonzero(policy.goal)[0]))
@@ -316,7 +312,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def views(self) -> VisibleDeployment | None:
-        """The cells in which to drop drifters that look at the sea bed; `None` without a reach."""
+        """The cells in which to drop drifters with cameras; `None` if there is no `reach`."""
         surface = self.layers[0]
         if self.reach is None:
             return None

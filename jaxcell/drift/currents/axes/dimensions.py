@@ -1,4 +1,4 @@
-"""The axes of a velocity: its dimensions of time, depth, y and x, and its positions."""
+"""The axes of a velocity: its dimensions, and the variables with longitudes and latitudes."""
 
 import dataclasses
 from collections.abc import Hashable, Iterable
@@ -17,12 +17,12 @@ _AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
 
 @dataclasses.dataclass(frozen=True)
 class Axes:
-    """The dimensions of a velocity."""
+    """The names of the dimensions of a velocity, and of the positions of the cells."""
 
     time: str | None
     depth: str | None
     y: str
-    "The dimension along y: the cell centres, or the cell faces if `staggered`."
+    "The dimension along y. It counts cell centres, or cell faces if the velocity is `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
