@@ -88,7 +88,7 @@ class LongTermBehaviour:
         """The persistent group in which all drifters from each cell end, or -1.
 
         It is -1 if drifters may end in several groups, or may leave the grid. The cells with the
-        number of a group are its domain of attraction, which includes the group itself.
+        same number are the domain of attraction of a group, and include the group.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])
@@ -107,8 +107,8 @@ def long_term_behaviour(
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `throw`: whether to raise an error if absorption times, probabilities or the limiting
-        distribution are not accurate enough; otherwise their `certificate` reports it. This happens
-        if times exceed some 10^9 steps, in an eddy that almost traps drifters.
+        distribution are not accurate enough, which their `certificate` reports in any case. They
+        are inaccurate if times exceed some 10^9 steps, in an eddy that almost traps drifters.
 
     **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
     when they are first read.

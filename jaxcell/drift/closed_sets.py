@@ -32,9 +32,9 @@ def nearly_closed_sets(
     """Find almost-invariant sets: sets of cells that few drifters leave within `hours`.
 
     A set is not a persistent group if even one drifter can leave it, so persistent groups depend on
-    the duration of a step. The share of the drifters that leave a set in a day hardly does.
-    Drifters are released with uniform density in space, and spread over the neighbouring cells at
-    the end, because otherwise single cells in the middles of eddies would be found. Connected
+    the duration of a step. The share of the drifters that leave a set in a day hardly depends on
+    it. Drifters are released with uniform density in space, and spread over the neighbouring cells
+    at the end, because otherwise single cells in the middles of eddies would be found. Connected
     pieces of water with less than a hundredth of the cells are left out.
 
     **Arguments:**
@@ -89,7 +89,7 @@ def coherent_sets(
     - `count`: the number of sets; by default the number of singular values before their largest
         gap, from 2 to `most`.
     - `start`: the beginning of the window, in seconds as in `Flow.time`.
-    - `steps`: the number of steps of the window.
+    - `steps`: the number of steps in which the window is mapped.
     - `most`: the largest number of sets that is tried if there is no `count`.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][], with the cells of each set at the beginning
@@ -203,7 +203,7 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """For each layer, the number of each set on maps; matching sets of layers share it."""
+        """For each layer, the number of each set on maps; matching sets share a number."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property

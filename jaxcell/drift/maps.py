@@ -255,7 +255,7 @@ def _ends(
     duration = step.seconds(water, flow)
 
     def carry(right: np.ndarray, up: np.ndarray) -> tuple[_Points, _Points]:
-        """Move the points that are `right` and `up` of the centre of each cell, in cells."""
+        """Move the points that lie `right` and `up`, in cells, from the centre of each cell."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps

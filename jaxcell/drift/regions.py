@@ -79,7 +79,7 @@ class Exchange(Result):
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
     def with_drifters(self, water: Water, flow: Flow, count: int, seed: int = 0) -> "Exchange":
-        """Add confidence intervals from drifters that are simulated in the current itself.
+        """Add confidence intervals from drifters that are simulated in the current without cells.
 
         **Arguments:**
 

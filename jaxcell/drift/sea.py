@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells whose entry in `mask`, which has one per phase and cell, is ever true."""
+        """Mark the cells that a mask over all phases and cells contains at any phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

@@ -37,12 +37,12 @@ class DriftStep:
     """The duration in seconds, negative for a step backward in time; by default the
     [`jaxcell.drift.crossing_time`][]."""
     spread: str = "turned"
-    """The rule for disturbances. With `"turned"`, the disturbances are the displacement turned by 45
-    degrees to either side. With `"all"`, they are the eight neighbours of the image; then connected
-    water tends to be one persistent group. With `"sampled"`, `samples` x `samples` points of the
-    cell drift instead of the centre; the probability of a cell is the share of the points that end
-    in it (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires `"sampled"`, and
-    spreads the points at the end of the step."""
+    """The rule for disturbances. With `"turned"`, they are the displacement turned by 45 degrees to
+    either side. With `"all"`, they are the eight neighbours of the image; then connected water
+    tends to be one persistent group. With `"sampled"`, `samples` x `samples` points of the cell
+    drift instead of the centre; the probability of a cell is the share of the points that end in it
+    (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires `"sampled"`, and spreads
+    the points at the end of the step."""
     rho: float | int = 0.8
     "The probability of the image, from 0 to 1."
     samples: int = 5

@@ -172,11 +172,9 @@ class Water:
         return np.hypot(self.dx, self.dy) / 2 * 1.01
 
     def cell(self, lon: float | int, lat: float | int) -> int:
-        """Find the cell whose centre is nearest to a point.
+        """Find the cell whose centre is nearest to a point in degrees.
 
-        **Arguments:**
-
-        - `lon`, `lat`: the point in degrees; longitudes may differ by whole turns.
+        Longitudes may differ by whole turns.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
@@ -286,10 +284,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points on a grid of `shape` rows and columns.
-
-    `wraps` is true for a grid that goes round the Earth.
-    """
+    """Mark the points on a grid of `shape`, which goes round the Earth if `wraps` is true."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)

@@ -41,11 +41,11 @@ class Component:
     """The rows and columns of the values to read. Values on cell faces are averaged, so they extend
     one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The indices of the cells of the block among the centres to which cell faces are averaged."
+    "The indices of the block's cells among the centres that are averaged from cell faces."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float
-    "Metres per second per unit of the file."
+    "The factor from the unit of the file to metres per second."
     flags: list[Flag]
 
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
@@ -130,7 +130,7 @@ def component(
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
-    """Return the unit of a velocity in metres per second; raise `ValueError` if it is unknown."""
+    """Return the factor from the unit of a velocity to m/s; raise `ValueError` if it is unknown."""
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
     if units.lower() not in _METRES_PER_SECOND:
         raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
@@ -140,7 +140,7 @@ def metres_per_second(file: OceanFile, name: str) -> float:
 def read_cells(
     file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
 ) -> Float[np.ndarray, "y x"]:
-    """Read a variable without a depth at the cell centres, at `record` if it depends on time."""
+    """Read a variable without levels at the cell centres, at `record` if it depends on time."""
     y, x = axes.rho
     block: dict[str, object] = {y: grid.rows, x: grid.columns}
     if axes.time in file.dataset[name].dims:

@@ -130,7 +130,7 @@ def table(role: Role) -> Iterator[Convention]:
 
 
 def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
-    """Find a variable of `among` with a role, by name, then by standard name, then by unit."""
+    """Find the variable with a role in the names `among`: by name, standard name, or unit."""
     among = list(among)
     by_name = {name.lower(): name for name in reversed(among)}
     for row in table(role):

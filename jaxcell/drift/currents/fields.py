@@ -70,7 +70,7 @@ class FieldReader:
 
     @functools.cached_property
     def mask(self) -> Mask | None:
-        """The mask of the centres, or `None` if the file has none."""
+        """The mask of the water at the cell centres, or `None` if the file has no mask."""
         rho, depth = self.velocity.u_axes.rho, self.velocity.u_axes.depth
         return read_mask(
             self.file, rho, self.grid.rows, self.grid.columns, self.layers.places, depth

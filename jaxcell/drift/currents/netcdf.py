@@ -41,7 +41,7 @@ class OceanFile:
     dataset: xr.Dataset
     "The variables, with times as numbers; `read` turns fill values into NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    "The paths of other files, by the names of the variables that come from them."
+    "The paths of other files, keyed by the names of the variables that come from them."
 
     def error(self, field: str, message: str) -> ValueError:
         """Return an error whose message is one line that begins with the file and the field."""
@@ -164,7 +164,6 @@ def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
 
 
 def error_line(error: Exception) -> str:
-    """Return the message of an exception in one line."""
     return one_line(str(error)) or type(error).__name__
 
 

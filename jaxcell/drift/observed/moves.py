@@ -33,7 +33,7 @@ class CountedMoves:
     end: Int[np.ndarray, "moves"]
     "The cell in which each move ends, -1 if it ends in no cell."
     drifter: Int[np.ndarray, "moves"]
-    "The drifter of each move."
+    "The number of the drifter that makes each move."
     lag: float | int
     "The duration of each move, in seconds."
 
@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the western and southern bounds of all observations, and the numbers of boxes."""
+    """Return the western and southern bounds of all observations, and how many boxes they span."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -184,9 +184,9 @@ def count_moves(
 ) -> CountedMoves:
     """Count the moves of drifters from cell to cell.
 
-    Every observation begins a move. The move ends at the observation of the same drifter whose time
-    is nearest to one lag later. It counts if that time differs by at most a twentieth of the lag,
-    and if the drifter was observed for the whole lag.
+    Every observation begins a move, which ends a `lag` later, at the nearest observation of the
+    same drifter. The move counts if this observation is early or late by at most a twentieth of the
+    lag, and if the drifter was observed for the whole lag.
 
     **Arguments:**
 
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell whose centre is nearest to each point, or -1 beyond its `Water.reach`."""
+    """Find the cell whose centre is nearest to each point; -1 if it is beyond `Water.reach`."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)

@@ -36,7 +36,7 @@ def _of_all(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """The long-term behaviour of observed drifters, from the chain of their moves, with errors.
+    """The long-term behaviour of observed drifters, from the chain of their moves.
 
     A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
 

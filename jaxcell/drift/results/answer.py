@@ -21,14 +21,14 @@ _NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Summarize in a few lines where drifters of the first layer end, when, and how accurately."""
+    """Summarize the results of the first layer in a few lines."""
     lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_groups(drift), _reach(drift), _diffusion(drift)]
     return tuple(line for line in lines if line is not None)
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Explain which current is assumed after the records; `None` if they last long enough."""
+    """Explain which current is assumed after the last record; `None` if none is needed."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -101,7 +101,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Describe the number of groups and the time to reach them, for this and other steps."""
+    """Describe the number of groups and the time to reach them, for several steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"

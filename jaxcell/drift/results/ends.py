@@ -35,7 +35,7 @@ _time = functools.partial(derived, units="h", kind="time")
 
 
 class Ends(Result):
-    """Totals over one or more layers: groups, transient cells, and times until drifters end."""
+    """Totals over one or more layers: groups, transient cells, and absorption times."""
 
     @property
     def _layers(self) -> "tuple[LayerEnds, ...]":
@@ -136,7 +136,7 @@ class Ends(Result):
         return None if by_way is None else float(by_way[ways].sum())
 
     def _mean(self, of_layers: npt.ArrayLike) -> Any:
-        """Average numbers of the layers, weighted by the numbers of their cells."""
+        """Average a number per layer, weighted by the number of its cells."""
         return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 

@@ -83,7 +83,7 @@ class SeaDrift(SeaCurrents):
     reach: float | None = None
     "The range of cameras that look at the sea bed, in metres."
     seconds: float | int | None = None
-    "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` for none."
+    "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` if greedy."
     voyage: SeaVoyage | None = None
     "The voyage to a goal with the discounted policy."
     surest: SeaVoyage | None = None
@@ -211,7 +211,7 @@ class SeaDrift(SeaCurrents):
         return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
-        """Add the discounted voyage, with a factor per step, and the surest voyage to a goal."""
+        """Add two voyages to a goal: with a discount factor per step, and by the surest policy."""
 
         def on_sea(policy: Voyage) -> SeaVoyage:
             place = self.place(int(np.flatnonzero(policy.goal)[0]))

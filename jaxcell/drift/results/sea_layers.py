@@ -96,7 +96,7 @@ class SeaLayers(Ends):
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """For each layer, the number of each group on maps; matching groups of layers share it."""
+        """For each layer, the number of each group on maps; matching groups share a number."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )

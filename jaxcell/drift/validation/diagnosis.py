@@ -33,7 +33,7 @@ class Diagnosis:
     whole_pieces: int
     "Number of persistent groups that fill a whole connected piece of water."
     locked: int
-    "Number of single-cell groups, not whole pieces, from which the flow leads to another cell."
+    "Number of persistent groups of a single cell, not a whole piece, that water flows out of."
     ashore: int
     "Number of persistent groups that are a single cell from which water flows onto land only."
     groups: int

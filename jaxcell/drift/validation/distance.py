@@ -1,4 +1,4 @@
-"""The distance between a drift map and simulated drifters in the current itself."""
+"""The distance between a drift map and drifters that are simulated without cells."""
 
 import dataclasses
 import functools
@@ -76,7 +76,7 @@ def distances(
     sampling: Sampling | None = None,
     hours: Sequence[float | int] = HOURS,
 ) -> tuple[Distance, ...]:
-    """Compare maps with drifters in the flow itself, as it changes with time.
+    """Compare maps with drifters that are simulated without cells, in the flow as it changes.
 
     Drifters begin on an even grid of points in every cell. They move with the Runge-Kutta method,
     plus a random walk with the diffusivity of the flow: see [`Replay.of`][jaxcell.drift.Replay.of].
@@ -130,8 +130,8 @@ def distances_by_cell(
 ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
     """Compute the distance for the drifters from each cell, at the last of `distance.hours`.
 
-    Few drifters begin in each cell, so their shares are compared not by cell but by block of the
-    grid, with about 36 blocks.
+    Few drifters begin in each cell, so the map and the drifters are compared in about 36 blocks of
+    the grid instead of in every cell.
 
     **Arguments:**
 

@@ -15,7 +15,7 @@ from ...mapping.sequence import as_sequence
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MarkovTest(Result):
-    """The share of drifters of each set that are in it later, from a map and from simulation.
+    """The share of the drifters from each set that are in it later, by a map and by simulation.
 
     If the drifters are a Markov chain, the `n`-th power of the map predicts the shares after `n`
     steps (Prinz et al. 2011). A *case* is a set and a time. Here, half of the drifters of set 0

@@ -35,7 +35,7 @@ SAMPLING = Sampling()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """Drifters that were simulated in the flow itself, with their cells at chosen times."""
+    """Drifters that were simulated in the flow, with their cells at chosen times."""
 
     hours: Float[np.ndarray, "times"]
     "The times in hours, ascending."
@@ -57,7 +57,7 @@ class Replay:
         """Simulate drifters with the Runge-Kutta method, plus a random walk with the diffusivity.
 
         By default 9 to 36 drifters begin in each cell, or up to 144 if they diffuse. If there are
-        too many cells, only the cells in some square blocks of the grid are sampled.
+        too many cells, drifters begin only in some square blocks of the grid.
 
         **Arguments:**
 

@@ -20,7 +20,7 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The s-levels of the file, between which depths are interpolated; `None` for fixed depths."
+    "The terrain-following levels between which depths are interpolated; `None` if there are none."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None

@@ -17,7 +17,7 @@ _AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
 
 @dataclasses.dataclass(frozen=True)
 class Axes:
-    """The names of the dimensions of a velocity, and of the positions of the cells."""
+    """The names of the dimensions of a velocity, and of the variables with its positions."""
 
     time: str | None
     depth: str | None
@@ -49,7 +49,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity from their names and attributes."""
+    """Find the dimensions of the velocity `name` from their names and attributes."""
     _check_structured(file, name)
     dims: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():

@@ -32,8 +32,6 @@ _MAX_SECONDS = 9.2e9
 
 @dataclasses.dataclass(frozen=True)
 class RecordTimes:
-    """The times of the records of a file."""
-
     values: Shaped[np.ndarray, " records"]
     "The time of each record, as datetime64."
     start: cftime.datetime | None = None

@@ -1,4 +1,4 @@
-"""ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
+"""ROMS and CROCO: staggered velocities, and terrain-following levels.
 
 `u` is on the western and eastern faces of a cell and `v` on the southern and northern faces, along
 the axes of the grid, which may be rotated relative to East and North. The levels are at fixed
@@ -38,7 +38,7 @@ def to_centres(
 
 @dataclasses.dataclass(frozen=True)
 class SLevels:
-    """Levels that follow the sea bed and the surface, from the lowest to the highest."""
+    """Terrain-following levels, also called s-levels, from the lowest to the highest."""
 
     s: Float[np.ndarray, " levels"]
     "The coordinate of each level, from -1 (sea bed) to 0 (surface)."
