@@ -28,7 +28,7 @@ probability of each exit. `drift_maps` computes a map for each phase of a period
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters, and `distances_by_cell` shows for which cells the map is wrong.
 A `MarkovTest` is the Chapman-Kolmogorov test on sets of cells. `nearest_step` chooses the `dt` of
-the map that is nearest to the drifters.
+the map that is nearest to the drifters up to a time of interest, by default `asked_hours`.
 
 **Long-term behaviour** (Alg. 5.1). `long_term_behaviour` finds, in time proportional to the number
 of edges plus the time of linear solves:

@@ -127,7 +127,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Compute which drifters are stranded `seconds` after their release.
+        """Compute the drifters that are stranded after `seconds`, rounded to whole steps.
 
         `behaviour` has the map of the layer; `afloat` and `stranded` are as for [`beaching`][].
         """

@@ -39,7 +39,7 @@ class OceanFile:
     name: str
     "The path of the file, for messages."
     dataset: xr.Dataset
-    "The variables, with times as numbers; `read` turns fill values into NaN."
+    "The variables, with times as numbers or dates; `read` turns fill values into NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
     "The paths of other files, keyed by the names of the variables that come from them."
 

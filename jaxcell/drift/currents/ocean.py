@@ -74,9 +74,9 @@ def open_currents(
         counted from the beginning of the year of the first record, which `notes` mentions.
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
-        levels follow the sea bed, any depth is possible, by default 0. Above the highest
-        and below the lowest level, the velocity is that of this level. If the file lacks levels, a
-        depth farther from its levels than the thickness of a layer is an error.
+        levels follow the sea bed, any depth is possible, by default 0. Above the highest and below
+        the lowest level, the velocity is that of this level. If the file lacks levels, a depth
+        farther from its levels than the thickness of a layer is an error.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.

@@ -252,7 +252,7 @@ def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return the times of comparison in hours: `asked`, after 6 and 24 if they are earlier."""
+    """Return the hours of the comparison: 6 and 24 if they are before `asked`, and `asked`."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 

@@ -24,7 +24,7 @@ class Layers:
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the highest level if it is not in `places`; a velocity there shows sea, not land."
+    "The index of the highest level if it is not in `places`, to tell the sea bed from land."
     note: str = ""
 
 
