@@ -128,7 +128,7 @@ def _blur(water: Water) -> Chain:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedSets(Result):
-    """The nearly closed sets of each layer: sets of cells that drifters hardly leave.
+    """The nearly closed sets of each layer: sets of cells that few drifters leave.
 
     Two cells between which drifters seldom move, in steps of an hour:
 
@@ -219,7 +219,7 @@ class ClosedSets(Result):
 
 
 def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
-    """Find the cell of each set that is nearest to the mean of its rows and columns."""
+    """Find the cell of each set that is nearest to the mean row and column of the set."""
     begin, cells = sets.begin, np.flatnonzero(sets.begin >= 0)
     size = np.maximum(np.bincount(begin[cells], minlength=sets.count), 1)
     away = [

@@ -165,7 +165,7 @@ def _extended(
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
-    """Interpolate the flow in every square linearly in time.
+    """Interpolate the flow in every square linearly to a time.
 
     A flow that is not periodic is constant before the first record and after the last record.
     """

@@ -60,7 +60,7 @@ class Exchange(Result):
     hours: float | int
     "The duration of a step, in hours."
     steps: int
-    "The number of steps between release and arrival."
+    "The number of steps from the release until the arrivals are counted."
     arrived: Int[np.ndarray, "regions regions"] | None = None
     "The number of simulated drifters from each region (row) that arrive in each region (column)."
     released: int = 0

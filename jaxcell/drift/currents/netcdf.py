@@ -18,7 +18,7 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""The largest array to read: a larger array is usually a whole ocean that was chosen by mistake."""
+"""The largest size of an array to read; a larger one is usually a whole ocean, by mistake."""
 
 _MAX_READ = 10_000_000
 

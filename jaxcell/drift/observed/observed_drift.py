@@ -66,7 +66,7 @@ class ObservedDrift(SeaLayers):
     spread: Spread
     "The estimates from the chain, with sampling errors from a bootstrap over drifters."
     nearly_closed_sets: ClosedSets | None = None
-    "Sets of cells that drifters hardly leave."
+    "Sets of cells that few drifters leave."
     after: float | int | None = None
     "The time for which `distribution` is estimated, in seconds; `None` for the long run."
 

@@ -134,7 +134,7 @@ def _reach(drift: "SeaDrift") -> str | None:
 
 
 def _diffusion(drift: "SeaDrift") -> str | None:
-    """Compare the requested diffusivity with the diffusivity of the grid."""
+    """Compare the requested diffusivity with the diffusivity that the grid adds."""
     wanted, grid = drift.diffusivity, drift.grid_diffusivity
     if wanted is None:
         return None

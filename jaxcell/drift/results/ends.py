@@ -43,7 +43,7 @@ class Ends(Result):
 
     @functools.cached_property
     def transient_hours(self) -> Float[np.ndarray, "transient"]:
-        """The absorption times of the transient cells."""
+        """The absorption times of the transient cells, in hours."""
         return np.concatenate(
             [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
         )
@@ -305,7 +305,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def _hours_of_parts(self) -> list[Float[np.ndarray, "cells"]]:
-        """The absorption times of the cells of each transient group."""
+        """The absorption times of the cells of each transient group, in hours."""
         part = np.asarray(self.begins.transient.group)[self.transient]
         order, counts = np.argsort(part, kind="stable"), self.transients_cells
         return np.split(self.transient_hours[order], np.cumsum(counts)[:-1]) if counts.size else []

@@ -81,7 +81,7 @@ class SeaDrift(SeaCurrents):
     start: int | None = None
     "The cell of the surface where a drifter is dropped, or `None`."
     reach: float | None = None
-    "The range of cameras that look at the sea bed, in metres."
+    "The radius of the disc of the sea bed that a camera sees, in metres."
     seconds: float | int | None = None
     "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` if greedy."
     voyage: SeaVoyage | None = None
@@ -93,7 +93,7 @@ class SeaDrift(SeaCurrents):
     beaching: Stranded | None = None
     "The stranding of drifters at the surface."
     nearly_closed_sets: ClosedSets | None = None
-    "Sets of cells that drifters hardly leave."
+    "Sets of cells that few drifters leave."
     sets_listed: bool = True
     "True if a terminal shows a table of the nearly closed sets."
     markov_test: MarkovTest | None = None
@@ -147,7 +147,7 @@ class SeaDrift(SeaCurrents):
             fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
             for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
-        - `reach`: the range of cameras that look at the sea bed, in metres.
+        - `reach`: the radius of the disc of the sea bed that a camera sees, in metres.
         - `seconds`: the time limit of [`jaxcell.drift.visible_deployment`][], in seconds.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
@@ -305,7 +305,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
-        """The number of cells that drifters may visit; `None` for more than 20,000 cells."""
+        """The numbers of cells that 1, 2, ... drifters may visit; `None` above 20,000 cells."""
         surface = self.layers[0]
         small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
         return coverage_curve(surface.behaviour.chain) if small else None

@@ -81,7 +81,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the axis of a dimension from its name or from the attributes of its coordinate."""
+    """Find the axis of a dimension, such as depth, from its name or its coordinate's attributes."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:

@@ -113,7 +113,7 @@ def _decoded(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of another calendar to datetime64: `start` plus the days since `start`."""
+    """Convert a date of a non-standard calendar: `start` plus the days since `start`."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
