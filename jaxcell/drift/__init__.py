@@ -26,9 +26,9 @@ probability of each exit. `drift_maps` computes a map for each phase of a period
 (`Flow.repeated`). The phase is the time of the period at which a step begins.
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
-compares a map with these drifters at the times of interest (`asked_hours`), `distances_by_cell`
-does so for the drifters of each cell, and a `MarkovTest` for sets of cells (Chapman-Kolmogorov).
-`nearest_step` chooses the `dt` whose map is nearest to the drifters.
+compares a map with these drifters, and `distances_by_cell` shows for which cells the map is wrong.
+A `MarkovTest` is the Chapman-Kolmogorov test on sets of cells. `nearest_step` chooses the `dt` of
+the map that is nearest to the drifters up to a time of interest, by default `asked_hours`.
 
 **Long-term behaviour** (Alg. 5.1). `long_term_behaviour` finds, in time proportional to the number
 of edges plus the time of linear solves:
@@ -41,10 +41,9 @@ of edges plus the time of linear solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* are the probabilities of ending in each group.
 
-`beaching` adds to each cell of a `coast` a beach on which drifters strand. A set is no persistent
-group if a single drifter leaves it. `nearly_closed_sets` therefore finds sets of cells that
-drifters hardly leave in a day, with the leakage and its time scale, and `coherent_sets` finds water
-that moves together, such as vortices.
+`beaching` adds to each cell of a `coast` a beach on which drifters strand. A set of cells is not a
+persistent group if even one drifter can leave it. `nearly_closed_sets` therefore finds sets that
+few drifters leave in a day. `coherent_sets` finds water that moves together, such as vortices.
 
 `diagnose` and `group_counts` show whether groups can be trusted. `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov
@@ -73,8 +72,9 @@ brings a drifter to a goal: in each step the drifter goes up (-1), goes down (1)
     r = 100 for a step that leads to the goal, else -1                               (Eq. 5.10)
     V(z) = max over u of the mean of r + g V(z'), with g the discount        (value iteration)
 
-`discounted_voyage` solves it (Alg. 5.5) to a tolerance. `surest_voyage` uses no discount: its
-policy is the quickest of those that most likely arrive. `simulate_voyages` simulates drifters.
+`discounted_voyage` finds this policy (Alg. 5.5). `surest_voyage` uses no discount: its policy is
+the quickest of those with the largest probability of arrival. `simulate_voyages` simulates
+drifters.
 
 A `SeaDrift` has all results for the currents of a file, with a `Layer` for each depth and a
 `SeaVoyage` for each policy; `jaxcell.study.Drift` computes it.

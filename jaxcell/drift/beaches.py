@@ -115,7 +115,7 @@ class Stranded(Result):
     hours: float | int
     "The duration of a step, in hours."
     steps: int
-    "The number of steps from the release to the time of interest."
+    "The number of steps from the release until the stranded drifters are counted."
 
     @classmethod
     def of(
@@ -127,9 +127,9 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Move drifters with the drift map of a layer for `seconds`, rounded to whole steps.
+        """Compute the drifters that are stranded after `seconds`, rounded to whole steps.
 
-        `afloat` and `stranded` are the times of [`beaching`][].
+        `behaviour` has the map of the layer; `afloat` and `stranded` are as for [`beaching`][].
         """
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)

@@ -31,7 +31,7 @@ class LongTermBehaviour:
     absorption: Solution
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
     throw: bool = False
-    "True if `probability` and `limiting` raise when they are not accurate enough."
+    "True if `probability` and `limiting` raise an error when they are not accurate enough."
 
     @property
     def unrolled(self) -> Chain:
@@ -64,7 +64,7 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid where it is surely 0 or 1, and NaN elsewhere.
+        """The probability of ending off the grid if it is certainly 0 or 1; otherwise NaN.
 
         It follows from the possible moves alone, without a linear solve.
         """
@@ -85,11 +85,10 @@ class LongTermBehaviour:
 
     @property
     def basin(self) -> Int[Array, "cells"]:
-        """The only persistent group in which a drifter from each cell may end.
+        """The persistent group in which all drifters from each cell end, or -1.
 
-        It is -1 if there are several such groups, or if the drifter may leave the grid. The cells
-        that have the number of a group are its domain of attraction, which includes the group
-        itself.
+        It is -1 if drifters may end in several groups, or may leave the grid. The cells with the
+        same number are the domain of attraction of a group, and include the group.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])
@@ -101,15 +100,15 @@ class LongTermBehaviour:
 def long_term_behaviour(
     chain: Chain | ChainSequence, duration: float | int, *, throw: bool = False
 ) -> LongTermBehaviour:
-    """Compute the long-term behaviour of the water of one layer (Alam 2018, Alg. 5.1).
+    """Compute where the drifters of one layer end in the long term (Alam 2018, Alg. 5.1).
 
     **Arguments:**
 
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
-    - `throw`: whether to raise when absorption times, probabilities or the limiting distribution
-        are not accurate enough. Times above some 10^9 steps, in an eddy that almost traps drifters,
-        exceed the accuracy of 64-bit numbers; the `certificate` then reports no convergence.
+    - `throw`: whether to raise an error if absorption times, probabilities or the limiting
+        distribution are not accurate enough, which their `certificate` reports in any case. They
+        are inaccurate if times exceed some 10^9 steps, in an eddy that almost traps drifters.
 
     **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
     when they are first read.

@@ -29,13 +29,13 @@ def nearly_closed_sets(
     *,
     hours: float | int = 24.0,
 ) -> NearlyClosedSets:
-    """Find almost-invariant sets: sets of cells that drifters hardly leave, closed or not.
+    """Find almost-invariant sets: sets of cells that few drifters leave within `hours`.
 
-    A set is no persistent group if a single drifter leaves it, so persistent groups depend on the
-    step. The share of the drifters that leave a set in a day hardly depends on the step.
-    Drifters are released with uniform density in space. Connected pieces of water with less than a
-    hundredth of the cells are left out. The search spreads drifters over the neighbouring cells at
-    the end of the window, because otherwise it would find single cells in the middles of eddies.
+    A set is not a persistent group if even one drifter can leave it, so persistent groups depend on
+    the duration of a step. The share of the drifters that leave a set in a day hardly depends on
+    it. Drifters are released with uniform density in space, and spread over the neighbouring cells
+    at the end, because otherwise single cells in the middles of eddies would be found. Connected
+    pieces of water with less than a hundredth of the cells are left out.
 
     **Arguments:**
 
@@ -43,8 +43,8 @@ def nearly_closed_sets(
     - `chain`: the map, from [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `count`: the number of sets to find; fewer may be returned.
-    - `hours`: the length of the window in which drifters may leave, rounded to whole steps, or to
-        whole periods of a periodic current.
+    - `hours`: the time in which drifters may leave, rounded to whole steps, or to whole periods
+        of a periodic current.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
@@ -84,12 +84,12 @@ def coherent_sets(
 
     **Arguments:**
 
-    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
+    - `water`, `flow`: the cells, and the flow of the same layer at all records.
     - `hours`: the length of the window.
     - `count`: the number of sets; by default the number of singular values before their largest
         gap, from 2 to `most`.
     - `start`: the beginning of the window, in seconds as in `Flow.time`.
-    - `steps`: the number of steps of the window.
+    - `steps`: the number of steps in which the window is mapped.
     - `most`: the largest number of sets that is tried if there is no `count`.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][], with the cells of each set at the beginning
@@ -128,7 +128,7 @@ def _blur(water: Water) -> Chain:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedSets(Result):
-    """The nearly closed sets of each layer: sets of cells that drifters hardly leave.
+    """The nearly closed sets of each layer: sets of cells that few drifters leave.
 
     Two cells between which drifters seldom move, in steps of an hour:
 
@@ -203,7 +203,7 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """For each layer, the rank of each set; matching sets of two layers have the same rank."""
+        """For each layer, the number of each set on maps; matching sets share a number."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property
@@ -219,7 +219,7 @@ class ClosedSets(Result):
 
 
 def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
-    """Find the cell of each set that is nearest to the mean of its rows and columns."""
+    """Find the cell of each set that is nearest to the mean row and column of the set."""
     begin, cells = sets.begin, np.flatnonzero(sets.begin >= 0)
     size = np.maximum(np.bincount(begin[cells], minlength=sets.count), 1)
     away = [

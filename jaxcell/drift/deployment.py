@@ -23,13 +23,13 @@ class Deployment:
     """Cells in which to drop drifters so that they may visit every cell in the long run."""
 
     cells: Int[np.ndarray, "drifters"]
-    "One cell of each persistent group, then cells of each transient group."
+    "One cell of each persistent group, then one or more cells of each transient group."
     group: Int[np.ndarray, "drifters"]
     "The persistent group of each cell, -1 for a transient cell."
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells of its group that each cell reaches, but no earlier cell reaches."
+    "For each cell, the number of cells of its group that it is the first to reach."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,10 +117,11 @@ def _first_ancestor(
 ) -> Int[np.ndarray, "transients"]:
     """For each cell in `order`, find the first source that leads to it within its transient group.
 
-    Sources and results are positions in `order`. If no source leads to a cell, its result exceeds
-    all positions. Shortest paths begin at an additional node: an edge to a source costs its
-    position, and the edges in the matrix `within`, which stay in a group, cost nothing. A cell is
-    reached at any phase at which it is in the `same` group as at phase 0.
+    `sources` and the result are positions in `order`; a result beyond the end of `order` means that
+    no source leads to the cell. The paths are found by Dijkstra's algorithm from an additional
+    node, whose edge to each source has the position of the source as its weight. The edges of
+    `within` stay in a group, and have weight 0. A path to a cell counts only at the phases at which
+    `same` is true: the cell is then in the same group as at phase 0.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -163,7 +164,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     """Compute how the number of cells that may be visited grows with the number of drifters.
 
     Every drifter is dropped in the cell of
-    [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds most cells. Any number of
+    [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds the most cells. Any number of
     drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
     (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
 
@@ -223,7 +224,7 @@ def visible_deployment(
     *,
     seconds: float | int | None = None,
 ) -> VisibleDeployment:
-    """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
+    """Choose where to drop drifters with cameras that see the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
     it lies wholly within the disc. Distances are computed with the sides of the camera's cell.
@@ -236,7 +237,7 @@ def visible_deployment(
     - `reach`: radius of the disc, in metres.
     - `groups`: persistent groups of a chain on these cells.
     - `seconds`: the time limit of [`jaxcell.optimize.minimum_cover`][]; by default the cover is
-        greedy, [`jaxcell.optimize.greedy_cover`][].
+        found by [`jaxcell.optimize.greedy_cover`][].
 
     **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
 
@@ -267,7 +268,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Raise `ValueError` if a camera sees only a part of its cell, or there are too many cells."""
+    """Raise `ValueError` if a camera cannot see all of its cell, or if there are too many cells."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
@@ -317,5 +318,4 @@ def _components(
 
 
 def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
-    """Find the components to which no other component leads."""
     return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)

@@ -76,7 +76,7 @@ def diffuse(
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
     """Move points in a random walk with the diffusivity of the flow.
 
-    A point that would enter a square outside the mask `wet` does not move.
+    `sides` are the lengths of squares in metres. A point stays if it would enter one not in `wet`.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))

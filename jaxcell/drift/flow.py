@@ -19,7 +19,7 @@ class Flow:
 
     The point `(x, y)` lies in column `x` and row `y` of the grid; integers are the centres of
     cells. On land the flow is 0, so that a drifter slows down towards a coast and does not cross
-    it; if drifters slip, the flow on land is the flow along the coast. Sea without data has the
+    it. With the coast `"slip"`, land has the flow along the coast instead. Sea without data has the
     flow of the nearest cell, so that drifters leave through it.
 
     The surface of the bundled sea at its first record:
@@ -122,7 +122,7 @@ class Flow:
         return dataclasses.replace(self, rate=rate, time=time, period=period)
 
     def fitted(self, duration: float | int) -> float:
-        """Return a similar duration that divides the period, or is a multiple of it.
+        """Adjust a duration so that it divides the period, or is a multiple of the period.
 
         With steps of this duration the maps repeat after whole periods.
         """
@@ -165,7 +165,7 @@ def _extended(
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
-    """Interpolate the flow in every square linearly in time.
+    """Interpolate the flow in every square linearly to a time.
 
     A flow that is not periodic is constant before the first record and after the last record.
     """
@@ -217,17 +217,17 @@ def steps_in(seconds: float | int, duration: float | int) -> int:
 
 
 def _neighbours(
-    place: Float[Array, "*points"], size: int, wraps: bool
+    coordinate: Float[Array, "*points"], size: int, wraps: bool
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
     """Find the two cells around each coordinate on an axis, and the weight of the second cell."""
     if wraps:
-        first = jnp.floor(place)
+        first = jnp.floor(coordinate)
         near = (first % size).astype(jnp.int32)
-        return near, (near + 1) % size, place - first
-    place = jnp.clip(place, 0.0, size - 1.0)
-    first = jnp.minimum(jnp.floor(place), max(size - 2, 0))
+        return near, (near + 1) % size, coordinate - first
+    coordinate = jnp.clip(coordinate, 0.0, size - 1.0)
+    first = jnp.minimum(jnp.floor(coordinate), max(size - 2, 0))
     near = first.astype(jnp.int32)
-    return near, jnp.minimum(near + 1, size - 1), place - first
+    return near, jnp.minimum(near + 1, size - 1), coordinate - first
 
 
 def crossing_time(water: Water, flow: Flow) -> float:

@@ -79,9 +79,10 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Returns:** the chain over the cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], for the coast `"strand"`
-    without the edge `"exit"`, or for a diffusivity that is too large or without `"sampled"` spread;
-    `RuntimeError` if JAX is set to 32 bits; `MemoryError` if the map exceeds the free memory.
+    **Raises:** `ValueError` if the flow is on another grid than the water, if the coast is
+    `"strand"` but the edge is not `"exit"`, if the diffusivity is too large, or if there is a
+    diffusivity but the spread is not `"sampled"`; `RuntimeError` if JAX is set to 32 bits;
+    `MemoryError` if the map exceeds the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -138,10 +139,11 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 
     **Arguments:**
 
-    - `water`, `flow`: as for [`drift_map`][]; [`Flow.repeated`][] makes a flow periodic.
+    - `water`: the cells.
+    - `flow`: the flow of the same layer; [`Flow.repeated`][] makes a flow periodic.
     - `step`: a step whose duration divides the period or is a multiple of it, as from
-        [`Flow.fitted`][]. The number of Runge-Kutta substeps is doubled until it is at least the
-        number of records in a step, and a substep is at most half a cell long on average.
+        [`Flow.fitted`][]. Runge-Kutta substeps are halved until they are no longer than the time
+        between records, and drifters move by at most half a cell in a substep on average.
 
     **Returns:** the sequence of the chains of the phases; or a single chain, if the flow is not
     periodic or a step lasts whole periods.
@@ -216,7 +218,7 @@ def _exit_shares(
 
 
 def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
-    """Find the edge of the grid beyond which each square lies, as an index into `EDGES`."""
+    """Return the index in `EDGES` of the edge that drifters from `origin` cross to each square."""
     up, right = (
         at - at.clip(0, size - 1)
         for at, size in zip((row, column), water.number.shape, strict=True)
@@ -246,14 +248,14 @@ def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[
 def _ends(
     water: Water, flow: Flow, step: DriftStep, start: float | int, origin: _Origin
 ) -> Iterator[tuple[_Points, _Points, _Points]]:
-    """Yield `x` and `y` of the end points of drifters from some cells, and their weights.
+    """Yield `x` and `y` of the end points of drifters from the cells `origin`, and their weights.
 
     The arrays have a row per sample point and a column per cell.
     """
     duration = step.seconds(water, flow)
 
     def carry(right: np.ndarray, up: np.ndarray) -> tuple[_Points, _Points]:
-        """Move the points at some offsets, in cells, from the centre of each cell."""
+        """Move the points that lie `right` and `up`, in cells, from the centre of each cell."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps
@@ -317,7 +319,7 @@ def _transitions(image: _Squares, share: _Points) -> scipy.sparse.csr_array:
 
 
 def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points, _Points]:
-    """Turn the drifts by 0, 45 and -45 degrees, and return their end points."""
+    """Turn the displacement of each drifter by 0, 45 and -45 degrees; return the end points."""
     dx, dy = water.sides[:, origin]
     column, row = water.column[origin], water.row[origin]
     right, up = turned((x - column) * dx, (y - row) * dy, np.radians([[0], [45], [-45]]))
@@ -325,7 +327,7 @@ def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points,
 
 
 def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
-    """Find the image of each cell and the neighbours of the image; -1 for the sink."""
+    """Find each cell's image and the image's neighbours; with `exits`, -1 for those off the map."""
     image = water.landing(x, y, exits=exits)
     row, column = _squares_around(water, image, x, y)
     cell, land = water.at(row[1:], column[1:])
@@ -347,7 +349,7 @@ def _squares_around(
 
 
 def _set_probabilities(targets: _Squares, rho: float) -> _Points:
-    """Compute the probability of each target; row 0 is the image, and repeated targets get 0."""
+    """Compute the probabilities of Eq. 5.4; row 0 is the image, and repeated targets get 0."""
     counts = np.ones(targets.shape, bool)
     for branch in range(1, len(targets)):
         new = (targets[branch] != targets[:branch]).all(axis=0)

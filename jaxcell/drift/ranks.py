@@ -14,14 +14,13 @@ _MAX_MATCHED = 200
 def basin_ranks(
     basins: Sequence[Int[np.ndarray, "rows columns"]],
 ) -> list[Int[np.ndarray, "_groups"]]:
-    """Rank the groups of layers from the top down.
+    """Rank the groups of each layer so that matching groups of different layers have equal ranks.
 
-    `basins` contains the group of each square, or -1.
-
-    In the first layer groups are ranked by the sizes of their basins. In each following layer,
-    groups are matched one to one with groups of the layer above so that the overlap of basins is
-    largest; matched groups have equal ranks. Unmatched groups get new ranks, by size. Two groups
-    exchange their numbers in the second layer, which has a third group:
+    `basins` contains, for each layer, the group of each square, or -1. In the first layer groups
+    are ranked by the sizes of their basins. In each following layer, groups are matched one to one
+    with groups of the layer above, so that the overlap of basins is largest. Groups without a match
+    get new ranks, by size. In this example the second layer exchanges the numbers of two groups,
+    and has a third one:
 
         >>> import numpy as np
         >>> from jaxcell.drift.ranks import basin_ranks

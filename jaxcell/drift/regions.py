@@ -60,7 +60,7 @@ class Exchange(Result):
     hours: float | int
     "The duration of a step, in hours."
     steps: int
-    "The number of steps between release and arrival."
+    "The number of steps from the release until the arrivals are counted."
     arrived: Int[np.ndarray, "regions regions"] | None = None
     "The number of simulated drifters from each region (row) that arrive in each region (column)."
     released: int = 0
@@ -74,12 +74,12 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Compute the exchange after `seconds`, rounded to whole steps, from the map of a layer."""
+        """Compute where drifters from each region are after `seconds`, rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
     def with_drifters(self, water: Water, flow: Flow, count: int, seed: int = 0) -> "Exchange":
-        """Add confidence intervals from drifters that are simulated in the current itself.
+        """Add confidence intervals from drifters that are simulated in the current without cells.
 
         **Arguments:**
 
@@ -137,7 +137,7 @@ class Exchange(Result):
         return self._bound(upper=1)
 
     def _bound(self, upper: int) -> Float[np.ndarray, "regions regions"] | None:
-        """Compute a bound of the exact confidence interval of Clopper and Pearson (1934)."""
+        """Compute the lower (0) or upper (1) confidence limit of Clopper and Pearson (1934)."""
         if self.arrived is None:
             return None
         seen = self.arrived

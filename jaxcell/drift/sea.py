@@ -54,7 +54,7 @@ class Sea:
 
         - `waters`: the water cells of each layer, the surface first, on one grid.
         - `chains`: the chain of each layer over its cells, from [`jaxcell.drift.drift_map`][],
-            or sequences of equally many phases, from [`jaxcell.drift.drift_maps`][].
+            or sequences with the same number of phases, from [`jaxcell.drift.drift_maps`][].
         """
         if not waters or len(chains) != len(waters):
             raise ValueError(
@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells that are in `mask`, a mask per phase and cell, at one phase or more."""
+        """Mark the cells that a mask over all phases and cells contains at any phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

@@ -37,23 +37,24 @@ class DriftStep:
     """The duration in seconds, negative for a step backward in time; by default the
     [`jaxcell.drift.crossing_time`][]."""
     spread: str = "turned"
-    """The disturbances. `"turned"`: the drift turned by 45 degrees to either side. `"all"`: the
-    eight neighbours of the image; then connected water tends to be one persistent group.
-    `"sampled"`: no disturbance, and `rho` has no effect. Instead of the centre, `samples` x
-    `samples` points of the cell drift, and the probability of a cell is the share of the points
-    that end in it (Hsu 1987). This choice is required if the flow has a diffusivity, which spreads
+    """The rule for disturbances. With `"turned"`, they are the displacement turned by 45 degrees to
+    either side. With `"all"`, they are the eight neighbours of the image; then connected water
+    tends to be one persistent group. With `"sampled"`, `samples` x `samples` points of the cell
+    drift instead of the centre; the probability of a cell is the share of the points that end in it
+    (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires `"sampled"`, and spreads
     the points at the end of the step."""
     rho: float | int = 0.8
     "The probability of the image, from 0 to 1."
     samples: int = 5
     """The number of points along each side of a cell, for the spread `"sampled"`."""
     edge: str = "uniform"
-    """`"uniform"`, the rule of the dissertation: a cell with fewer than eight neighbours is mapped
-    to its neighbours and itself with equal probabilities, and no drifter leaves the grid. `"exit"`:
-    such a cell is mapped like other cells, and a drifter that ends off the grid, in sea without
-    data, or stranded on land goes to the sink, which is one element of `A(z)`."""
+    """The rule at coasts and edges of the grid. With `"uniform"`, as in the dissertation, no
+    drifter leaves, and a cell with fewer than eight neighbours is mapped to its neighbours and
+    itself with equal probabilities. With `"exit"`, such a cell is mapped like other cells, and a
+    drifter that ends off the grid, in sea without data, or stranded on land goes to the sink, which
+    is one element of `A(z)`."""
     method: str = "euler"
-    "The integration method, as for [`jaxcell.drift.advect`][]."
+    "The integration method, one of those of [`jaxcell.drift.advect`][]."
     substeps: int = 1
     "The number of steps of the integration method in each step of the map."
 
@@ -104,6 +105,6 @@ METHODS: Mapping[str, DriftStep] = {
     "drifters": DriftStep(spread="sampled", edge="exit", method="rk4", substeps=4),
     "source": DriftStep(),
 }
-"""Rules of steps, without a duration. Those of `"drifters"` agree best with simulated drifters.
-Those of `"source"` are from Alam 2018, section 5.4.3: the grid spreads drifters more than the water
-does, and all edges are closed."""
+"""Steps without a duration. The rules of `"drifters"` agree best with simulated drifters. The rules
+of `"source"` are those of Alam 2018, section 5.4.3: the grid spreads drifters more than the water
+does, and no drifter leaves the map."""

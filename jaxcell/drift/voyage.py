@@ -35,12 +35,11 @@ class Voyage:
     """The chain of a drifter that follows the actions and stays in the goal. Its states are the
     cells at each phase, phase after phase."""
     probability: Float[Array, "cells"]
-    "The probability of ever arriving."
+    "The probability that a drifter from each cell ever arrives."
     time: Float[Array, "cells"]
     "The expected number of steps to arrive; `inf` for cells from which the drifter may fail."
     conditional_time: Float[Array, "cells"]
-    """The expected number of steps of drifters that arrive; `inf` for cells from which no drifter
-    can arrive."""
+    "The expected number of steps of the drifters that arrive; `inf` if none from the cell arrives."
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
@@ -86,7 +85,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
     - `sea`: the layers.
     - `goal`: a cell, several cells, or a mask over the cells.
-    - `discount`: the discount factor per step, which determines the total cost of leaving.
+    - `discount`: the discount factor per step; to leave the map costs `1 / (1 - discount)`.
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
 
@@ -151,7 +150,7 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
     **Returns:** the voyage, without a value function.
 
     **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
-    policy iteration does not end.
+    policy iteration does not converge.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):

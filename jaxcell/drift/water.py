@@ -21,12 +21,12 @@ _DECIMALS = 9
 # This number of nearest cells, by mean sides, is compared by the sides of the cell at the origin.
 _CANDIDATES = 8
 COASTS = ("hold", "slip", "strand")
-"""The names of the rules for drifters that come to a coast."""
+"""The rules for drifters that run ashore, which [`Water`][] explains."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Water:
-    """The water cells of one layer of the sea, numbered row by row, the columns fastest.
+    """The water cells of one layer of the sea, numbered row by row.
 
     Each square of the grid is a cell of water, land, or sea without data. The surface of the
     bundled sea:
@@ -56,10 +56,10 @@ class Water:
     """Squares of land or of the sea bed, by default all squares without a cell. Other squares
     without a cell are sea without data, which is an open edge."""
     coast: str = "hold"
-    """The rule for drifters that run ashore. `"hold"`: water slows down towards land, and drifters
-    stay in the nearest cell at the coast until the current carries them off. `"slip"`: the same,
-    but water beside land flows along it without friction. `"strand"`: as `"hold"`, but a drifter
-    that ends on land strands, and so leaves the map."""
+    """The rule for drifters that run ashore. With `"hold"`, water slows down towards land, and
+    drifters stay in the nearest cell at the coast until the current carries them off. With `"slip"`
+    they stay too, but water beside land flows along it without friction. With `"strand"`, water
+    slows down, and a drifter that ends on land strands, and so leaves the map."""
 
     def __post_init__(self) -> None:
         if self.coast not in COASTS:
@@ -172,11 +172,9 @@ class Water:
         return np.hypot(self.dx, self.dy) / 2 * 1.01
 
     def cell(self, lon: float | int, lat: float | int) -> int:
-        """Find the cell whose centre is nearest to a point.
+        """Find the cell whose centre is nearest to a point in degrees.
 
-        **Arguments:**
-
-        - `lon`, `lat`: the point in degrees; longitudes may differ by whole turns.
+        Longitudes may differ by whole turns.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
@@ -286,10 +284,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points on a grid of `shape` rows and columns.
-
-    `wraps` is true for a grid that goes round the Earth.
-    """
+    """Mark the points on a grid of `shape`, which goes round the Earth if `wraps` is true."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
@@ -307,7 +302,7 @@ def square(
 
 
 def _joined(label: Int[np.ndarray, "rows columns"], count: int) -> Int[np.ndarray, "rows columns"]:
-    """Join the labels of pieces that meet across the seam, and number pieces by first label."""
+    """Give one label to pieces of water that meet where the last column is beside the first."""
     first, last = np.pad(label[:, 0], 1), np.tile(label[:, -1], 3)
     beside = np.concatenate([first[k : k + label.shape[0]] for k in range(3)])
     meet = (beside > 0) & (last > 0)

@@ -41,18 +41,17 @@ class Component:
     """The rows and columns of the values to read. Values on cell faces are averaged, so they extend
     one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The indices that select the block from the averaged centres, along the averaged axis."
+    "The indices of the block's cells among the centres that are averaged from cell faces."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float
-    "Metres per second per unit of the file."
+    "The factor from the unit of the file to metres per second."
     flags: list[Flag]
-    "The variables that mark bad values."
 
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
 
-        **Returns:** the velocity in m/s; the mask of the cells that have at least one open face;
+        **Returns:** the velocity in m/s; the mask of the cells with water on at least one face;
         and the velocity as it would be if the file had no mask.
         """
         axes = self.axes
@@ -100,7 +99,7 @@ def component(
     grid: OceanGrid,
     places: Int[np.ndarray, " levels"] | None,
 ) -> Component:
-    """Build the reader of a velocity component on a block of cells."""
+    """Build the reader of the component `name` on the cells of `grid`, at the levels `places`."""
     factor = metres_per_second(file, name)
     dims, rho = (axes.y, axes.x), axes.rho
     cells = [grid.rows, grid.columns]
@@ -131,10 +130,7 @@ def component(
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
-    """Convert the unit of a velocity to metres per second.
-
-    Raises `ValueError` for unknown units.
-    """
+    """Return the factor from the unit of a velocity to m/s; raise `ValueError` if it is unknown."""
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
     if units.lower() not in _METRES_PER_SECOND:
         raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
@@ -144,7 +140,7 @@ def metres_per_second(file: OceanFile, name: str) -> float:
 def read_cells(
     file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
 ) -> Float[np.ndarray, "y x"]:
-    """Read a variable without levels at the centres of cells, at `record` if it depends on time."""
+    """Read a variable without levels at the cell centres, at `record` if it depends on time."""
     y, x = axes.rho
     block: dict[str, object] = {y: grid.rows, x: grid.columns}
     if axes.time in file.dataset[name].dims:

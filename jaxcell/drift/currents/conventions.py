@@ -30,12 +30,12 @@ class Convention:
     units: tuple[str, ...] = ()
     "Units that identify the variable, because no other role has them."
     along: Along = "dims"
-    """The directions of a velocity: East and North (`"earth"`), or x and y of the grid (`"grid"`).
-    For `"dims"` the dimensions decide: x and y on cell faces, East and North on longitudes and
-    latitudes. A velocity on cell faces that is recognised only from its name is along x and y."""
+    """The directions of a velocity: East and North (`"earth"`), x and y of the grid (`"grid"`), or
+    those of its dimensions (`"dims"`): x and y for cell faces, East and North for longitude and
+    latitude. A velocity on cell faces that is found only by its name is along x and y."""
     point: Literal["t", "u", "v", ""] = ""
-    """For a variable of NEMO, its points on the grid: the cell centres (`"t"`), or the eastern
-    (`"u"`) or northern (`"v"`) cell faces."""
+    """The points at which a variable of NEMO is given: cell centres (`"t"`), or eastern (`"u"`) or
+    northern (`"v"`) cell faces; empty for other models."""
     water: int = 1
     "The value of a mask that means water."
 
@@ -130,7 +130,7 @@ def table(role: Role) -> Iterator[Convention]:
 
 
 def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
-    """Find the variable with a role, first by name, then by standard name, then by unit."""
+    """Find the variable with a role in the names `among`: by name, standard name, or unit."""
     among = list(among)
     by_name = {name.lower(): name for name in reversed(among)}
     for row in table(role):

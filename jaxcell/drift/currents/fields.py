@@ -32,13 +32,12 @@ class Field:
     "The depth of each layer, in metres."
     u: Float[np.ndarray, "kept layers y x"]
     v: Float[np.ndarray, "kept layers y x"]
-    "The velocity in m/s at each record, or the mean; NaN without water."
+    "The components of the velocity in m/s, at each record or averaged; NaN without water."
     water: Bool[np.ndarray, "layers y x"]
     "The cells with a velocity at every record, read or interpolated in time."
     land: Bool[np.ndarray, "layers y x"]
-    "The squares of land or the sea bed; other squares without water are sea without data."
+    "True on land and the sea bed; squares that are neither land nor water are sea without data."
     notes: tuple[str, ...]
-    "Notes on how the velocity was read."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +53,7 @@ class FieldReader:
     coast: Land | None = None
     "The land for files without a mask; by default the land of Natural Earth."
     gaps: str = "open"
-    "The treatment of gaps, as for [`jaxcell.drift.open_currents`][]."
+    '`"open"`, or `"land"` if all squares without a velocity count as land.'
 
     @property
     def names(self) -> str:
@@ -63,7 +62,6 @@ class FieldReader:
 
     @functools.cached_property
     def components(self) -> list[Component]:
-        """The components of the velocity."""
         return self._components(self.layers.places)
 
     def _components(self, places: Int[np.ndarray, " levels"] | None) -> list[Component]:
@@ -72,7 +70,7 @@ class FieldReader:
 
     @functools.cached_property
     def mask(self) -> Mask | None:
-        """The mask of the centres, or `None` if the file has none."""
+        """The mask of the water at the cell centres, or `None` if the file has no mask."""
         rho, depth = self.velocity.u_axes.rho, self.velocity.u_axes.depth
         return read_mask(
             self.file, rho, self.grid.rows, self.grid.columns, self.layers.places, depth
@@ -100,7 +98,7 @@ class FieldReader:
     def read(self, mean: bool = False) -> Field:
         """Read the velocity at the cell centres, without rotating it to East and North.
 
-        The mean is accumulated record by record, so only one record is in memory.
+        With `mean`, the records are averaged one by one, so that only one of them is in memory.
         """
         layers, records = self.layers, len(self.records)
         shape = (1 if mean else records, len(layers.depth), *self.grid.lon.shape)
@@ -113,7 +111,7 @@ class FieldReader:
         u, v = np.zeros(shape), np.zeros(shape)
         count, dry = np.zeros(shape[1:], int), np.zeros(shape[1:], bool)
         moving = np.zeros((records, len(layers.depth)), bool)
-        is_water, moves, would_move = (np.zeros(shape[2:], bool) for _ in range(3))
+        is_water, moves, moves_unmasked = (np.zeros(shape[2:], bool) for _ in range(3))
         for k, record in enumerate(map(int, self.records)):
             (x, beside_x, free_x), (y, beside_y, free_y) = (c.at(record) for c in self.components)
             wet = beside_x | beside_y
@@ -123,7 +121,7 @@ class FieldReader:
             x, y = np.where(wet, x, np.nan), np.where(wet, y, np.nan)
             is_water |= wet.any(axis=0)
             moves |= _moves(x, y)
-            would_move |= _moves(free_x, free_y)
+            moves_unmasked |= _moves(free_x, free_y)
             x, y, deep = self._on_layers(x, y, record)
             present = np.isfinite(x) & np.isfinite(y)
             count += present
@@ -134,8 +132,8 @@ class FieldReader:
                 v[0, present] += y[present]
             else:
                 u[k], v[k] = x, y
-        if is_water.any() and would_move.any() and not moves.any():
-            raise self._exchanged(is_water, would_move)
+        if is_water.any() and moves_unmasked.any() and not moves.any():
+            raise self._exchanged(is_water, moves_unmasked)
         always = count == records
         gaps = (count >= LEAST_PRESENT * records - 1e-9) & ~dry & ~always
         if mean:
@@ -171,9 +169,10 @@ class FieldReader:
     def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
         """Mark land and the sea bed among the squares that are not water, with notes.
 
-        A square with a velocity at any record is sea. A square below such a square is the sea bed.
-        For all other squares the mask of the file decides. Without a mask the depth of the sea bed
-        decides, which is not positive on land. Without this depth a coastline decides.
+        Squares with a velocity at any record (`seen`) are sea. Squares below the bed (`deep`), or
+        below a square of sea, are sea bed. For all other squares the mask of the file decides.
+        Without a mask, the depth of the sea bed decides, which is not positive on land; and without
+        this depth a coastline.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -237,7 +236,7 @@ class FieldReader:
         return np.where(deep, np.nan, x), np.where(deep, np.nan, y), deep
 
     def _exchanged(
-        self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
+        self, is_water: Bool[np.ndarray, "y x"], moves_unmasked: Bool[np.ndarray, "y x"]
     ) -> ValueError:
         """Return the error for a mask in which land and water seem to be exchanged."""
         masks = [self.mask, *(component.mask for component in self.components)]
@@ -245,12 +244,12 @@ class FieldReader:
         return self.file.error(
             ", ".join(why),
             f"none of the {is_water.sum()} cells that are water by it has a current other than 0, "
-            f"but {(would_move & ~is_water).sum()} of the {(~is_water).sum()} that are land have; "
-            f"are land and water exchanged? ({'; '.join(dict.fromkeys(why.values()))})",
+            f"but {(moves_unmasked & ~is_water).sum()} of the {(~is_water).sum()} that are land "
+            f"have; are land and water exchanged? ({'; '.join(dict.fromkeys(why.values()))})",
         )
 
     def _check_reach(self, heights: _Levels, wanted: _Layers) -> None:
-        """Raise if a height is above or below all levels by more than the thickness of a layer."""
+        """Raise if a `wanted` height is beyond all levels by more than the thickness of a layer."""
         levels, grid = self.layers.s_levels, self.grid
         assert levels is not None
         for depth, height in zip(self.layers.depth, wanted, strict=True):
@@ -270,26 +269,25 @@ class FieldReader:
             )
 
     def _with_water(
-        self, water: _Mask, moving: Bool[np.ndarray, "records layers"]
+        self, water: _Mask, has_velocity: Bool[np.ndarray, "records layers"]
     ) -> Bool[np.ndarray, " layers"]:
         """Mark the layers that have water.
 
-        Raise for a layer without water if it was chosen, or if it has a velocity at some record,
-        which `moving` marks.
+        Raise for a layer without water if the caller chose it, or if it ever has a velocity.
         """
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
-            if self.layers.asked or not kept.any() or moving[:, k].any():
-                raise self._no_water(float(self.layers.depth[k]), moving[:, k])
+            if self.layers.asked or not kept.any() or has_velocity[:, k].any():
+                raise self._no_water(float(self.layers.depth[k]), has_velocity[:, k])
         return kept
 
-    def _no_water(self, depth: float, moving: Bool[np.ndarray, " records"]) -> ValueError:
+    def _no_water(self, depth: float, has_velocity: Bool[np.ndarray, " records"]) -> ValueError:
         """Return the error for a layer without water, with the cause."""
-        if moving.all():
-            why = f"no cell has a velocity at each of the {len(moving)} records; choose fewer"
+        if has_velocity.all():
+            why = f"no cell has a velocity at each of the {len(has_velocity)} records; choose fewer"
             return self.file.error("time", why)
-        if moving.any():
-            record = self.records[~moving][0]
+        if has_velocity.any():
+            record = self.records[~has_velocity][0]
             why = f"record {record} has no velocity anywhere; leave it out"
             return self.file.error("time", why)
         wet = np.isfinite(self.bed)

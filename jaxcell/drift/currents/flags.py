@@ -12,7 +12,7 @@ from .netcdf import OceanFile
 
 
 LEAST_PRESENT = 0.8
-"""The least share of records with a velocity for a cell to be water; gaps are interpolated."""
+"""The least share of the records at which a water cell has a velocity; gaps are interpolated."""
 
 _BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
 
@@ -28,7 +28,7 @@ class Flag:
     def at(
         self, file: OceanFile, block: dict[str, object], dims: tuple[str, str, str]
     ) -> Bool[np.ndarray, "#levels #y #x"]:
-        """Mark the bad values in a block of the velocity."""
+        """Mark the bad values in the `block` of indices, with dimensions in the order `dims`."""
         own = {dim: place for dim, place in block.items() if dim in file.dataset[self.name].dims}
         return np.isin(file.read(part(file, self.name, own), dims), list(self.bad))
 
@@ -72,7 +72,7 @@ def fill_gaps(
     times: Shaped[np.ndarray, " records"],
     cells: Bool[np.ndarray, "*cells"],
 ) -> None:
-    """Interpolate the missing values of the marked `cells` in time, in place.
+    """Interpolate the values of the marked `cells` that are not `present` in time, in place.
 
     A gap at the beginning or at the end gets the nearest known value of the cell.
     """

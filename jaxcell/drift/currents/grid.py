@@ -17,7 +17,7 @@ class OceanGrid:
 
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    "The numbers of the rows and columns of the block in the file."
+    "The indices of the rows and columns of the block in the file."
     lon: Float[np.ndarray, "y x"]
     "Longitude of each centre in degrees, from -180 to 180."
     lat: Float[np.ndarray, "y x"]
@@ -33,7 +33,7 @@ class OceanGrid:
     angle_from: str
     "The source of the angle, in words; empty on a grid of latitude and longitude."
     notes: tuple[str, ...] = ()
-    "Notes on changes of the grid."
+    "Changes that were made to the grid of the file, in words."
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:

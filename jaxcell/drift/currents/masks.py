@@ -34,7 +34,7 @@ def read_mask(
     places: Int[np.ndarray, " levels"] | None = None,
     depth: str | None = None,
 ) -> Mask | None:
-    """Read the mask of a file on some of its points, or return `None` if it has none.
+    """Read the mask of a file at `rows` and `columns`; return `None` if it has no mask.
 
     The mask is a variable with a name of ROMS, CROCO or NEMO, in which 1 is water; or else a
     variable whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
@@ -86,7 +86,7 @@ def _as_named(
 
 
 def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """Select a block of a variable, whose other dimensions must have length 1."""
+    """Select indices of a variable, by dimension; its other dimensions must have length 1."""
     array = file.dataset[name]
     others = {str(dim): 0 for dim in array.dims if dim not in block}
     for dim in others:

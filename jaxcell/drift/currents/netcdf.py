@@ -18,7 +18,7 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""The largest array to read: a larger array is usually a whole ocean that was chosen by mistake."""
+"""The largest size of an array to read; a larger one is usually a whole ocean, by mistake."""
 
 _MAX_READ = 10_000_000
 
@@ -39,9 +39,9 @@ class OceanFile:
     name: str
     "The path of the file, for messages."
     dataset: xr.Dataset
-    "The variables. Times are encoded; `read` unpacks values, and replaces fill values by NaN."
+    "The variables, with times as numbers or dates; `read` turns fill values into NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    "The paths of other files, by the names of the variables that come from them."
+    "The paths of other files, keyed by the names of the variables that come from them."
 
     def error(self, field: str, message: str) -> ValueError:
         """Return an error whose message is one line that begins with the file and the field."""
@@ -164,7 +164,6 @@ def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
 
 
 def error_line(error: Exception) -> str:
-    """Return the message of an exception in one line."""
     return one_line(str(error)) or type(error).__name__
 
 

@@ -74,9 +74,9 @@ def open_currents(
         counted from the beginning of the year of the first record, which `notes` mentions.
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
-        levels follow the sea bed, any depth is possible, by default 0. The velocity of the highest
-        level then extends up to the surface, and that of the lowest level down to the bed, but over
-        at most one layer if the file lacks levels.
+        levels follow the sea bed, any depth is possible, by default 0. Above the highest and below
+        the lowest level, the velocity is that of this level. If the file lacks levels, a depth
+        farther from its levels than the thickness of a layer is an error.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
@@ -162,7 +162,7 @@ def open_currents(
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
-    """Raise if a cell of water has no position, angle or sides."""
+    """Raise if a water cell has no position, angle or sides."""
     water = field.water.any(axis=0)
     for values, what in ((grid.lon, "longitude"), (grid.lat, "latitude"), (grid.angle, "angle")):
         bad = water & ~np.isfinite(values)
@@ -186,7 +186,7 @@ def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) 
 
 
 def _origin(velocity: Velocity, towards: str, grid: OceanGrid) -> str:
-    """Name the variables of a component, and the reason for their choice."""
+    """Describe the variables of the velocity `towards` East or North, and why they were chosen."""
     if velocity.along == "grid" and grid.angle_from:
         return f"{velocity.u} and {velocity.v} along the grid, turned ({velocity.why})"
     return f"{velocity.u if towards == 'East' else velocity.v} ({velocity.why})"

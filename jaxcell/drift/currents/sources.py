@@ -91,7 +91,7 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
-    """Find positions that differ between files, because their fields are on different points."""
+    """Find longitudes and latitudes that differ between files, as on the points of a C-grid."""
     known: dict[str, tuple[OceanFile, np.ndarray]] = {}
     clashing = set()
     for file in files:

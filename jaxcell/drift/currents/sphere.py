@@ -202,7 +202,7 @@ def curvilinear_sides(
 def on_sphere(
     lon: Float[np.ndarray, "*shape"], lat: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "3 *shape"]:
-    """Return the unit vectors from the centre of the Earth to places in degrees."""
+    """Return the unit vectors from the centre of the Earth to points in degrees."""
     east, north = np.radians(lon), np.radians(lat)
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
@@ -219,7 +219,7 @@ def turned(
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:
-    """Describe the place where a sequence changes its direction, or has no number."""
+    """Describe where `values` are not finite, or where their differences `steps` change sign."""
     if not np.isfinite(values).all():
         return f"no number at index {int((~np.isfinite(values)).argmax())}"
     k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0

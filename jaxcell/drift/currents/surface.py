@@ -27,7 +27,7 @@ def read_surface(
     records: Int[np.ndarray, " records"],
     water: Bool[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "axes records y x"], str]:
-    """Read the wind or the Stokes drift towards the East and North at some records.
+    """Read the wind or the Stokes drift towards the East and North, at `records`.
 
     **Returns:** the components in m/s, 0 outside `water`; and the names of the variables.
     """

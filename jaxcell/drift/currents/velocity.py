@@ -1,4 +1,4 @@
-"""The choice of the two variables of a file that are the current."""
+"""The choice of the two variables of a file that contain the current."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -30,10 +30,7 @@ class Velocity:
 
 
 class _Pair(NamedTuple):
-    """The names of u and v, their directions, and the reason for the choice in words.
-
-    The reason is `None` if their names are the only reason.
-    """
+    """The variables of [`Velocity`][]; `why` is `None` if they were found by their names only."""
 
     u: str
     v: str

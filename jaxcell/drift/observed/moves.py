@@ -33,7 +33,7 @@ class CountedMoves:
     end: Int[np.ndarray, "moves"]
     "The cell in which each move ends, -1 if it ends in no cell."
     drifter: Int[np.ndarray, "moves"]
-    "The drifter of each move."
+    "The number of the drifter that makes each move."
     lag: float | int
     "The duration of each move, in seconds."
 
@@ -63,7 +63,7 @@ class CountedMoves:
         return self._weighted(np.where(seen[self.begin], weight, 1.0))
 
     def _weighted(self, weight: Float[np.ndarray, "moves"]) -> Chain:
-        image, place = self._slots
+        image, place = self._images
         share = weight / np.bincount(self.begin, weight, self.water.cells)[self.begin]
         inside = self.end >= 0
         probability = np.bincount(place, share[inside], image.size).reshape(image.shape)
@@ -71,8 +71,8 @@ class CountedMoves:
         return Chain(image, probability / np.maximum(probability.sum(axis=0), 1))
 
     @functools.cached_property
-    def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of the chain; and, for each move that ends in a cell, the index of its image.
+    def _images(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
+        """The images of the chain; and, for each move into a cell, the index of its image in them.
 
         All resampled chains have the same images, so that programs are compiled only once.
         """
@@ -89,18 +89,18 @@ class CountedMoves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spread:
-    """A quantity with its sampling error from a bootstrap over drifters."""
+    """A quantity with its sampling error, estimated by a bootstrap over drifters."""
 
     value: np.ndarray
     "The quantity for all drifters."
     mean: np.ndarray
-    "The mean over resampled drifters."
+    "The mean over the bootstrap samples."
     error: np.ndarray
-    "The standard deviation over resampled drifters; NaN if a sample is not finite."
+    "The standard deviation over the bootstrap samples; NaN if one of them is not finite."
     low: np.ndarray
-    "The 5 % quantile over resampled drifters."
+    "The 5 % quantile over the bootstrap samples."
     high: np.ndarray
-    "The 95 % quantile over resampled drifters."
+    "The 95 % quantile over the bootstrap samples."
 
 
 def boxes(
@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the western and southern bounds of all observations, and the numbers of boxes."""
+    """Return the western and southern bounds of all observations, and how many boxes they span."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -184,9 +184,9 @@ def count_moves(
 ) -> CountedMoves:
     """Count the moves of drifters from cell to cell.
 
-    Every observation begins a move. The move ends at the observation of the same drifter whose time
-    is nearest to one lag later. It counts if that time differs by at most a twentieth of the lag,
-    and if the drifter was observed for the whole lag.
+    Every observation begins a move, which ends a `lag` later, at the nearest observation of the
+    same drifter. The move counts if this observation is early or late by at most a twentieth of the
+    lag, and if the drifter was observed for the whole lag.
 
     **Arguments:**
 
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell whose centre is nearest to each place; -1 if it is beyond `Water.reach`."""
+    """Find the cell whose centre is nearest to each point; -1 if it is beyond `Water.reach`."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)

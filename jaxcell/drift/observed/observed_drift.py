@@ -28,7 +28,7 @@ _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Build a quantity from a field of [`Spread`][], for the estimates about the whole map."""
+    """Build a quantity from the estimates of the whole map in the field `name` of [`Spread`][]."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -36,7 +36,7 @@ def _of_all(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """The long-term behaviour of observed drifters, from the chain of their moves, with errors.
+    """The long-term behaviour of observed drifters, from the chain of their moves.
 
     A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
 
@@ -64,11 +64,11 @@ class ObservedDrift(SeaLayers):
     counted: CountedMoves
     "The moves between cells."
     spread: Spread
-    "The estimates, with errors from resampled drifters."
+    "The estimates from the chain, with sampling errors from a bootstrap over drifters."
     nearly_closed_sets: ClosedSets | None = None
-    "Sets of cells that drifters hardly leave."
+    "Sets of cells that few drifters leave."
     after: float | int | None = None
-    "The time at which drifters are counted in cells, in seconds; `None` for the long run."
+    "The time for which `distribution` is estimated, in seconds; `None` for the long run."
 
     @classmethod
     def of(
@@ -87,8 +87,8 @@ class ObservedDrift(SeaLayers):
         **Arguments:**
 
         - `seen`, `moves`: the trajectories, and their moves from [`jaxcell.drift.count_moves`][].
-        - `after`: the time at which drifters are counted in cells, in seconds; by default the
-            long run.
+        - `after`: the time for which the distribution of drifters that are released uniformly is
+            estimated, in seconds; by default the long run.
         - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
         - `say`: a function that is called with the name of each stage of the computation.
@@ -172,7 +172,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the estimates from a chain: first about the whole map, then three per cell."""
+    """Compute the estimates from a chain: those of the whole map, of sets, and three per cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600

@@ -51,7 +51,7 @@ class Trajectories:
     drifter: Int[np.ndarray, "observations"]
     "The number of the drifter of each observation, from 0, ascending."
     source: str = "trajectories"
-    "The name of the source."
+    "The name of the file or dataset."
     since: str = ""
     "The date from which seconds are counted, such as `2020-01-01`; empty if unknown."
     drogued: Bool[np.ndarray, "observations"] | None = None
@@ -172,7 +172,7 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories of the Global Drifter Program, OpenDrift or Parcels, or in CF files.
+    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or any CF files.
 
     A file has a matrix of drifters by observations, with common or separate times; or the
     concatenated observations of the drifters, with the number of observations per drifter (a ragged

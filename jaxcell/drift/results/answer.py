@@ -1,4 +1,4 @@
-"""The first lines of an answer: the ends of drifters, their times, and the accuracy of the map."""
+"""A summary of results in words: where drifters end, when, and how accurate the map is."""
 
 from typing import TYPE_CHECKING
 
@@ -21,14 +21,14 @@ _NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Compose the first lines of the answer, which are about drifters in the first layer."""
+    """Summarize the results of the first layer in a few lines."""
     lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_groups(drift), _reach(drift), _diffusion(drift)]
     return tuple(line for line in lines if line is not None)
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Explain which current is assumed after the records; `None` if they last long enough."""
+    """Explain which current is assumed after the last record; `None` if none is needed."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -45,7 +45,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Describe the shares in nearly closed sets and off the map at the time of interest."""
+    """Describe the shares of drifters in nearly closed sets and off the map at `asked_hours`."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
@@ -69,10 +69,7 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Describe the shares that had left the map at the times of comparison.
-
-    The shares are from simulated drifters, and from the drift map after its first step.
-    """
+    """Describe the shares of drifters that left the map, in simulation and according to the map."""
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
         f"{1 - of.replay.share(hour, cells).sum():.0%} after {in_time(hour)}"
@@ -104,7 +101,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Describe the number of groups and the time to reach them, for this and other steps."""
+    """Describe the number of groups and the time to reach them, for several steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"
@@ -124,7 +121,7 @@ def _groups(drift: "SeaDrift") -> str:
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Describe the shares of the cells that 1, 2, 5, ... drifters may visit, if they are known."""
+    """Describe the shares of the cells that 1, 2, 5, ... drifters may visit; `None` if unknown."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size
@@ -137,7 +134,7 @@ def _reach(drift: "SeaDrift") -> str | None:
 
 
 def _diffusion(drift: "SeaDrift") -> str | None:
-    """Compare the requested diffusivity with the diffusivity of the grid."""
+    """Compare the requested diffusivity with the diffusivity that the grid adds."""
     wanted, grid = drift.diffusivity, drift.grid_diffusivity
     if wanted is None:
         return None

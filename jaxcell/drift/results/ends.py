@@ -1,4 +1,4 @@
-"""The ends of drifters, which are groups or exits, and the times until drifters reach them."""
+"""The *ends* of drifters: persistent groups or exits of the map, with probabilities and times."""
 
 import dataclasses
 import functools
@@ -23,19 +23,19 @@ from ..water import Water
 
 
 ALMOST_FOREVER = 10_000
-"""The expected number of steps to the end above which the time counts as almost forever."""
+"""The expected number of steps to a group or exit that counts as almost forever."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
-"""The number of cells at all phases above which a solve takes seconds; and, for such maps, the
-largest product of cells and ends (groups or exits) for which all probabilities are computed."""
+"""Above `LARGE` cells at all phases a linear solve takes seconds. Probabilities of such maps are
+computed only if cells times ends (groups or exits) are at most `LARGEST_SOLVE`."""
 
 _probability = functools.partial(derived, kind="share", padding="NaN: not known")
 _time = functools.partial(derived, units="h", kind="time")
 
 
 class Ends(Result):
-    """Totals over one or more layers: groups, transient cells, and times to the end."""
+    """Totals over one or more layers: groups, transient cells, and absorption times."""
 
     @property
     def _layers(self) -> "tuple[LayerEnds, ...]":
@@ -43,7 +43,7 @@ class Ends(Result):
 
     @functools.cached_property
     def transient_hours(self) -> Float[np.ndarray, "transient"]:
-        """The absorption times of the transient cells."""
+        """The absorption times of the transient cells, in hours."""
         return np.concatenate(
             [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
         )
@@ -128,7 +128,7 @@ class Ends(Result):
 
     @property
     def _knows_exits(self) -> bool:
-        """True if leaving is known for each exit, because the current is known."""
+        """True if the probability of leaving is known for each exit, not only for all together."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
@@ -136,7 +136,7 @@ class Ends(Result):
         return None if by_way is None else float(by_way[ways].sum())
 
     def _mean(self, of_layers: npt.ArrayLike) -> Any:
-        """Average numbers of the layers, weighted by the numbers of their cells."""
+        """Average a number per layer, weighted by the number of its cells."""
         return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 
@@ -186,7 +186,7 @@ class LayerEnds(Ends):
     def exits(self) -> Float[np.ndarray, "exits states"]:
         """The probability of leaving the map in a step through each exit.
 
-        If the current is unknown, as for observed drifters, all exits count as one.
+        If the current is unknown, as for observed drifters, all exits together have one row.
         """
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
@@ -199,10 +199,10 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving_by_way(self) -> Float[np.ndarray, "exits cells"]:
-        """The probability of finally leaving the map through each exit, from each cell.
+        """The probability of leaving the map in the end through each exit, from each cell.
 
-        On large maps with several exits it is NaN unless it is surely 0, because each exit takes a
-        solve of seconds.
+        On large maps with several exits it is NaN unless it is certainly 0, because the linear
+        solves would take too long.
         """
         if self._solvable(self._possible_exits):
             return self._leaving_by(self.exits)
@@ -213,23 +213,23 @@ class LayerEnds(Ends):
     def _possible_exits(self) -> int:
         return int(np.count_nonzero(self.exits.any(axis=1)))
 
-    def _solvable(self, ends: int) -> bool:
-        """Return whether the probabilities of `ends` ends can be computed within seconds."""
+    def _solvable(self, count: int) -> bool:
+        """Return whether the probabilities of `count` ends can be computed within seconds."""
         states = self.behaviour.unrolled.cells
-        return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
+        return count <= 1 or states <= LARGE or count * states <= LARGEST_SOLVE
 
     def _leaving_by(
-        self, exits: Float[np.ndarray, "exits states"]
+        self, in_a_step: Float[np.ndarray, "exits states"]
     ) -> Float[np.ndarray, "exits cells"]:
-        """Compute the probability of leaving through each exit; NaN if it is inaccurate."""
+        """Compute probabilities of leaving in the end from those `in_a_step`; NaN if inaccurate."""
         behaviour, cells = self.behaviour, self.water.cells
-        possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
+        possible, sure = np.any(in_a_step, axis=1), self.begins.sure_to_leave
         # No solve is needed if from each cell no drifter (0) or every drifter (1) leaves.
         if possible.sum() <= 1 and not np.isnan(sure).any():
             return np.where(possible[:, None], sure, 0.0)
         # All persistent groups are one end, and each way out is another.
-        matrix, count = behaviour.unrolled.to_scipy(), len(exits)
-        out = scipy.sparse.csr_array(exits.T)
+        matrix, count = behaviour.unrolled.to_scipy(), len(in_a_step)
+        out = scipy.sparse.csr_array(in_a_step.T)
         stay = scipy.sparse.eye_array(count)
         chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
         group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
@@ -257,7 +257,7 @@ class LayerEnds(Ends):
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:
-        """The mask of cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
+        """The mask of the cells whose absorption time exceeds `ALMOST_FOREVER` steps."""
         return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOREVER)
 
     depth = from_part("water.depth", "", "depth", "m")
@@ -281,7 +281,7 @@ class LayerEnds(Ends):
 
     @property
     def _first(self) -> tuple[Int[np.ndarray, "groups"], Int[np.ndarray, "groups"]]:
-        """The row and column of the smallest cell of each persistent group."""
+        """The row and column of the first cell of each persistent group."""
         persistent = np.flatnonzero(~self.transient)
         _, first = np.unique(self.group[persistent], return_index=True)
         return self.water.row[persistent[first]], self.water.column[persistent[first]]
@@ -305,7 +305,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def _hours_of_parts(self) -> list[Float[np.ndarray, "cells"]]:
-        """The absorption times of the cells of each transient group."""
+        """The absorption times of the cells of each transient group, in hours."""
         part = np.asarray(self.begins.transient.group)[self.transient]
         order, counts = np.argsort(part, kind="stable"), self.transients_cells
         return np.split(self.transient_hours[order], np.cumsum(counts)[:-1]) if counts.size else []
@@ -320,9 +320,9 @@ class LayerEnds(Ends):
         )
 
     def checks(self) -> Checks:
-        """Return checks of the relations between the chain, its groups, and the ends of drifters.
+        """Return checks that groups, probabilities and absorption times agree with the chain.
 
-        The residual of times has no limit, because no solve is accurate if cells almost trap
+        The residual of the times has no limit, because no solve is accurate if cells almost trap
         drifters.
         """
         P = self.behaviour.chain.to_scipy()

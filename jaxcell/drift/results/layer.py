@@ -111,13 +111,12 @@ class Layer(LayerEnds, Compared):
     """The flow from which the map is computed: `flow` if it is periodic, otherwise the mean of its
     records."""
     step: DriftStep
-    "The step of the map."
     diagnosis: Diagnosis
     "Signs that the grid, rather than the flow, determines the groups."
     measured: Distance | None = None
     "The distance between the map and simulated drifters; `None` to compute it when needed."
     asked: float | int | None = None
-    "The time of interest, in hours; by default the median time to the end."
+    "The time of interest, in hours; by default the median absorption time, in whole days."
 
     @classmethod
     def of(
@@ -162,9 +161,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
-        """The total variation between map and simulation for drifters of each cell, and its noise.
-
-        It is `None` for large maps."""
+        """The results of [`jaxcell.drift.distances_by_cell`][]; `None` for large maps."""
         if self._large:
             return None
         chain, duration = self.behaviour.chain, self.behaviour.duration

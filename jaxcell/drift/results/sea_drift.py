@@ -81,9 +81,9 @@ class SeaDrift(SeaCurrents):
     start: int | None = None
     "The cell of the surface where a drifter is dropped, or `None`."
     reach: float | None = None
-    "The range of cameras that look at the sea bed, in metres."
+    "The radius of the disc of the sea bed that a camera sees, in metres."
     seconds: float | int | None = None
-    "The time limit of the search for the fewest views, in seconds; `None` for greedy views."
+    "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` if greedy."
     voyage: SeaVoyage | None = None
     "The voyage to a goal with the discounted policy."
     surest: SeaVoyage | None = None
@@ -93,13 +93,13 @@ class SeaDrift(SeaCurrents):
     beaching: Stranded | None = None
     "The stranding of drifters at the surface."
     nearly_closed_sets: ClosedSets | None = None
-    "Sets of cells that drifters hardly leave."
+    "Sets of cells that few drifters leave."
     sets_listed: bool = True
     "True if a terminal shows a table of the nearly closed sets."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
-    "The time of interest, in hours; `None` for the median time to the end, up to 30 days."
+    "The time of interest, in hours; `None` for the default of [`jaxcell.drift.asked_hours`][]."
     backward: bool = False
     "True if drifters go backward in time."
     notices: tuple[str, ...] = ()
@@ -147,9 +147,8 @@ class SeaDrift(SeaCurrents):
             fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
             for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
-        - `reach`: the range of cameras that look at the sea bed, in metres.
-        - `seconds`: the time limit of the search for the fewest views; by default the search is
-            greedy.
+        - `reach`: the radius of the disc of the sea bed that a camera sees, in metres.
+        - `seconds`: the time limit of [`jaxcell.drift.visible_deployment`][], in seconds.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
@@ -174,10 +173,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration.
-
-            Returns the step, and its maps and distances if they were computed.
-            """
+            """Return the step with its duration, and its maps and distances if they are known."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -215,7 +211,7 @@ class SeaDrift(SeaCurrents):
         return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
-        """Add voyages to a goal, with a discount factor per step."""
+        """Add two voyages to a goal: with a discount factor per step, and by the surest policy."""
 
         def on_sea(policy: Voyage) -> SeaVoyage:
             place = self.place(int(np.flatnonzero(policy.goal)[0]))
@@ -309,14 +305,14 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
-        """The number of cells that drifters may visit; `None` for more than 20,000 cells."""
+        """The numbers of cells that 1, 2, ... drifters may visit; `None` above 20,000 cells."""
         surface = self.layers[0]
         small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
         return coverage_curve(surface.behaviour.chain) if small else None
 
     @functools.cached_property
     def views(self) -> VisibleDeployment | None:
-        """The cells in which to drop drifters that look at the sea bed; `None` without a reach."""
+        """The cells in which to drop drifters with cameras; `None` if there is no `reach`."""
         surface = self.layers[0]
         if self.reach is None:
             return None

@@ -21,7 +21,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Build two quantities: the longitude and latitude of each cell in another quantity."""
+    """Build two quantities: the longitude and latitude of each cell in the quantity `cells`."""
 
     def along(axis: int) -> Callable[[Any], Any]:
         def value(drift: Any) -> Any:
@@ -42,7 +42,7 @@ class SeaLayers(Ends):
     picture: ClassVar[str] = "basin"
 
     layers: tuple[LayerEnds, ...]
-    "The layers, the surface first; all have the same duration of a step."
+    "The layers, the surface first, all with steps of the same duration."
 
     def __post_init__(self) -> None:
         durations = {layer.behaviour.duration for layer in self.layers}
@@ -96,7 +96,7 @@ class SeaLayers(Ends):
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """For each layer, the rank of each group; matching groups of two layers share a rank."""
+        """For each layer, the number of each group on maps; matching groups share a number."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )
@@ -187,7 +187,7 @@ class SeaLayers(Ends):
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """For each transient group of all layers, its possible ends; -1 stands for off the map."""
+        """For each transient group, the groups where its drifters may end; -1 for off the map."""
         return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")

@@ -137,7 +137,7 @@ def agreement(
     **Arguments:**
 
     - `water`: the cells.
-    - `label`: the group of each cell, of any kind, such as `LongTermBehaviour.basin`.
+    - `label`: the number of the group of each cell, such as `LongTermBehaviour.basin`.
     - `ridge`: the cells on ridges.
     - `within`: the largest distance, in rows and columns, at which a ridge is near.
 

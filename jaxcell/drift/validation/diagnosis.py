@@ -33,7 +33,7 @@ class Diagnosis:
     whole_pieces: int
     "Number of persistent groups that fill a whole connected piece of water."
     locked: int
-    "Number of the other persistent groups that are a single cell from which water flows away."
+    "Number of persistent groups of a single cell, not a whole piece, that water flows out of."
     ashore: int
     "Number of persistent groups that are a single cell from which water flows onto land only."
     groups: int
@@ -131,7 +131,7 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 def group_counts(water: Water, flow: Flow, steps: Sequence[DriftStep]) -> Int[np.ndarray, "steps"]:
     """Count the persistent groups for several steps.
 
-    The groups follow from the possible moves, not from their probabilities; so all values of `rho`
+    The groups follow from the possible moves, not from their probabilities, so all values of `rho`
     between 0 and 1 give the same groups.
 
     **Arguments:**

@@ -1,4 +1,4 @@
-"""The distance between a drift map and simulated drifters in the current itself."""
+"""The distance between a drift map and drifters that are simulated without cells."""
 
 import dataclasses
 import functools
@@ -38,16 +38,14 @@ _PARTS = 6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distance:
-    """The total variation between the cells of drifters by a map, and by simulation.
-
-    Simulated drifters begin at points that are uniform in each cell."""
+    """The total variation between the distributions of drifters by a map and by simulation."""
 
     hours: Float[np.ndarray, "times"]
     "The times of the comparison, in hours."
     total_variation: Float[np.ndarray, "times"]
     "The share of the drifters for which the map predicts a wrong cell, from 0 to 1."
     noise: Float[np.ndarray, "times"]
-    "The total variation to expect with this number of drifters if the map were exact."
+    "The total variation that this number of drifters would give even if the map were exact."
     drifters_left: Float[np.ndarray, "times"]
     "The share of the simulated drifters that left the grid."
     map_left: Float[np.ndarray, "times"]
@@ -78,18 +76,18 @@ def distances(
     sampling: Sampling | None = None,
     hours: Sequence[float | int] = HOURS,
 ) -> tuple[Distance, ...]:
-    """Compare maps with drifters in the flow itself, as it changes with time.
+    """Compare maps with drifters that are simulated without cells, in the flow as it changes.
 
     Drifters begin on an even grid of points in every cell. They move with the Runge-Kutta method,
     plus a random walk with the diffusivity of the flow: see [`Replay.of`][jaxcell.drift.Replay.of].
 
     **Arguments:**
 
-    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
+    - `water`, `flow`: the cells, and the flow of the same layer at all records.
     - `maps`: chains over the cells, or sequences of chains, each with its seconds per step.
     - `sampling`: the points at which drifters begin; by default `Sampling()`.
     - `hours`: the times of the comparison, each rounded to whole steps of the map, at least one.
-        `Distance.replay` also has the cells of drifters at the times before rounding.
+        `Distance.replay` also has the cells of drifters at the exact times.
 
     **Returns:** the [`Distance`][] of each map.
 
@@ -130,10 +128,10 @@ def distances(
 def distances_by_cell(
     water: Water, chain: Chain | ChainSequence, seconds: float | int, distance: Distance
 ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
-    """Compute the distance for the drifters of each cell, at the last time of a comparison.
+    """Compute the distance for the drifters from each cell, at the last of `distance.hours`.
 
-    Few drifters begin in each cell, so the shares are compared over about 36 blocks of the grid
-    instead of cells.
+    Few drifters begin in each cell, so the map and the drifters are compared in about 36 blocks of
+    the grid instead of in every cell.
 
     **Arguments:**
 
@@ -177,7 +175,7 @@ def distances_by_cell(
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values after some steps, for a start in each cell at phase 0."""
+    """Compute the mean of `values` after some steps, for drifters from each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):
@@ -248,13 +246,13 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
-    """Return the median of some hours, rounded up to whole days from 1 to 30, in hours."""
+    """Return the median of `hours` in hours, rounded up to whole days from 1 to 30."""
     median = float(np.median(hours)) if hours.size else 0.0
     return 24.0 * min(max(1, math.ceil(median / 24 - 1e-6)), round(_MONTH / 24))
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return 6 and 24 hours, if they are earlier than the time of interest, and that time."""
+    """Return the hours of the comparison: 6 and 24 if they are before `asked`, and `asked`."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 
@@ -305,6 +303,6 @@ def nearest_maps(
 
 
 def longest_duration(water: Water, flow: Flow) -> float:
-    """Return the longest duration in seconds for which diffusion spreads over at most 2 cells."""
+    """Return the longest step in seconds in which diffusion spreads drifters by at most 2 cells."""
     in_a_second = float(diffused_cells(water, flow, 1.0).max())
     return (_MAX_DIFFUSED / in_a_second) ** 2 if in_a_second else math.inf

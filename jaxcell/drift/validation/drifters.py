@@ -47,7 +47,7 @@ def simulate_drifters(
     start: float | int = 0.0,
     substeps: int = 8,
 ) -> Drifters:
-    """Simulate drifters in the flow itself, to check the map between cells.
+    """Simulate drifters in the flow without cells, to check a drift map.
 
     Drifters move with the Runge-Kutta method, and do not return after they have left the map.
 

@@ -15,12 +15,11 @@ from ...mapping.sequence import as_sequence
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MarkovTest(Result):
-    """The share of drifters of each set that are in it later, from a map and from simulation.
+    """The share of the drifters from each set that are in it later, by a map and by simulation.
 
     If the drifters are a Markov chain, the `n`-th power of the map predicts the shares after `n`
-    steps (Prinz et al. 2011). Each case is a set and a time. According to the map, half of the
-    drifters of set 0 are still in it after a step. Of four simulated drifters, only one is still in
-    it:
+    steps (Prinz et al. 2011). A *case* is a set and a time. According to the map, half of the
+    drifters of set 0 are still in it after a step; of four simulated drifters, only one is:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping

@@ -20,11 +20,11 @@ class Sampling:
     drifters: int = 1_000_000
     "The largest number of drifters."
     least: int = 3
-    "The least number of points along each side of a cell; if needed, only some cells are sampled."
+    "The least number of points per side of a cell; on large maps only some cells are sampled."
     most: int = 6
-    "The largest number of points along each side of a cell; doubled if drifters diffuse."
+    "The largest number of points per side of a cell; doubled if drifters diffuse."
     part: int = 64
-    "The side, in cells, of the square blocks of the grid that are sampled as a whole."
+    "The side, in cells, of square blocks of the grid: all or none of their cells are sampled."
     moves: int = 100_000_000
     "The largest number of Runge-Kutta steps of all drifters together."
 
@@ -35,7 +35,7 @@ SAMPLING = Sampling()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """The cells of drifters that were simulated in the flow itself, at some times."""
+    """Drifters that were simulated in the flow, with their cells at chosen times."""
 
     hours: Float[np.ndarray, "times"]
     "The times in hours, ascending."
@@ -57,12 +57,12 @@ class Replay:
         """Simulate drifters with the Runge-Kutta method, plus a random walk with the diffusivity.
 
         By default 9 to 36 drifters begin in each cell, or up to 144 if they diffuse. If there are
-        too many cells, only the cells in some square parts of the grid are sampled.
+        too many cells, drifters begin only in some square blocks of the grid.
 
         **Arguments:**
 
-        - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
-        - `hours`: the times in hours.
+        - `water`, `flow`: the cells, and the flow of the same layer at all records.
+        - `hours`: the times at which the cells of drifters are wanted, in hours.
         - `sampling`: the points at which drifters begin.
         """
         times = np.unique(np.asarray(hours, float)) * 3600
@@ -70,7 +70,7 @@ class Replay:
         between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
         longest = min(crossing_time(water, flow) / 2, between)
         most = min(sampling.drifters, int(sampling.moves / max(1.0, times[-1] / longest)))
-        cells = np.flatnonzero(_begin(water, dataclasses.replace(sampling, drifters=most)))
+        cells = np.flatnonzero(_sampled(water, dataclasses.replace(sampling, drifters=most)))
         densest = 2 * sampling.most if flow.diffusivity else sampling.most
         points = min(densest, max(sampling.least, math.isqrt(most // cells.size)))
         places = (np.arange(points) + 0.5) / points - 0.5
@@ -88,13 +88,13 @@ class Replay:
         return cls(times / 3600, origin, np.stack(cell).astype(np.int32), half)
 
     def at(self, hours: float) -> Int[np.ndarray, "drifters"]:
-        """Return the cells of the drifters at one of the times."""
+        """Return the cells of the drifters at the time that is nearest to `hours`."""
         return self.cell[int(np.abs(self.hours - hours).argmin())]
 
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters in each cell at a time; `among` selects drifters."""
+        """Compute the share of the drifters (those in the mask `among`) in each cell at a time."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 
@@ -103,8 +103,7 @@ class Replay:
         return np.bincount(self.origin, minlength=cells) / self.origin.size
 
 
-def _begin(water: Water, sampling: Sampling) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells in which drifters begin."""
+def _sampled(water: Water, sampling: Sampling) -> Bool[np.ndarray, "cells"]:
     every = max(1, -(-water.cells * sampling.least**2 // max(1, sampling.drifters)))
     # Of the square parts along every row and column, one in `every` is chosen.
     part = water.row // sampling.part + water.column // sampling.part

@@ -1,4 +1,4 @@
-"""The depths of the levels of a file, and the choice of layers."""
+"""The depths of the velocities in a file, and the choice of layers."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,13 +20,12 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The levels that follow the sea bed, if depths are interpolated between such levels; or `None`."
+    "The terrain-following levels between which depths are interpolated; `None` if there are none."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the highest level if `places` does not contain it; or `None`."
+    "The index of the highest level if it is not in `places`, to tell the sea bed from land."
     note: str = ""
-    "A note for the user on the source of the depths; may be empty."
 
 
 def choose_layers(
@@ -68,7 +67,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """Find the depth of a velocity without a dimension of depth, and describe its source."""
+    """Return the depth of a velocity without a dimension of depth, and its source in words."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue

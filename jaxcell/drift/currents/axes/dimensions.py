@@ -1,4 +1,4 @@
-"""The axes of a velocity: its dimensions of time, depth, y and x, and its positions."""
+"""The axes of a velocity: its dimensions, and the variables with longitudes and latitudes."""
 
 import dataclasses
 from collections.abc import Hashable, Iterable
@@ -17,12 +17,12 @@ _AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
 
 @dataclasses.dataclass(frozen=True)
 class Axes:
-    """The dimensions of a velocity."""
+    """The names of the dimensions of a velocity, and of the variables with its positions."""
 
     time: str | None
     depth: str | None
     y: str
-    "The dimension along y: the cell centres, or the cell faces if `staggered`."
+    "The dimension along y. It counts cell centres, or cell faces if the velocity is `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -49,7 +49,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity from their names and attributes."""
+    """Find the dimensions of the velocity `name` from their names and attributes."""
     _check_structured(file, name)
     dims: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
@@ -81,7 +81,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the axis of a dimension from its name or from the attributes of its coordinate."""
+    """Find the axis of a dimension, such as depth, from its name or its coordinate's attributes."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:

@@ -32,17 +32,13 @@ _MAX_SECONDS = 9.2e9
 
 @dataclasses.dataclass(frozen=True)
 class RecordTimes:
-    """The times of the records of a file."""
-
     values: Shaped[np.ndarray, " records"]
     "The time of each record, as datetime64."
     start: cftime.datetime | None = None
-    """The beginning of the year of the first record, from which days are counted in a non-standard
-    calendar; `None` in the standard calendar."""
+    "January 1 of the year of the first record: the epoch of a non-standard calendar, or `None`."
     dated: bool = True
-    "True if the times have a date; otherwise they are counted from 1970-01-01."
+    "False if the file gives no date, so that times are counted from 1970-01-01."
     note: str = ""
-    "A note on how the times were read; may be empty."
 
 
 def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
@@ -57,7 +53,7 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
         return RecordTimes(np.zeros(1, "datetime64[ns]"), None, False, note)
     if 0 in file.dataset[name].shape:
         raise file.error(name, "expected a record or more, got none")
-    records = _counted(file, name)
+    records = _decoded(file, name)
     times = records.values
     if (odd := np.isnat(times)).any():
         raise file.error(
@@ -73,7 +69,7 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    """Read the times of a variable as datetime64, or as cftime dates of another calendar.
+    """Read the times of a variable as datetime64, or as cftime if the calendar is not standard.
 
     Times without a date are returned in seconds.
     """
@@ -95,8 +91,7 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     return seconds
 
 
-def _counted(file: OceanFile, name: str) -> RecordTimes:
-    """Read the times of a variable as datetime64, with a note on how they were read."""
+def _decoded(file: OceanFile, name: str) -> RecordTimes:
     times = read_times(file, name)
     if times.dtype.kind == "M":
         return RecordTimes(_in_nanoseconds(times))
@@ -118,7 +113,7 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of another calendar to datetime64: `start` plus the days since `start`."""
+    """Convert a date of a non-standard calendar: `start` plus the days since `start`."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
@@ -133,9 +128,9 @@ def _in_nanoseconds(dates: Any) -> Any:
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
     """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
-    A moment selects the nearest record, within half the median time between records. Of two equally
-    near records, the later record is selected, so a date selects its daily mean, which is dated at
-    noon.
+    A date or time selects the nearest record, which must be within half the median time between
+    records. If two records are equally near, the later one is selected, so that a date selects its
+    daily mean, which is dated at noon.
     """
     records = np.arange(len(times.values))
     if when is None:

@@ -40,7 +40,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     names = {x: "x_rho", y: "y_rho", x_side: "x_u", y_side: "y_v"}
 
     def placed(array: xr.DataArray) -> xr.Variable:
-        """Order the cell faces of a variable so that each face follows its centre."""
+        """Rename the dimensions of a variable, and order cell faces to follow their centres."""
         for side, centre in ((x_side, x), (y_side, y)):
             if side in array.dims:
                 count = dataset.sizes[centre]

@@ -47,7 +47,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         across = dict(zip((kinds["y"], kinds["x"]), _DIMS[point], strict=True))
         for dim in array.dims:
             if dim not in across and dim not in (kinds.get("time"), depth):
-                array = _levelled(file, array, str(dim), depth)
+                array = _at_levels(file, array, str(dim), depth)
         placed[name] = array.rename(across)
     flat = [name for name, v in dataset.variables.items() if not {y, x} & set(v.dims)]
     return dataclasses.replace(file, dataset=dataset[flat].assign(placed))
@@ -77,8 +77,11 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
     return bool(sides < centres)
 
 
-def _levelled(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """Reduce a variable of the mesh to the levels of the velocity, or to the highest level."""
+def _at_levels(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
+    """Select the levels of the velocity (`depth`) from a variable of the mesh with levels `dim`.
+
+    If the velocity has no levels, the highest level is selected.
+    """
     if depth is None:
         return array.isel({dim: 0}, drop=True)
     if array.sizes[dim] == file.dataset.sizes[depth]:

@@ -1,4 +1,4 @@
-"""ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
+"""ROMS and CROCO: staggered velocities, and terrain-following levels.
 
 `u` is on the western and eastern faces of a cell and `v` on the southern and northern faces, along
 the axes of the grid, which may be rotated relative to East and North. The levels are at fixed
@@ -38,7 +38,7 @@ def to_centres(
 
 @dataclasses.dataclass(frozen=True)
 class SLevels:
-    """Levels that follow the sea bed and the surface, from the lowest to the highest."""
+    """Terrain-following levels, also called s-levels, from the lowest to the highest."""
 
     s: Float[np.ndarray, " levels"]
     "The coordinate of each level, from -1 (sea bed) to 0 (surface)."
@@ -49,14 +49,14 @@ class SLevels:
     transform: int
     "The number of the formula for the heights of levels (Vtransform), 1 or 2."
     places: Int[np.ndarray, " levels"]
-    "The number of each level in the file."
+    "The index of each level in the file."
 
     def heights(self, depth: _Cells, surface: _Cells) -> _Levels:
         """Compute the height of each level over the mean sea surface in metres.
 
-        The height is NaN if the formula divides by 0, as on land that is as high as
-        `critical_depth`. `depth` is the depth of the sea bed under the mean surface, positive, and
-        `surface` the height of the surface (zeta).
+        `depth` is the depth of the sea bed under the mean surface, positive, and `surface` the
+        height of the surface (zeta). On land the height may be NaN, because the formula divides by
+        0.
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
         with np.errstate(all="ignore"):  # on land the depth is arbitrary
@@ -72,8 +72,8 @@ class SLevels:
     def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
         """Compute how far heights are above the highest level or below the lowest level.
 
-        Levels are the middles of layers, so the levels of a complete file cover all heights from
-        the sea bed to the surface.
+        A level is the middle of a layer of water, so a height in the layer of the highest or lowest
+        level of a complete file is not beyond the levels.
 
         **Returns:** the distance in metres, 0 or less for a height between the levels; and the
         thickness of the nearest layer, 0 if there is only one level.
@@ -91,7 +91,7 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read the levels of a file, and describe the source of Vtransform, which is never guessed.
+    """Read the levels of a file, and return them with the source of Vtransform in words.
 
     Parameters may be variables or global attributes.
     """
