@@ -47,8 +47,7 @@ class AngleGroups:
     wall: Int[np.ndarray, "slots"]
     "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    """For each slot (a wall of a leading direction), the slot that represents the group that it
-    reaches."""
+    "For each slot, the slot that represents the group which the wall reaches."
     lead: Int32[np.ndarray, "slots"]
     "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
@@ -129,7 +128,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Build the first-return map from bump to bump for a list of walls, padded to `slots` rows."""
+    """Build the first-return map of the walls of [`Runs.of_directions`][], padded to `slots`."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

@@ -1,5 +1,3 @@
-"""Compute the ends of steps from all squares of a map, for one class of directions at a time."""
-
 import dataclasses
 import math
 from collections.abc import Callable
@@ -94,7 +92,7 @@ class Steps:
     ) -> Bool[np.ndarray, "grids rows columns"]:
         """Find the free squares in which no step of the class `way` ends.
 
-        `possible` are the squares from which a step of the way is possible.
+        `possible` is a mask of the squares from which a step of the way is possible.
         """
         begins = self.free.copy()
         end: tuple[slice, ...] = (slice(None),)

@@ -1,5 +1,3 @@
-"""Maps in which a robot moves: a polygonal boundary minus polygonal obstacles."""
-
 import dataclasses
 import functools
 import math
@@ -147,7 +145,7 @@ class Workspace:
 
     @property
     def pieces(self) -> int:
-        """The number of parts of the free space that the robot cannot leave."""
+        """The number of connected parts of the free space, between which no robot can move."""
         return len(shapely.get_parts(self.free_space))
 
     def describe(self) -> str:
@@ -232,7 +230,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
-    """Compute the unit to which vertices are rounded; it exceeds the rounding of float64."""
+    """Compute the unit to which vertices are rounded, which is larger than errors of float64."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 

@@ -86,7 +86,6 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
 
 def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
-    """Read the roadmap of a store of plans."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:

@@ -170,7 +170,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 def format_map_server(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
-    """Write a map as the YAML text and the PGM image of map_server; `image` is its file name."""
+    """Write a map as YAML text and a PGM image for map_server; `image` is the name of its file."""
     blocked, (x, y) = _grid_of(fields, environment)
     text = (
         f"image: {json.dumps(image)}\n"
