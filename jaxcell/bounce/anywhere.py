@@ -163,7 +163,7 @@ class HomeFromAnywhere(Anywhere):
 
 
 def _holds_since(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """Find the bump (from 1) since which `holds` is true; `inf` if it is false at the last bump."""
+    """Find the first bump, counted from 1, from which `holds` is always true; `inf` if none."""
     fails = ~holds[:, ::-1]
     since = holds.shape[1] - fails.argmax(axis=1) + 1.0
     return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

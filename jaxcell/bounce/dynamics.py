@@ -27,8 +27,8 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
-    Directions form a class, a *way*, if the steps from each position end in one position in all of
-    them. On a grid, steps of one cell in 360 directions have 16 ways.
+    Directions in which steps lead from each position to the same target form a class, a *way*. On a
+    grid, steps of one cell in 360 directions have 16 ways.
     """
 
     target: Int[Array, "ways positions"]

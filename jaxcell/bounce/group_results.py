@@ -137,7 +137,7 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """Combine the values of the cells of each group by `collect`; missing groups have -1."""
+        """Reduce `values` over the cells of each group with `collect`; missing groups have -1."""
         table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
         for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)
@@ -179,7 +179,7 @@ class BounceGroups(Result):
 
 
 def _totals(groups: GroupTotals | BounceGroups) -> list[Int[np.ndarray, "angles"]]:
-    """List the fields of [`jaxcell.mapping.GroupTotals`][] for one grid, each by angle."""
+    """List the fields of [`jaxcell.mapping.GroupTotals`][] of one grid, as arrays over angles."""
     names = [field.name for field in dataclasses.fields(GroupTotals)]
     return [np.atleast_2d(getattr(groups, name))[0] for name in names]
 

@@ -102,7 +102,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the six fields of `GroupTotals` per grid and cycle; `cycles` lists their ways."""
+    """Compute the six fields of `GroupTotals` for each grid and cycle, a sequence of ways."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -194,8 +194,8 @@ def _once_around(
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
     """Follow a robot from each place of the first layer through all layers, back to the first.
 
-    The rows of the tables for successive ways are `turn`. Returns the place where each robot
-    arrives, and the number of mappings until then.
+    `turn` contains the row of the tables for each way and the next way. Returns the place where
+    each robot arrives, and the number of mappings until then.
     """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)

@@ -1,4 +1,4 @@
-"""The periodic groups of a bouncing robot, found among the cells where it bumps.
+"""The periodic groups of a bouncing robot, found from the cells where it bumps.
 
 Between two bumps a robot runs straight. So every orbit passes through the cells where the robot
 bumps, the *section*. Every other cell leads straight to a cell of the section, after a known number
@@ -96,7 +96,7 @@ _cycles_of_angles = jax.jit(jax.vmap(section_cycles))
 
 
 def angle_groups(cells: CellSpace, runs: Runs, shifts: Sequence[int]) -> list[AngleGroups]:
-    """Find the periodic groups of several bouncing angles, each as a number of directions."""
+    """Find the periodic groups of bouncing angles, which are given as numbers of directions."""
     headings = [Headings.of(runs.steps.way, shift) for shift in shifts]
     sections = [runs.of_directions(one.leading) for one in headings]
     slots = bucket(max(wall.size for _, _, wall in sections))

@@ -152,7 +152,7 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the indices of the cells of points along each axis, clipped to the box.
+        """Find the index along each axis of the cell of each point, clipped to the box.
 
         Returns indices in the data type of the points, and a mask of the points inside the box.
         """

@@ -20,7 +20,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extent:
-    """The size of a cell space, which is used to estimate its memory before it is created."""
+    """The size of a cell space, from which its memory is estimated before the space is created."""
 
     workspace: Workspace | None
     rows: int

@@ -236,14 +236,14 @@ def coordinate_rounding(
 
 
 def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
-    """Split geometries into polygons, and find the geometry of each polygon."""
+    """Split geometries into polygons, and return the index of the geometry of each polygon."""
     parts, of = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.area(parts) > 0
     return parts[polygonal], of[polygonal]
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List the corner before each edge, its start and its end; the interior is on the left."""
+    """List for each edge the corner before it, its start and its end; its left is the interior."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]

@@ -18,8 +18,8 @@ def heading_filter_sizes(
     """Count the states of the filter of a robot that knows its heading but not its place.
 
     The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
-    are the sets of cells that are possible after its observations, with the start and without the
-    empty set, as in [`jaxcell.automata.subset_construction`][], but robots are followed from bump
+    are the sets of cells that are possible after its observations, including the start but not the
+    empty set. They are those of [`jaxcell.automata.subset_construction`][], but are found from bump
     to bump instead of cell by cell.
 
     Sets are distinguished by hashes of 64 bits. The probability that two of a million states have

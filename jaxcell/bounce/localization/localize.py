@@ -24,7 +24,7 @@ Candidates: TypeAlias = Annotated[
 def localization_filter(
     simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
 ) -> Filter:
-    """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, 2.4).
+    """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, sec. 2.4).
 
     The I-state graph (information states) of the map is a nondeterministic automaton that may start
     in any cell. Subset construction makes it deterministic. On a knowledge cycle, which is a cycle

@@ -62,8 +62,8 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly over the free cells, at any point in the square of their cell.
 
-        Points in obstacles are drawn again. A step of a `walker` consists of the two stretches of
-        [`jaxcell.space.stride_legs`][].
+        Points in obstacles are drawn again. The steps of a `walker` follow [`walker_path`][], and
+        other steps are straight.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -79,7 +79,7 @@ class OffCentre:
 
     @property
     def cell(self) -> Int[np.ndarray, "robots"]:
-        """The cell of each robot, -1 if it is not free."""
+        """The cell of each robot; -1 if its square is not free."""
         position = self.cells.position_of_square[*self.square.T[::-1]]
         return np.where(position < 0, -1, self.direction * self.cells.positions + position)
 
@@ -129,7 +129,7 @@ def filter_shares(
 ) -> Shares:
     """Measure how often a filter fails to locate robots that start anywhere in the cells.
 
-    Robots turn by `shift` directions at a bump. A step of a `walker` is that of [`walker_path`][].
+    Robots turn by `shift` directions at a bump. The steps of a `walker` follow [`walker_path`][].
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition

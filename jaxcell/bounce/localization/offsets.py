@@ -53,7 +53,7 @@ class Offsets:
     ) -> "Offsets":
         """Find the classes of offsets with which robots bump in the same cells in all directions.
 
-        **Raises:** `ValueError` if walls leave the grid, or there are more than `limit` classes.
+        **Raises:** `ValueError` if walls are not along the grid, or for more than `limit` classes.
         """
         if not cells.gridded:
             raise ValueError(

@@ -314,7 +314,7 @@ def _all_runs(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
-    """A localization policy of a map, and the run of a robot that it localizes."""
+    """A localization policy of a map, and the run of a robot that the policy localizes."""
 
     tables: ClassVar[Mapping[str, str]] = {"bounce": "angles", "candidate": "candidates"}
 

@@ -134,7 +134,7 @@ class LocalizationFilter(States):
 
 
 class RunOnMap(Result):
-    """The run of a simulated robot on a map, with its possible cells."""
+    """The run of a simulated robot on a map, with the cells where the robot may be."""
 
     cells: CellSpace
     run: Localization
@@ -205,7 +205,7 @@ class RunOnMap(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Localized(RunOnMap, LocalizationFilter):
-    """A localization filter of a map, and the run of a robot that it localizes.
+    """A localization filter of a map, and the run of a robot that the filter localizes.
 
     The constructor checks that the filter and the run belong to the cells.
     """

@@ -132,7 +132,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to `entries`, which must be ascending; entry -1 has no routes."""
+        """Find the routes to `entries`, ascending indices; index -1 (no entry) has no routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)

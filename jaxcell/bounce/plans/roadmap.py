@@ -220,14 +220,14 @@ def _weights(keep: int | float, change: int | float) -> tuple[int | float, int |
 
 
 def _largest_cost(roadmap: Roadmap) -> int | float:
-    """Bound the costs of cheapest plans, which turn by each angle at most once at each wall."""
+    """Bound the cost of a cheapest plan, which turns by each angle at most once at each wall."""
     longest = int(roadmap.length.max()) + 1
     bumps = roadmap.turned.size + 1
     return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest
 
 
 def _check_precision(roadmap: Roadmap) -> None:
-    """Raise `ValueError` if rounding could lose a step in the cost of a plan."""
+    """Raise `ValueError` if rounding the cost of a plan could lose the cost of a step."""
     largest = _largest_cost(roadmap)
     exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
     if not exact:

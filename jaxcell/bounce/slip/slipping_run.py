@@ -20,7 +20,7 @@ _Shares: TypeAlias = Float[np.ndarray, "times positions"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Slipped(Result):
-    """A run of a robot that slips from an unknown cell, with its belief."""
+    """A run of a robot that slips and starts in an unknown cell, with its belief."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
     tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
