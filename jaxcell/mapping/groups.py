@@ -24,7 +24,7 @@ class PeriodicGroups:
 
     @property
     def period(self) -> Int[Array | np.ndarray, "*batch cells"]:
-        """Period of the group that the cell reaches."""
+        """Period of the group that each cell reaches."""
         xp = self.group.__array_namespace__()
         return xp.take_along_axis(self.group_period, self.group, axis=-1)
 

@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Find the steps that end in an obstacle, from cells instead of walls; see [`meets_wall`][]."""
+    """Find the steps that end in an obstacle; [`meets_wall`][] explains `near` and the results."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)

@@ -15,7 +15,7 @@ from .workspace import edges, polygons
 
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
-"""A value of `part` in [`visible_cells`][], for which a cell is visible if its centre is. Rays that
+"""A value of `part` in [`visible_cells`][] for which a cell is visible if its centre is. Rays that
 graze a corner do not count."""
 
 

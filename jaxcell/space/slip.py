@@ -41,8 +41,8 @@ class Slip:
     heading: float = 0.0
     "Standard deviation of the drift of the heading per metre of travel, in radians, from 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of the position at which the robot feels a wall, in metres. If this is too
-    early, the robot bumps before the wall; if too late, it misses a wall at the end of a step."""
+    """Standard deviation of the position at which the robot feels a wall, in metres. A bump that is
+    felt too early is before the wall; one that is felt too late, at the end of a step, is lost."""
     give: float = 0.0
     "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0

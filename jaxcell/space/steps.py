@@ -20,7 +20,7 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions in which steps from any start end in the same square form a class, a *way*. The
+    Directions in which steps lead from each start to the same square form a class, a *way*. The
     squares from which a step is possible are computed for one way at a time, to save memory.
     """
 
@@ -117,7 +117,7 @@ class Steps:
         return line_places(square, self.free.shape[1:], (up, across))
 
     def hop(self, way: int) -> int:
-        """Return the number of the square at the end of a step minus the number at its start."""
+        """Return the number of the square where a step ends minus that of its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 

@@ -111,7 +111,7 @@ class Workspace:
 
     @functools.cached_property
     def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """The free space of a point: the boundary minus the union of the obstacles.
+        """The free space of a point robot: the boundary minus the union of the obstacles.
 
         Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
         a map of 8 m). So polygons that are meant to touch do touch, although the rounding of
@@ -236,14 +236,14 @@ def coordinate_rounding(
 
 
 def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
-    """Split geometries into polygons, and return the index of the geometry of each polygon."""
+    """Split geometries into polygons; return them, and the index of the geometry of each."""
     parts, of = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.area(parts) > 0
     return parts[polygonal], of[polygonal]
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List for each edge the corner before it, its start and its end; its left is the interior."""
+    """List the corner before each edge, its start and its end; the interior is to its left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]

@@ -99,7 +99,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
 def format_ascii(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> str:
-    """Write a map as the text of an ASCII grid."""
+    """Write a map, given by its fields and its environment, as the text of an ASCII grid."""
     blocked, origin = _grid_of(fields, environment)
     x, y = origin
     header = [f"; cell {fields['cell']!r}", f"; robot_radius {fields['robot_radius']!r}"]

@@ -43,8 +43,8 @@ class Placement(NamedTuple):
 def place(seed: int, environment: str, run: int) -> Placement:
     """Put obstacles into the room of Figure 2.7, uniformly over all placements without overlap.
 
-    Alam 2018, section 2.5.1. All environments have one fixed obstacle at the boundary, and at
-    random places
+    All environments of Alam 2018, section 2.5.1, have one fixed obstacle at the boundary. At random
+    places they have
 
     - E1: a square,
     - E2: a square and a rectangle,
