@@ -8,16 +8,16 @@ the bouncing angle,
     C(z) = the cell that holds the end of the step, direction theta         if the step stays in E,
     C(z) = the same position, direction theta + phi                         otherwise.
 
-It senses 0 on a step and 1 on a bump. Angles are in radians, and multiples of the angle between two
-directions. `Moves` contains the ends of steps, which depend only on the walls; a bouncing angle
-adds a turn by `shift` directions. `Motion` has the length of a step and the rule of collision.
-Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
+The robot senses 0 on a step and 1 on a bump. Angles are in radians, and are multiples of the angle
+between two directions. `Moves` contains the ends of steps, which depend only on the walls. A
+bouncing angle is a turn by `shift` directions. `Motion` has the length of a step and the rule of
+collision. Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
 
-**Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
-cells where it bumps. The first-return map to these cells has tens of times fewer cells, and the
-groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find the
-groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result of
-`walls` to `wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random
+**Periodic groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes
+through the cells where it bumps. The first-return map to these cells has tens of times fewer cells.
+The groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find
+the groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result
+of `walls` to `wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random
 rooms.
 
 **Localization** (section 2.4). A robot may start in any cell. Each observation excludes cells,

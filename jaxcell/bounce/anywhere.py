@@ -1,5 +1,3 @@
-"""Results of localization and navigation of robots that start anywhere."""
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, ClassVar
@@ -15,7 +13,7 @@ from .dynamics import Bounces
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anywhere(Result):
-    """Simulated robots that start anywhere, and the possible places according to their filter."""
+    """The localization of simulated robots that start at any point of a map."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
     picture: ClassVar[str] = "median_extent"
@@ -24,7 +22,7 @@ class Anywhere(Result):
     cells: CellSpace
     filter: WallFilter
     headings: int | None
-    "Number of possible start headings, or `None` for any heading."
+    "Number of headings at which a robot may start, or `None` for any heading."
     bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
@@ -85,7 +83,7 @@ class Anywhere(Result):
 
     @derived("robot", "bumps until the robot stays localized", kind="time")
     def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
-        return _first_of_the_last(self.trial.extent <= 2 * self.radius)
+        return _holds_since(self.trial.extent <= 2 * self.radius)
 
     @derived("robot bump", "x of the bump", "m")
     def x(self) -> Float[np.ndarray, "robots bumps"]:
@@ -128,7 +126,7 @@ class Anywhere(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HomeFromAnywhere(Anywhere):
-    """Simulated robots that start anywhere, are localized, and go to a goal."""
+    """Simulated robots that start at any point of a map, are localized, and then go to a goal."""
 
     title: ClassVar[str] = "Navigation of robots that start anywhere"
 
@@ -164,12 +162,8 @@ class HomeFromAnywhere(Anywhere):
         return np.where(arrived.any(axis=1), arrived.argmax(axis=1) + 1.0, np.inf)
 
 
-def _first_of_the_last(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """Find the number of the bump from which a condition holds for good, or `inf`.
-
-    It is `inf` for a robot whose condition does not hold at the last bump. Bumps are counted from
-    1.
-    """
+def _holds_since(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
+    """Find the first bump, counted from 1, from which `holds` is always true; `inf` if none."""
     fails = ~holds[:, ::-1]
     since = holds.shape[1] - fails.argmax(axis=1) + 1.0
     return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

@@ -53,7 +53,7 @@ class CoveragePolicy(Result):
     ]
     distance: Annotated[float, quantity("", "Euclidean distance of the mixture from the target")]
     certificate: Certificate
-    "A bound on the relative error of the mixture; see [`jaxcell.optimize.mixture`][]."
+    "A bound on `distance**2` minus its minimum; see [`jaxcell.optimize.mixture`][]."
     groups: tuple[PersistentGroups, ...]
     "The persistent groups of each angle."
     limiting: tuple[LimitingDistribution, ...]
@@ -165,8 +165,8 @@ def coverage_policy(
 
     - `bounces`: different bouncing angles in radians, counter-clockwise.
     - `error`, `reliability`, `target`: as for [`noisy_bounce_map`][] and [`coverage_target`][].
-    - `weights`: the weights of the persistent groups of one angle, as for
-        [`jaxcell.markov.limiting_distribution`][].
+    - `weights`: the weight of a persistent group, which is the probability of ending in it from a
+        random start (`"basin"`), or its share of the persistent cells (`"size"`).
     - `progress`: a function that is called with the number of finished angles.
 
     **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.

@@ -27,14 +27,14 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
-    A *way* is a class of directions in which every position has the same target: on a grid, steps
-    of one cell in 360 directions have 16 ways. So the steps are computed once per way.
+    Directions in which steps lead from each position to the same target form a class, a *way*. On a
+    grid, steps of one cell in 360 directions have 16 ways.
     """
 
     target: Int[Array, "ways positions"]
     "The position where the step ends; the position of the start if the robot bumps."
     way: Int[Array, "directions"]
-    "The way (class of directions with equal targets) of each direction: its row of `target`."
+    "For each direction, the number of its way (class of directions), which is a row of `target`."
 
 
 @functools.lru_cache(maxsize=4)
@@ -146,7 +146,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """Compute the image of each cell and a mask of the bumps, with NumPy or JAX."""
+    """Compute the images and the bumps of [`bounce_image`][], by direction, with NumPy or JAX."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
@@ -168,10 +168,10 @@ def check_cell(cell: int, size: int, name: str = "start") -> int:
 
 
 def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
-    """Describe the time, x, y and the heading of robots as quantities of a result.
+    """Define four quantities of a class of results: the time, and x, y and heading of its robots.
 
-    `path` is the name of the attribute that contains the cells of the robots, and `dims` are its
-    dimensions.
+    `path` is the attribute of a result that contains the cells of the robots over time, and `dims`
+    are its dimensions, such as `"time robot"`.
     """
     visited, centre = operator.attrgetter(path), _centres(path)
     return (
@@ -187,9 +187,9 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
 
 
 def candidate_poses(path: str) -> tuple[Any, Any, Any]:
-    """Describe x, y and the heading of candidates as quantities of a result.
+    """Define three quantities of a class of results: x, y and heading of the possible cells.
 
-    `path` is the name of the attribute that contains the cells of the candidates.
+    `path` is the attribute of a result that contains these cells.
     """
     centre = _centres(path)
     return (
@@ -212,7 +212,8 @@ def motion_violations(
 ) -> Bool[np.ndarray, "times-1 robots"]:
     """Find the moves that break the rules: a bump turns a robot in place, and a step is straight.
 
-    `turn` is the number of directions by which robots turn at a bump, or `None` if it is unknown.
+    `path` contains the cells of the robots at each time, and `turn` the number of directions by
+    which they turn at a bump, or `None` if it is unknown.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

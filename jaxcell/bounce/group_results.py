@@ -78,7 +78,7 @@ class BounceGroups(Result):
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """Iterate over the angles, and yield the groups of each, without arrays over all cells.
+        """Yield the groups of each angle in a compact form, without arrays over all cells.
 
         [`jaxcell.record.save_cells`][] uses this method to write results that exceed the memory.
         """
@@ -137,7 +137,7 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """Reduce the values of the cells of each group with `collect`; missing groups have -1."""
+        """Reduce `values` over the cells of each group with `collect`; missing groups have -1."""
         table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
         for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)
@@ -179,7 +179,7 @@ class BounceGroups(Result):
 
 
 def _totals(groups: GroupTotals | BounceGroups) -> list[Int[np.ndarray, "angles"]]:
-    """List the fields of [`jaxcell.mapping.GroupTotals`][] for the angles of one grid."""
+    """List the fields of [`jaxcell.mapping.GroupTotals`][] of one grid, as arrays over angles."""
     names = [field.name for field in dataclasses.fields(GroupTotals)]
     return [np.atleast_2d(getattr(groups, name))[0] for name in names]
 
@@ -193,7 +193,7 @@ def _by_angle(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RoomGroups(BounceGroups):
-    """The periodic groups in a room, and the sizes of filters of a robot with known heading."""
+    """The periodic groups in a room, and the sizes of localization filters for a known heading."""
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
 
@@ -218,10 +218,10 @@ class RoomGroups(BounceGroups):
         *,
         motion: Motion = CELL_BY_CELL,
     ) -> "RoomGroups":
-        """Find the periodic groups in a room, and the sizes of its filters.
+        """Find the periodic groups in a room, and count the states of its localization filters.
 
-        Row 0 of the squares is the lowest. `directions` and `motion` are as for
-        [`jaxcell.bounce.walls`][].
+        `free` is a mask of the free squares, whose row 0 is the lowest. `directions` and `motion`
+        are arguments of [`jaxcell.bounce.walls`][].
 
         An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 

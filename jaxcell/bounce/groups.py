@@ -36,7 +36,6 @@ def padded(rows: Sequence[Shaped[np.ndarray, "_"]]) -> Shaped[np.ndarray, "rows 
 def _of_angles(
     cells: CellSpace, bounce: Float[np.ndarray, "*angles"] | Array | float | int, motion: Motion
 ) -> tuple[list[AngleGroups], tuple[int, ...]]:
-    """Find the groups of each angle, and the shape of the batch."""
     shift = bounce_shift(bounce, cells.directions)
     return angle_groups(cells, _runs(cells, motion), shift.ravel().tolist()), shift.shape
 

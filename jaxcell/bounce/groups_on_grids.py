@@ -1,16 +1,16 @@
-"""The totals of the periodic groups of many grids and bouncing angles at once, in NumPy.
+"""Totals over the periodic groups of many grids and bouncing angles at once, in NumPy.
 
 Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
 after `360 / gcd(360, angle)` bumps (in degrees) it is the first heading again. So the headings form
-independent cycles. Each cycle is a ring of layers of walls, one layer per heading: a robot that
-bumps at a wall of one layer bumps next at a wall of the next layer. The map from the first layer to
-itself has the periodic groups of all layers. Headings with equal steps form a *way*, and have the
-same layers. So cycles with the same ways are followed once.
+independent cycles. The *layer* of a heading is the set of walls where robots with this heading
+bump. From a wall of one layer, a robot goes to a wall of the next layer, and from the last layer to
+the first. The map from the first layer to itself has the periodic groups of all layers. Headings
+with equal steps form a class, a *way*, and have equal layers. So cycles with the same ways are
+followed once.
 
-The module `section` lists the same groups one by one. Sweeps over rooms and angles need only
-totals, which this module computes in 0.6 of the time for the rooms of Figure 2.7 (the row
-`group_study` of the benchmarks), and in a third of the time for all angles of a room
-(`chapter_2/angle_study.py` of the experiments).
+The module `section` lists the same groups one by one. If only totals are needed, this module takes
+0.6 of its time for the rooms of Figure 2.7 (the row `group_study` of the benchmarks), and a third
+for all angles of a room (`chapter_2/angle_study.py` of the experiments).
 """
 
 import dataclasses
@@ -102,7 +102,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] per grid and cycle of headings."""
+    """Compute the six fields of `GroupTotals` for each grid and cycle, a sequence of ways."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -117,9 +117,9 @@ def _measured(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The tables of [`Walls`][] with merged axes: a row per grid and way (class of directions).
+    """The tables of [`Walls`][], with merged axes.
 
-    Tables for pairs of ways have a row per grid and two ways.
+    `behind` has a row per grid and way (class of directions), the others per grid and two ways.
     """
 
     ways: int
@@ -137,10 +137,10 @@ class _Tables:
 def _measure(
     tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 cycles"]:
-    """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
+    """Compute the six fields of `GroupTotals` for cycles of headings, each in its own grid.
 
-    A *place* is a pair of a wall and the layer to which it belongs. The places of a layer are
-    numbered over all cycles.
+    `ways` are the ways of the headings of each cycle. The walls of a layer are numbered over all
+    cycles, and such a number is a *place*.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T
@@ -166,12 +166,12 @@ def _measure(
 
     lead = np.zeros(live.size, np.int64)
     lead[at] = 1 - into
-    around, _ = _pull(tables, layer, turn, groups, lead)
+    around, _ = _mappings_to_groups(tables, layer, turn, groups, lead)
     # A place whose first return is periodic may reach its group before that return.
     weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
     leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
-    _, transient = _pull(tables, layer, turn, groups, lead)
+    _, transient = _mappings_to_groups(tables, layer, turn, groups, lead)
 
     period = np.bincount(leader[at], mappings[at], live.size + 1)[:-1].astype(np.int64)
     leads = (period > 0).reshape(cycles, slots)
@@ -192,9 +192,10 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Follow each place of the first layer through all layers, back to the first layer.
+    """Follow a robot from each place of the first layer through all layers, back to the first.
 
-    Returns the place at which each orbit ends, and the number of mappings until then.
+    `turn` contains the row of the tables for each way and the next way. Returns the place where
+    each robot arrives, and the number of mappings until then.
     """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
@@ -207,17 +208,19 @@ def _once_around(
     return cycle * slots + slot, mappings
 
 
-def _pull(
+def _mappings_to_groups(
     tables: _Tables,
     layer: Int[np.ndarray, "order cycles"],
     turn: Int[np.ndarray, "order cycles"],
     groups: list[tuple[np.ndarray, np.ndarray]],
     lead: Int[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Count the mappings from places to their groups, layer by layer from the last to the first.
+    """Count the mappings from each place to its group, from the last layer back to the first.
 
-    `lead` contains the counts of the first layer, which follows the last layer. Returns the counts
-    of the first layer after one round, and the longest transient of each cycle.
+    `layer` and `turn` are rows of the tables. `groups` contains, for the layer after each layer,
+    the periodic places and the numbers of periodic cells on the runs to them. `lead` contains
+    counts of the first layer, which follows the last. Returns new counts of the first layer, and
+    the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

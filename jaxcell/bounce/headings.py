@@ -7,17 +7,16 @@ from jaxtyping import Bool, Int
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Headings:
-    """The directions that a robot takes at successive bumps, in independent cycles.
+    """The directions that a robot takes at successive bumps, divided into independent cycles.
 
     The directions of one cycle differ by multiples of `cycles`. Directions with equal steps form a
-    class, the *way*. Cycles that have the same ways in the same order meet the same walls and have
-    the same groups, so only the first of these cycles is followed. Its directions are *leading*.
+    class, a *way*. If cycles have the same ways in the same order, they have the same walls and
+    groups, and only the first of them is followed. The directions of this cycle are *leading*.
     """
 
     shift: int
     "Number of directions by which the robot turns at a bump."
     cycles: int
-    "Number of cycles."
     like: Int[np.ndarray, "cycles"]
     "For each cycle of headings, the first cycle whose directions have the same steps."
     alike: Int[np.ndarray, "directions"]
@@ -44,8 +43,8 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles in the order of their smallest cells.
 
-        A slot is a wall of a leading direction. `leads` is true for each slot that represents its
-        group, and `lowest` is the smallest cell of the group of each slot. A direction has
+        A slot is a wall of a leading direction. `leads` is a mask of the slots that represent
+        groups, and `lowest` has the smallest cell of each group at its slot. A direction has
         `positions` cells.
         """
         leaders = np.flatnonzero(leads)
@@ -71,8 +70,8 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    """For each group, the slot (a wall of a leading direction) that represents the group. A group
-    of other directions has the slot of its equal group of the leading directions."""
+    """For each group, the slot (a wall of a leading direction) that represents it. A group of other
+    directions is represented by the slot of the equal group of leading directions."""
     number: Int[np.ndarray, "groups"]
     """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
     place[s]]`."""

@@ -50,8 +50,8 @@ def joint_image(
     - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
     - it would meet another robot: both steps end in the same cell, the robots change places, their
         diagonals cross, or, if steps are several cells long, they meet on the way;
-    - its step leads to or through the place of a robot that bumps. This holds along a queue: each
-        robot that bumps blocks the robot behind it.
+    - its step leads to or through the position of a robot that bumps. In a queue, each robot that
+        bumps blocks the robot behind it.
 
     A robot that bumps stays in its position, and turns by its bouncing angle once, even if it meets
     several robots and walls. So two robots never come to one position, and the order of the robots
@@ -94,7 +94,7 @@ def joint_image(
 def _vanishes(
     offset: Int[Array, "2 robots robots"], change: Int[Array, "2 robots #robots"]
 ) -> Bool[Array, "robots robots"]:
-    """Test whether `offset + t * change` is zero for some `t` in (0, 1], but not for `t = 0`."""
+    """Test whether a vector `offset + t * change` is 0 for a `t` in (0, 1], but not at `t = 0`."""
     (x, y), (dx, dy) = offset, change
     square, along, across = x * x + y * y, x * dx + y * dy, x * dy - y * dx
     return (square > 0) & (across == 0) & (square + along <= 0)
@@ -109,7 +109,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow the orbits of joint states, one per lane. The result has the axes `steps, lanes`."""
+    """Follow the orbits of the rows of `states`; the result has the axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

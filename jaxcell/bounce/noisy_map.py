@@ -27,7 +27,7 @@ def noisy_bounce_map(
 
     **Arguments:** a cell space; the bouncing angle and the largest error in radians,
     counter-clockwise, both whole numbers of directions; a reliability above 0 and at most 1; and a
-    motion. **Returns:** a chain without sink.
+    motion. **Returns:** the Markov chain of the cells.
 
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
     degrees, one is to the North, and one to the South:

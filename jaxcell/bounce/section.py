@@ -1,4 +1,4 @@
-"""The periodic groups of a bouncing robot, found among the cells where it bumps.
+"""The periodic groups of a bouncing robot, found from the cells where it bumps.
 
 Between two bumps a robot runs straight. So every orbit passes through the cells where the robot
 bumps, the *section*. Every other cell leads straight to a cell of the section, after a known number
@@ -47,8 +47,7 @@ class AngleGroups:
     wall: Int[np.ndarray, "slots"]
     "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    """For each slot (a wall of a leading direction), the slot that represents the group that it
-    reaches."""
+    "For each slot, the slot that represents the group which the wall reaches."
     lead: Int32[np.ndarray, "slots"]
     "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
@@ -97,7 +96,7 @@ _cycles_of_angles = jax.jit(jax.vmap(section_cycles))
 
 
 def angle_groups(cells: CellSpace, runs: Runs, shifts: Sequence[int]) -> list[AngleGroups]:
-    """Find the periodic groups of several bouncing angles, each as a number of directions."""
+    """Find the periodic groups of bouncing angles, which are given as numbers of directions."""
     headings = [Headings.of(runs.steps.way, shift) for shift in shifts]
     sections = [runs.of_directions(one.leading) for one in headings]
     slots = bucket(max(wall.size for _, _, wall in sections))
@@ -129,7 +128,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Build the first-return map from bump to bump for a list of walls, padded to `slots` rows."""
+    """Build the first-return map of the walls of [`Runs.of_directions`][], padded to `slots`."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

@@ -1,5 +1,3 @@
-"""The straight runs of a robot between its bumps, the same for all bouncing angles."""
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -12,12 +10,12 @@ from ..space.steps import Steps
 
 
 AT_ONCE = 2**20
-"""The approximate number of squares in each part of `Runs.followed`."""
+"""The approximate number of squares that `Runs.followed` yields at a time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Runs:
-    """The ends of all straight runs on some grids of one shape.
+    """The ends of all straight runs on grids of one shape, the same for all bouncing angles.
 
     A *way* is a class of directions with equal steps, as in `jaxcell.space.steps.Steps`. A *wall*
     of a way is a free square where a robot that moves in one of these directions bumps. Walls are
@@ -43,7 +41,6 @@ class Runs:
 
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
-        """Compute the straight runs from single steps."""
         walls = [_walls(steps, way) for way in range(len(steps.offset))]
         squares, behind, order, along = zip(*walls, strict=True)
         begin = np.cumsum([0, *map(len, squares)])
@@ -85,7 +82,7 @@ class Runs:
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
-        """Yield the free squares of a way, sorted by straight runs, about a million at a time.
+        """Yield the free squares, sorted by the straight runs of a way, about a million at a time.
 
         Each part has the squares, the walls at the ends of their runs, counted from the first wall
         of the way, and the numbers of steps to these walls.
@@ -104,8 +101,8 @@ class Runs:
     ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
         """Find the wall to which the robot runs from each position, and the number of steps.
 
-        The run depends on the way of the robot, the class of its direction by displacement per
-        step. Walls are counted from the first wall of the way.
+        The results have a row for each way (class of directions with equal steps). Walls are
+        counted from the first wall of the way.
         """
         ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
         position = cells.position_of_square.ravel()
@@ -119,8 +116,8 @@ def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     """Find the walls of one way, a class of directions with equal steps.
 
     **Returns:** the squares of the walls; the number of other squares from which the robot runs
-    into each wall; the order of the walls along the lines in which the robot runs; and the
-    positions of the walls on these lines, in this order.
+    into each wall; the indices that sort the walls along the lines in which the robot runs; and
+    the sorted positions of the walls on these lines.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

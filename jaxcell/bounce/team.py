@@ -164,7 +164,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions that robots can reach from the starts, including the starts."""
+    """Count the positions that robots can reach from their starts `position`, with the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -253,11 +253,11 @@ class _Part:
 
     @property
     def gain(self) -> int:
-        """Number of positions that the part visits, but no earlier part."""
+        """Number of positions that this part is the first to visit."""
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: JointImage) -> None:
-        """Append steps up to the step that ends the part."""
+        """Append steps to the part, up to the step that ends it."""
         states = np.asarray(steps.image[: self.limit - self.length])
         stop = len(states)
         self.growing = self.length + stop < self.limit
@@ -281,7 +281,7 @@ class _Part:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Extend parts, all at once, until each of them has ended."""
+    """Extend all parts at once, by the steps that `orbits` computes, until each part has ended."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # The number of lanes is a power of two, so that few programs are compiled.

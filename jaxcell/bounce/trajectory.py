@@ -18,7 +18,7 @@ _SOURCE = "Alam 2018, section 3.4.4"
 
 
 class TeamOutcome(enum.Enum):
-    """The reason for the end of the search for a joint trajectory, as a sentence."""
+    """The reason why the search for a joint trajectory ended; each value is a sentence."""
 
     COVERED = "every position was visited"
     OUT_OF_REACH = (

@@ -26,7 +26,7 @@ class Walls:
     behind: Int32[np.ndarray, "grids ways slots"]
     "Number of other squares from which the robot runs into each wall; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
-    "`next[:, v, w]` contains the slot of the wall of way `w` that follows each wall of way `v`."
+    "For each wall of way `v`, `next[:, v, w]` is the slot of the wall of way `w` that follows it."
     length: Int32[np.ndarray, "grids ways ways slots"]
     "Number of steps from each wall to the next; -1 for no wall."
 

@@ -23,12 +23,12 @@ number of mappings until each return, it determines the group, step and period o
 `section_cycles`.
 
 **Generalized maps.** A generalized map, or Markov *chain*, sends each cell to several images with
-probabilities, and a distribution over the cells, as a row, to (Eq. 3.5, 5.5)
+probabilities. It maps a distribution over the cells, a row vector, by (Eq. 3.5, 5.5)
 
     p(n+1) = p(n) P,     p_ij >= 0,     sum_j p_ij <= 1;
 
-the rest of a row, up to 1, leaves the space for a *sink*. Cell `i` *leads to* `j` if a power of `P`
-has a positive entry `ij`. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
+the rest of a row, up to 1, is the probability of leaving the space for a *sink*. Cell `i` *leads
+to* `j` if a power of `P` has a positive entry `ij`. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
 
     a persistent group  is a set of cells that all lead to each other, and to nothing else;
     a transient cell    is a cell in no such group;

@@ -45,7 +45,7 @@ class TransientGroups:
         return np.array([len(domiciles) == 1 for domiciles in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
-        """Restrict the groups to the first `cells`, as [`PersistentGroups.first`][] does."""
+        """Restrict the groups to the first `cells`: those of a [`ChainSequence`][] at phase 0."""
         group = np.asarray(self.group[:cells])
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
@@ -59,11 +59,11 @@ class TransientGroups:
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
-    Two searches go backward along the steps, one from the domiciles in ascending order, one in
-    descending order. They meet each cell first from its smallest and from its largest domicile. If
-    these are equal, the cell has no other domicile. The other cells are divided into strongly
-    connected components, whose domiciles are the union of those of the components that they lead
-    to. Equal unions are stored once, so no table of groups and cells is needed.
+    Two searches follow the steps backward from the domiciles, one search in ascending and one in
+    descending order of the domiciles. They find the smallest and the largest domicile of each cell.
+    If these are equal, the cell has no other domicile. The other cells are divided into strongly
+    connected components. The domiciles of a component are the union of those of the components to
+    which it leads. Equal unions are stored once, so no table of groups and cells is needed.
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the transient group of each
     cell, and the domiciles of each group.
@@ -124,11 +124,11 @@ def _outermost(
     seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
     def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find the first list of seeds that each cell leads to.
+        """Find, for each cell, the first of the lists `seeds` to which it leads.
 
         A depth-first search goes backward along the steps, and numbers strong components as it
-        finishes them. A node for each list precedes the cells. The search from this node numbers
-        the cells that no earlier search has reached.
+        finishes them. In the graph, a node for each list precedes the cells. The search from this
+        node numbers the cells that no earlier search has reached.
         """
         ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])

@@ -11,10 +11,7 @@ from jaxtyping import Array, Bool, Int
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PeriodicGroups:
-    """The periodic group and step of every cell: the result of Alg. 2.1 (Alam 2018).
-
-    `jax.device_get` converts it to NumPy arrays.
-    """
+    """The periodic group and step of every cell: the result of Alg. 2.1 (Alam 2018)."""
 
     group: Int[Array | np.ndarray, "*batch cells"]
     "The number of the group that each cell reaches; groups are ordered by their smallest cells."
@@ -27,7 +24,7 @@ class PeriodicGroups:
 
     @property
     def period(self) -> Int[Array | np.ndarray, "*batch cells"]:
-        """Period of the group that the cell reaches."""
+        """Period of the group that each cell reaches."""
         xp = self.group.__array_namespace__()
         return xp.take_along_axis(self.group_period, self.group, axis=-1)
 
@@ -133,10 +130,10 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group of each cell, and sum the weights up to the group.
+    """Find the smallest cell of the group of each cell, and sum the weights before the group.
 
-    A mapping has the weight of the cell that is mapped. If all weights are 1, the sum is the number
-    of mappings until the cell is on its group.
+    The sum is over the cells of the orbit before its first cell in the group. If all weights are 1,
+    it is the number of mappings until the cell is on its group.
     """
     xp = image.__array_namespace__()
     cells = image.shape[0]

@@ -117,8 +117,8 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute the groups of a map after padding it to one of a few lengths.
 
-    JAX compiles once per length. The cells of the padding lead to the last cell, which is the last
-    group.
+    JAX compiles once per length. The cells of the padding lead to the last cell, which is a group
+    of its own, the last one.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)

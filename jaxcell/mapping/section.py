@@ -40,7 +40,7 @@ def bucket(size: int) -> int:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionCycles:
-    """The periodic groups of a map, found on a section. One slot of each group is its *leader*.
+    """The periodic groups of a map, found from a section. One slot of each group is its *leader*.
 
     A cell that first meets the section in slot `s`, after `t` mappings, reaches the group of
     `leader[s]` in `max(0, t + lead[s])` mappings.
@@ -52,7 +52,7 @@ class SectionCycles:
     "A mask of the leaders."
     lead: Int[Array, "*batch slots"]
     """The number of mappings from each slot to its group. For a slot on its group it is 1 minus the
-    number of mappings of the return into the slot, because that whole return is on the group."""
+    duration of the return to the slot, because all cells of that return are on the group."""
     period: Int[Array, "*batch slots"]
     "The period of each group in mappings, in the entry of its leader."
     lowest: Int[Array, "*batch slots"]

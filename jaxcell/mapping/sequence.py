@@ -21,8 +21,8 @@ class ChainSequence:
     states are the cells at phase 0, then the cells at phase 1, and so on. It has as many edges as
     all chains together, and its strong components at phase 0 are those of the period map.
 
-    The first chain exchanges two cells. In the second, both cells stay, and half of cell 1 leaves
-    the space, so no set is closed:
+    The first chain exchanges two cells. In the second chain, cell 0 stays, and cell 1 leaves the
+    space with probability 1/2. So no set of cells is closed:
 
         >>> import numpy as np
         >>> from jaxcell import mapping

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Int
 class SimpleMap:
     """A simple cell mapping: every cell has one image (Alam 2018, Eq. 2.2).
 
-    `bumped` is the observation of the robot's bump sensor between a cell and its image; the pair is
-    the I-state graph of the map (Alam 2018, Definition 2.4.1).
+    `bumped` is the observation of the robot's bump sensor between a cell and its image. With these
+    observations, the map is an I-state graph (Alam 2018, Definition 2.4.1).
 
     Two steps around a ring of three cells:
 

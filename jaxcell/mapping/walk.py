@@ -1,7 +1,7 @@
 """Find periodic groups on a processor in one walk over the map, cell by cell.
 
-XLA compiles the loop to one function of machine code, whose steps touch a few bytes. To prevent
-XLA from copying arrays, a step reads only from arrays that it has already written.
+XLA compiles the loop to one function of machine code. Each step reads and writes only a few bytes.
+To prevent XLA from copying arrays, a step reads only from arrays that it has already written.
 """
 
 from typing import Any
@@ -58,7 +58,7 @@ def _chains(
     - `place`: for each cell, its position in its chain; for the first cell of a chain, the number
         of steps to the group.
     - `period`: for the smallest cell of each group, its period; 0 for other cells. The additional
-        last entry is overwritten by each chain that leads to a known group.
+        last entry is overwritten by each chain that leads to a group found before.
     """
     cells = image.shape[0]
     zero = jnp.zeros((), jnp.int32)
@@ -139,8 +139,8 @@ def _ended(
     """Compute the group of each cell, and the number of steps to it, from the results of `_chains`.
 
     If `number` is `None`, the smallest cell of a group stands for the number of the group.
-
-    Cells are processed from the last to the first, because a chain starts with its smallest cell.
+    Cells are processed from the last to the first, because a chain starts with its smallest cell,
+    whose entries all its cells need.
     """
 
     def step(state: Any) -> Any:

@@ -37,10 +37,10 @@ moves of all cells cost `O(N_E)` per way, or `O(N_S)` per pair of a centre and a
 
 and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg. 4.3).
 
-`nearest_cell` finds cells of points off the map, `stencil` and `free_steps` the ends of steps,
-`cell_strides` and `stride_legs` the path of a robot to the centre of the next cell. `visible_cells`
-and `visibility_polygon` compute sight. `felt_walls`, `free_ahead` and `slipping_step` simulate a
-robot that slips and bumps. No part of this package imports JAX.
+`nearest_cell` finds the cells of points off the map. `stencil` and `free_steps` find the ends of
+steps. `cell_strides` and `stride_legs` compute the path of a robot to the centre of the next cell.
+`visible_cells` and `visibility_polygon` compute sight. `felt_walls`, `free_ahead` and
+`slipping_step` simulate a robot that slips and bumps. No part of this package imports JAX.
 """
 
 from ..base.hosted import attach

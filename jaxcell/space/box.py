@@ -19,10 +19,10 @@ class Box:
     """A box of equal cells, of any number of dimensions.
 
     Cells are numbered from 0, and the index along the last axis changes fastest:
-    `array.reshape(box.cells)` turns an array over cells into an array over the axes. A point within
-    1e-9 of a cell of the face between two cells belongs to the upper cell. Two sinks have the
-    numbers after the cells: `outside` for points that left the box, and `nowhere` for points with a
-    coordinate that is not finite.
+    `array.reshape(box.cells)` turns an array over cells into an array over the axes. A point on the
+    face between two cells, with a tolerance of 1e-9 of a cell, belongs to the upper cell. Two sinks
+    have the numbers after the cells: `outside` for points that left the box, and `nowhere` for
+    points with a coordinate that is not finite.
 
     A box is hashable. Its methods take arrays of NumPy or JAX, and work under `jit` and `vmap`.
 
@@ -118,7 +118,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert differences of indices to distances; periodic axes have the shorter distance."""
+        """Convert differences of indices to distances in cells, the shortest on periodic axes."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
@@ -152,7 +152,7 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the indices of the cells of points along each axis, clipped to the box.
+        """Find the index along each axis of the cell of each point, clipped to the box.
 
         Returns indices in the data type of the points, and a mask of the points inside the box.
         """
@@ -174,7 +174,7 @@ class Box:
     def wrapped(self, points: Float[Any, "... axes"]) -> Float[Any, "... axes"]:
         """Shift the coordinates along periodic axes by whole periods into the box.
 
-        The coordinates of points that are mapped many times would otherwise lose their fractions.
+        Otherwise the coordinates of points that are mapped many times would grow and lose digits.
         """
         xp = points.__array_namespace__()
         along = []

@@ -180,9 +180,9 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """Find the cell of each configuration, in metres and radians, whose square must be free.
+        """Find the cell of each configuration; coordinates are in metres and radians.
 
-        A point on an edge between squares belongs to the upper or right square.
+        The square of a point must be free. A point on an edge is in the upper or right square.
         """
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
@@ -266,7 +266,7 @@ def suggested(
     directions: int | None,
     robot_radius: float | None,
 ) -> tuple[Workspace, float, int]:
-    """Read a map, and choose the side of a cell and the directions as [`CellSpace.load`][] does."""
+    """Return a map, and the side of cells and number of directions that are given or suggested."""
     workspace = Workspace.load(path)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)

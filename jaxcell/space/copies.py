@@ -1,5 +1,3 @@
-"""Repeat indices different numbers of times."""
-
 import numpy as np
 from jaxtyping import Int
 
@@ -7,7 +5,7 @@ from jaxtyping import Int
 def copies(
     count: Int[np.ndarray, "originals"],
 ) -> tuple[Int[np.ndarray, "copies"], Int[np.ndarray, "copies"]]:
-    """Repeat each index `k` for `count[k]` times.
+    """Repeat each index `k` of the array `count` exactly `count[k]` times.
 
     Returns the index of each copy, and its number among the copies of the same index.
     """

@@ -51,18 +51,18 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to find the periodic groups at walls, with the runs between walls."""
+    """Estimate the bytes to find the periodic groups from the cells where robots bump."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
 
 def groups(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the periodic groups of all cells, with the runs from all positions."""
+    """Estimate the bytes of the periodic groups of all cells, including the runs to walls."""
     return section(extent, motion) + 8 * extent.ways(motion) * extent.positions
 
 
 def counts(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to count the periodic groups, which are found at walls."""
+    """Estimate the bytes to count the periodic groups, but not to list the group of each cell."""
     ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
         return section(extent, motion)
@@ -70,27 +70,27 @@ def counts(extent: Extent, motion: Motion) -> float | int:
 
 
 def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
-    """Estimate the bytes of tables of walls, or of tests of blocked steps if they take more."""
+    """Estimate the bytes of `tables` of walls, or of tests for blocked steps if these take more."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
 
 def images(extent: Extent, angles: int, motion: Motion) -> float | int:
-    """Estimate the bytes of the periodic groups, and the images of all cells for several angles."""
+    """Estimate the bytes of the periodic groups and the images of all cells, for several angles."""
     return groups(extent, motion) + IMAGE * angles * extent.size
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to find the groups at walls, and then of the cells of one direction."""
+    """Estimate the bytes to find the periodic groups and list them one direction at a time."""
     return section(extent, motion) + 50 * extent.positions
 
 
 def localization(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the images and a localization filter.
+    """Estimate the bytes of the images of all cells and a localization filter.
 
     The size of a filter is unknown before its construction. In measurements its number of states
-    per cell increased with the sides of the map. The construction of the filter also watches the
-    free memory.
+    per cell increased with the sides of the map. The construction of the filter checks the free
+    memory again.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
@@ -103,15 +103,15 @@ def plans(extent: Extent, motion: Motion) -> float | int:
 
 
 def choice(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of a roadmap and a choice of angles that localizes a robot."""
+    """Estimate the bytes of a roadmap and a policy that localizes a robot."""
     return plans(extent, motion) + CHOICE * extent.size
 
 
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
-    """Estimate the bytes of the coverage for several noisy bouncing angles, one at a time.
+    """Estimate the bytes of the coverage by several noisy bouncing angles, computed one by one.
 
-    In measurements, all cells were persistent if turns spread over three of eight directions, and
-    proportionally fewer cells if turns spread less.
+    In measurements, all cells were persistent if bumps led to three of eight directions, and
+    proportionally fewer cells if they led to fewer directions.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
@@ -138,7 +138,7 @@ def draws(cells: int, samples: int) -> float | int:
 
 
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
-    """Estimate the bytes of a walk on a graph; if `weighted`, with a matrix over pairs of edges."""
+    """Estimate the bytes of a walk on a graph; a weighted one has a matrix over pairs of edges."""
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
@@ -153,9 +153,9 @@ def check(
 ) -> float | int:
     """Refuse a study that takes more memory than is free, and return the estimated bytes.
 
-    `doing` describes the study in the error, and `also` begins the sentence with its remedies.
-    `step` is the length of a step in metres, which a cell must not exceed, or `None`. The error
-    names the smallest cell that would fit.
+    `need` estimates the bytes. In the error, `doing` describes the study, and `also` begins the
+    sentence with the remedies, such as the smallest cell that would fit. This cell must not exceed
+    `step`, the length of a step in metres, unless `step` is `None`.
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))
@@ -169,7 +169,7 @@ def check_cells(
     doing: str,
     also: str = "",
 ) -> None:
-    """Refuse a computation on existing cells that takes more memory than is free."""
+    """Refuse a computation on cells that takes more memory than is free, as [`check`][] does."""
     check(Extent.of(cells), lambda extent: need(extent, motion), doing, motion.step, also)
 
 

@@ -20,7 +20,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extent:
-    """The size of a cell space, which is used to estimate its memory before it is created."""
+    """The size of a cell space, from which its memory is estimated before the space is created."""
 
     workspace: Workspace | None
     rows: int
@@ -33,10 +33,7 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a future cell space from the area of its free space.
-
-        Returns `None` if [`CellSpace.of`][] refuses the space.
-        """
+        """Estimate the extent of a future cell space; `None` if [`CellSpace.of`][] refuses it."""
         area = workspace.free_space.area
         corner = workspace.boundary.min(axis=0)
         sides = workspace.boundary.max(axis=0) - corner
@@ -52,7 +49,6 @@ class Extent:
 
     @classmethod
     def of(cls, cells: CellSpace) -> "Extent":
-        """Measure the extent of a cell space."""
         walls = np.empty((0, 2, 2)) if cells.workspace is None else cells.walls[:, 1:]
         rows, columns = cells.free.shape
         sizes = cells.positions, cells.directions, cells.cell
@@ -60,7 +56,6 @@ class Extent:
 
     @functools.cached_property
     def gridded(self) -> bool:
-        """True if all walls run along edges of squares."""
         return along_grid(self.walls)
 
     @functools.cached_property
@@ -75,7 +70,6 @@ class Extent:
 
     @property
     def size(self) -> float | int:
-        """Number of cells."""
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:

@@ -20,9 +20,9 @@ class Rule:
     """
 
     squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
-    "A function such as [`crossed_squares`][], which returns the squares that have to be free."
+    "A function that returns the squares that have to be free, such as [`crossed_squares`][]."
     blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
-    "A function such as `_endpoint`, which returns the centres near walls and the blocked steps."
+    "A function that returns the centres near walls and their blocked steps, such as `_endpoint`."
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
     "A function that returns the part of each path that has to be free, as shapely geometries."
 
@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Return each of the `near` centres once, and a mask of their steps that end in an obstacle."""
+    """Find the steps that end in an obstacle; [`meets_wall`][] explains `near` and the results."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)
@@ -81,7 +81,6 @@ class Motion:
 
     @property
     def rule(self) -> Rule:
-        """The rule of collision."""
         return RULES[self.collision]
 
     def in_cells(self, cell: float) -> float:

@@ -11,7 +11,7 @@ STEPS_AT_ONCE = 2**21
 
 
 def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
-    """Compute the end of a step from the origin, rounded so that ties agree on all platforms."""
+    """Compute the end of a step from the origin, rounded to be the same on all platforms."""
     angle = 2 * math.pi * direction / directions
     return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
 
@@ -61,8 +61,8 @@ def meets_wall(
     """Find the steps that meet a wall.
 
     `walls` are those of [`jaxcell.space.CellSpace.walls`][]; centres and steps have the same units.
-    `near` and `wall` are the indices of pairs of a centre and a wall within a step of it. Returns
-    the centres in these pairs, and a mask of the steps from them that meet a wall.
+    `near[i]` and `wall[i]` are the indices of a centre and of a wall that is at most a step away.
+    Returns each index in `near` once, and a mask of the steps from its centre that meet a wall.
     """
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]
@@ -114,14 +114,14 @@ def _corners(
     Bool[np.ndarray, "corners directions"],
     Bool[np.ndarray, "corners directions"],
 ]:
-    """Find the corner where each wall starts, and the steps that may pass or leave each corner.
+    """Find the corner where each wall starts, and the steps that may pass it or start there.
 
     The free space at the start of a wall is the wedge that opens counter-clockwise from this wall
     to the next wall that ends at the same corner. If obstacles meet in a point, several wedges
     share the corner, and a robot has to stay in one wedge.
 
     Returns the corner of each wall, a mask of the steps that may pass each corner, and a mask of
-    the steps that may leave it.
+    the steps that may start there.
     """
     before, start, end = np.moveaxis(walls, 1, 0)
     _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)

@@ -15,8 +15,8 @@ from .workspace import edges, polygons
 
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
-"""The `part` for [`visible_cells`][] with which a visible centre is enough. A centre does not count
-if it is visible only along a ray that grazes a corner."""
+"""A value of `part` in [`visible_cells`][] for which a cell is visible if its centre is. Rays that
+graze a corner do not count."""
 
 
 def visible_cells(
@@ -38,7 +38,6 @@ def visible_cells(
 
     **Arguments:**
 
-    - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
     - `part`: side of the square around the centre of a cell that must be visible, in cells, at most
         1; with `space.sight.AT_CENTRE`, 1e-6, a visible centre is enough.
@@ -79,7 +78,8 @@ def visible_cells(
         row, column = np.nonzero(target >= 0)
         viewer, target = viewers[row], target[row, column]
         pair, corners = scene.parts_seen(viewer, target)
-        near = _of_all(pair, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
+        within = (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1)
+        near = _pairs_where_all(within, pair)
         visible[viewer[near], target[near]] = True
     return visible
 
@@ -129,7 +129,7 @@ class _Scene:
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
-        """List the parts of all targets: the index of the pair, and the corners from the viewer."""
+        """List the parts of targets: the index of the pair, and corners relative to the viewer."""
         pair, within = copies(self.first[target + 1] - self.first[target])
         part = self.part[self.first[target][pair] + within]
         return pair, part - self.centre[viewer[pair], None]
@@ -139,11 +139,11 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
     return shapely.box(*(centre - side / 2).T, *(centre + side / 2).T)
 
 
-def _of_all(
-    part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
+def _pairs_where_all(
+    holds: Bool[np.ndarray, "parts"], pair: Int[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Return a mask of the pairs whose parts are all true; `part` has the pair of each part."""
-    return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
+    """Return a mask of the pairs for which `holds` is true in every part; `pair` is sorted."""
+    return np.logical_and.reduceat(holds, np.flatnonzero(np.diff(pair, prepend=-1)))
 
 
 def _offsets(cells: CellSpace, reach: float) -> Int[np.ndarray, "offsets 2"]:
@@ -166,12 +166,12 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """Yield a few viewers at a time, with their shadows.
+    """Yield the shadows of walls for viewers at all positions, a few viewers at a time.
 
-    A shadow is the index of its viewer among them, and the ends of the wall that casts the shadow,
-    relative to the viewer. The far walls of an obstacle, whose free side is away from the viewer,
-    cast shadows, because the near walls cast none for a viewer on one of them. A wall whose line
-    passes through the viewer hides nothing.
+    A shadow is given by the index of its viewer among them, and by the ends of the wall that casts
+    it, relative to the viewer. Of an obstacle, only the far walls, whose free side is away from the
+    viewer, cast shadows, because a viewer may stand on a near wall. A wall whose line passes
+    through the viewer hides nothing. `width` is the number of places that a viewer may see.
     """
     tree = shapely.STRtree(shapely.linestrings(scene.walls[:, 1:]))
     points = shapely.points(scene.centre)
@@ -202,8 +202,9 @@ def _hidden(
 ) -> Bool[np.ndarray, "viewers places"]:
     """Return a mask of the targets whose free part is partly in a shadow.
 
-    A shadow lies behind the segment from `a` to `b`, relative to the viewer of index `row`. The
-    centre of a target is at `place - origin` relative to its viewer; -1 stands for no target.
+    A shadow lies behind the segment from `a` to `b`, relative to the viewer with index `row` in
+    `viewers`. `target` contains the position at each place (-1 for none). Relative to the viewer,
+    the centre of this position is at `place - origin`.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):
@@ -244,7 +245,7 @@ def _overlap(
     a: Float[np.ndarray, "parts 2"],
     b: Float[np.ndarray, "parts 2"],
 ) -> Bool[np.ndarray, "parts"]:
-    """Return a mask of the convex parts that overlap their shadows, so no side separates them."""
+    """Test whether each convex part of a square overlaps the shadow behind the segment `a b`."""
     overlap = np.ones(len(corners), bool)
     for normal, least in _sides(a, b):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE

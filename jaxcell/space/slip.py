@@ -15,7 +15,7 @@ ERRORS = 9
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability that the observation of a particle differs from the observation of the robot."
+"Probability, in a particle filter, of an observation that a particle does not predict."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
@@ -24,7 +24,7 @@ _CORNER = 1e-9
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Slip:
-    """The errors of the motion of a robot that its wheel encoders do not measure.
+    """The errors in the motion of a robot, which its wheel encoders do not measure.
 
     The errors are normal, and independent for each straight stretch and turn. A model of bounded
     errors takes the standard deviations as bounds.
@@ -41,8 +41,8 @@ class Slip:
     heading: float = 0.0
     "Standard deviation of the drift of the heading per metre of travel, in radians, from 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of the position at which the robot feels a wall, in metres. Before the
-    wall, a bump comes too soon; behind the wall, a bump at the end of a step is missed."""
+    """Standard deviation of the position at which the robot feels a wall, in metres. A bump that is
+    felt too early is before the wall; one that is felt too late, at the end of a step, is lost."""
     give: float = 0.0
     "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0
@@ -70,12 +70,12 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Create a slip with one number for the errors of steps, turns and heading."""
+        """Create a slip with one number for `step`, `turn` and `heading`, and `others` by name."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
-    """Move the walls back by the travel of the bumper before the robot feels a bump.
+    """Move the walls back by the distance by which the bumper is pressed in at a bump.
 
     **Arguments:** a map, and the distance in metres. **Returns:** the ends of each wall, in metres.
 
@@ -95,7 +95,7 @@ def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 
 def free_ahead(
     walls: Float[Any, "walls 2 2"], place: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]
 ) -> Float[Any, "*batch"]:
-    """Compute the distance to the first wall ahead.
+    """Compute the distance from each place to the first wall ahead.
 
     It takes arrays of NumPy or JAX, and works under `jit` and `vmap`.
 
@@ -173,8 +173,8 @@ def slipping_step(
     of NumPy or JAX, and works under `jit` and `vmap`.
 
     **Arguments:** poses, x and y in metres and the heading in radians; the stretches of the
-    intended step, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal
-    numbers; the walls of [`felt_walls`][]; the slip; and a function in place of [`free_ahead`][].
+    intended step, a row of [`stride_legs`][]; the bouncing angle in radians; errors, as standard
+    normal numbers; the walls of [`felt_walls`][]; the slip; and a substitute for [`free_ahead`][].
     **Returns:** the poses after the step, and a mask of the robots that bumped.
 
     A robot that does not slip, in a room of 3 m, with a step of 1 m:
@@ -197,7 +197,7 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive one straight stretch with errors.
+        """Drive one straight stretch of the length `leg`; the last arguments are normal errors.
 
         Returns the end of the stretch, the heading at this end, the heading along the chord, the
         distance to a wall on the stretch (or `inf`), and the tangent of the incidence at this wall.

@@ -1,5 +1,3 @@
-"""Compute the ends of steps from all squares of a map, for one class of directions at a time."""
-
 import dataclasses
 import math
 from collections.abc import Callable
@@ -22,7 +20,7 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions in which steps from any start end in the same square form a class, a *way*. The
+    Directions in which steps lead from each start to the same square form a class, a *way*. The
     squares from which a step is possible are computed for one way at a time, to save memory.
     """
 
@@ -94,7 +92,7 @@ class Steps:
     ) -> Bool[np.ndarray, "grids rows columns"]:
         """Find the free squares in which no step of the class `way` ends.
 
-        `possible` are the squares from which a step of the way is possible.
+        `possible` is a mask of the squares from which a step of the way is possible.
         """
         begins = self.free.copy()
         end: tuple[slice, ...] = (slice(None),)
@@ -119,7 +117,7 @@ class Steps:
         return line_places(square, self.free.shape[1:], (up, across))
 
     def hop(self, way: int) -> int:
-        """Return the number of the square at the end of a step minus the number at its start."""
+        """Return the number of the square where a step ends minus that of its start."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 

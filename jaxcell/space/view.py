@@ -61,7 +61,7 @@ def _star(
 ) -> Float[np.ndarray, "corners 2"]:
     """Trace the outline of the area that is visible from the origin.
 
-    Between the directions of two successive corners, sight ends on a single wall.
+    Between the directions of two successive corners of walls, all rays end on a single wall.
     """
     a, b = walls[:, 1], walls[:, 2]
     angle = np.unique(np.arctan2(a[:, 1], a[:, 0]))

@@ -1,5 +1,3 @@
-"""Maps in which a robot moves: a polygonal boundary minus polygonal obstacles."""
-
 import dataclasses
 import functools
 import math
@@ -113,7 +111,7 @@ class Workspace:
 
     @functools.cached_property
     def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """The free space of a point: the boundary minus the union of the obstacles.
+        """The free space of a point robot: the boundary minus the union of the obstacles.
 
         Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
         a map of 8 m). So polygons that are meant to touch do touch, although the rounding of
@@ -147,7 +145,7 @@ class Workspace:
 
     @property
     def pieces(self) -> int:
-        """The number of parts of the free space that the robot cannot leave."""
+        """The number of connected parts of the free space, between which no robot can move."""
         return len(shapely.get_parts(self.free_space))
 
     def describe(self) -> str:
@@ -232,20 +230,20 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
-    """Compute the unit to which vertices are rounded; it exceeds the rounding of float64."""
+    """Compute the unit to which vertices are rounded, which is larger than errors of float64."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 
 
 def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
-    """Split geometries into polygons, and find the geometry of each polygon."""
+    """Split geometries into polygons; return them, and the index of the geometry of each."""
     parts, of = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.area(parts) > 0
     return parts[polygonal], of[polygonal]
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List the corner before each edge, its start and its end; the interior is on the left."""
+    """List the corner before each edge, its start and its end; the interior is to its left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]

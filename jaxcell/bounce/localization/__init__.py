@@ -1,1 +1,1 @@
-"""Filters and policies that localize a robot, and runs of them (chapter 2)."""
+"""Filters and policies that localize a robot, and simulated runs of such robots (chapter 2)."""

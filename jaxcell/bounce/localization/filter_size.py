@@ -18,8 +18,8 @@ def heading_filter_sizes(
     """Count the states of the filter of a robot that knows its heading but not its place.
 
     The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
-    are the sets of cells that are possible after its observations, with the start and without the
-    empty set, as in [`jaxcell.automata.subset_construction`][], but robots are followed from bump
+    are the sets of cells that are possible after its observations, including the start but not the
+    empty set. They are those of [`jaxcell.automata.subset_construction`][], but are found from bump
     to bump instead of cell by cell.
 
     Sets are distinguished by hashes of 64 bits. The probability that two of a million states have
@@ -106,9 +106,10 @@ def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.
 
 
 class _Groups:
-    """The candidates of all sets, sorted by set, then by the length of their runs, longest first.
+    """The possible cells of each set, divided into groups that bump at the same time.
 
-    The candidates of a set that bump at the same time are a group.
+    A possible cell, a *candidate*, is stored as the wall ahead of it and the length of the run to
+    this wall. Candidates are sorted by set, then by the length of their runs, longest first.
     """
 
     def __init__(
@@ -144,10 +145,9 @@ class _Groups:
     def next_sets(
         self, seen: set[int], bumps: int, order: Int[np.ndarray, "angles"], directions: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Collect the new sets: the groups of two or more candidates that were not seen before.
+        """Collect the new sets: the groups of two or more candidates whose hash is not in `seen`.
 
-        **Returns:** the angle of each set, and the number of the set and the wall of each
-        candidate.
+        **Returns:** the angle of each set; for each candidate, the number of its set and its wall.
         """
         many = np.flatnonzero(self.size > 1)
         start = self.end - self.size + 1
@@ -169,7 +169,7 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Hash the angle and the present heading of each set, to distinguish equal sets of walls."""
+    """Hash the angle and the heading of each set; the hash of its walls is added to the result."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 

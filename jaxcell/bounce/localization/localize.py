@@ -24,11 +24,11 @@ Candidates: TypeAlias = Annotated[
 def localization_filter(
     simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
 ) -> Filter:
-    """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, 2.4).
+    """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, sec. 2.4).
 
     The I-state graph (information states) of the map is a nondeterministic automaton that may start
-    in any cell. Subset construction makes it deterministic. On each knowledge cycle, a cycle
-    without exits, the robot is localized, and all states have the same colour.
+    in any cell. Subset construction makes it deterministic. On a knowledge cycle, which is a cycle
+    without exits, the robot is localized. Each cycle has a colour, the output of its states.
 
     **Arguments:** the bounce map, and metadata to save with the filter. If `open_world` is true, an
     observation that cannot occur on the map leads to a trap state (Definition 2.4.6); otherwise it
@@ -116,7 +116,8 @@ def drive_until_localized(
 ) -> Localization:
     """Drive a simulated robot until a filter or a policy localizes it.
 
-    `after` computes the next cell from the present cell and the next state.
+    `bumped` is a mask of the cells where the robot bumps. `after(cell, state)` is the next cell of
+    the robot, where `state` is the state of the filter or the policy after the observation.
     """
     cell, state = start, automaton.start()
     path, observations, states = [cell], [], [state.index]

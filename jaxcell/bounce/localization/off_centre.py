@@ -1,4 +1,4 @@
-"""Robots that start anywhere in their cells, and the share of robots that a filter of cells loses.
+"""Robots that start off the centres of cells, and how often a filter fails to locate them.
 
 The filter assumes a robot at the centre of a cell. A robot that starts off the centre makes the
 same steps of whole cells. So it stays off the centre, and walls stop it in other cells than the
@@ -62,8 +62,8 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly over the free cells, at any point in the square of their cell.
 
-        Points in obstacles are drawn again. With a `walker`, a step may consist of two straight
-        pieces.
+        Points in obstacles are drawn again. The steps of a `walker` follow [`walker_path`][], and
+        other steps are straight.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -79,7 +79,7 @@ class OffCentre:
 
     @property
     def cell(self) -> Int[np.ndarray, "robots"]:
-        """The cell of each robot, -1 if it is not free."""
+        """The cell of each robot; -1 if its square is not free."""
         position = self.cells.position_of_square[*self.square.T[::-1]]
         return np.where(position < 0, -1, self.direction * self.cells.positions + position)
 
@@ -107,9 +107,10 @@ class OffCentre:
 
 
 def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
-    """Trace a step of a walker in each direction: its start and the ends of two straight pieces.
+    """Compute the start of a step and the ends of its two stretches, for each direction.
 
-    Points are in cells, relative to the start.
+    Points are in cells, relative to the start. The stretches are those of
+    [`jaxcell.space.stride_legs`][], and lead from the centre of a cell to that of another.
     """
     first, turn, rest = stride_legs(cells.directions, 1.0, motion.in_cells(cells.cell)).T
     heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
@@ -126,10 +127,9 @@ def filter_shares(
     *,
     walker: bool = False,
 ) -> Shares:
-    """Measure the shares of robots that a filter loses if they start anywhere in the cells.
+    """Measure how often a filter fails to locate robots that start anywhere in the cells.
 
-    Robots turn by `shift` directions at a bump. With a `walker`, a step may consist of two straight
-    pieces.
+    Robots turn by `shift` directions at a bump. The steps of a `walker` follow [`walker_path`][].
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition
@@ -145,10 +145,10 @@ def filter_shares(
 def policy_shares(
     policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
-    """Measure the shares of robots that a policy loses if they start anywhere in the cells.
+    """Measure how often a policy fails to locate robots that start anywhere in the cells.
 
-    A robot is placed wrongly if its cell at the last bump is not among the possible cells at this
-    time. `shifts` are the angles as numbers of directions.
+    `shifts` are the angles as numbers of directions. The location of a robot is wrong if its cell
+    at its last bump is not among the cells that the policy considers possible at this bump.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
     # Next bumps are listed in the order of this key; the last key belongs to no robot.

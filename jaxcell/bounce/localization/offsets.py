@@ -1,12 +1,12 @@
 """A finite filter for robots that start anywhere in the cells of a map with walls along the grid.
 
-Steps are whole numbers of cells, so a robot keeps its offset within its cell. Offsets with which
-robots bump in the same cells form a class. Within a class, the map of cells is exact.
+A step moves a robot by whole cells, so its offset within its cell stays the same. Offsets with
+which robots bump in the same cells form a class. For the robots of one class, the map is exact.
 
-Lines divide the square of offsets into faces. For an offset on a line, a corner of the path of a
-step is on an edge of a square, or the path goes through a corner of a square. For all offsets of a
-face, the paths pass through the same squares, so each class is a union of faces. Offsets on lines,
-such as the centre of a cell, belong to no class.
+To find the classes, lines divide the square of all offsets into faces. For an offset on a line, the
+path of a step bends or ends on an edge of a square, or passes through a corner of a square. For all
+offsets of a face, the paths pass through the same squares, so each class is a union of faces.
+Offsets on lines, such as the centre of a cell, belong to no class.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ class Offsets:
     cells: CellSpace
     motion: Motion
     offset: Float[np.ndarray, "classes 2"]
-    "One offset of each class, as shares of the side of a cell."
+    "One offset of each class from the lower left corner of a cell, in sides of a cell."
     bumped: Bool[np.ndarray, "classes cells"]
     "A mask of the cells where a robot of each class bumps."
 
@@ -53,7 +53,7 @@ class Offsets:
     ) -> "Offsets":
         """Find the classes of offsets with which robots bump in the same cells in all directions.
 
-        **Raises:** `ValueError` if walls do not run along the grid, or for too many classes.
+        **Raises:** `ValueError` if walls are not along the grid, or for more than `limit` classes.
         """
         if not cells.gridded:
             raise ValueError(
@@ -127,14 +127,14 @@ class OffsetLocalized(LocalizationFilter):
 
     @functools.cached_property
     def off_centre(self) -> Shares:
-        """The shares of robots, started anywhere, that the filter loses or places wrongly."""
+        """The shares of robots, started anywhere in the cells, that the filter fails to locate."""
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
     lost_share, wrong_share = RunOnMap.lost_share, RunOnMap.wrong_share
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
-        """Convert the filter: the members of its states become cells instead of configurations."""
+        """Build the filter whose states contain cells of the map instead of configurations."""
         filter, size = self.filter, self.cells.size
         state = np.repeat(np.arange(len(filter.transition)), np.diff(filter.offsets))
         owner, member = np.divmod(np.unique(state * size + filter.members % size), size)
@@ -147,7 +147,7 @@ class OffsetLocalized(LocalizationFilter):
 
 
 def _lines(path: Float[np.ndarray, "directions corners 2"]) -> list[tuple[float, float, float]]:
-    """List the lines `a x + b y = c` that separate offsets whose paths pass different squares."""
+    """List the lines `a x + b y = c` between offsets for which a step passes different squares."""
     lines: dict[tuple[float, float, float], None] = {}
     for corners in path:
         for across, up in (-corners % 1).tolist():

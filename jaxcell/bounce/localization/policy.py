@@ -42,8 +42,7 @@ class LocalizationPolicy(States):
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
-    """A lower bound on the bumps in the worst case, or on the mean over the starts, according to
-    `aim`."""
+    "A lower bound on the largest number of bumps, or on their mean over the starts; see `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
@@ -58,8 +57,8 @@ class LocalizationPolicy(States):
     ]
     fixed: Homing
     """A sequence of turns at successive bumps that is the same for all starts and observations. The
-    robot bumps once more after the last turn, and is then localized. With the goal `"position"`,
-    one place is left at some bump of the sequence, but not always at the last bump."""
+    robot bumps once more after the last turn, and is then localized. With the goal `"position"`, a
+    single position is possible at some bump of the sequence, but not always at the last bump."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
@@ -100,7 +99,7 @@ class LocalizationPolicy(States):
 
     @property
     def _fixed_places(self) -> int:
-        """The largest number of possible places at the end of the fixed sequence."""
+        """The largest number of possible positions at the end of the sequence `fixed`."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]
@@ -165,7 +164,7 @@ class LocalizationPolicy(States):
 
     @property
     def cell_class(self) -> Int[np.ndarray, "cells"]:
-        """The class of the wall ahead of each cell."""
+        """For each cell, the class (see `wall_class`) of the wall to which its run leads."""
         return self.wall_class[self.roadmap.wall]
 
     def drive(self, start: int) -> Localization:
@@ -219,14 +218,12 @@ def localization_policy(
 
     **Arguments:**
 
-    - `cells`: the cell space.
     - `bounces`: the angles to choose from, in radians, counter-clockwise.
     - `goal`: the `"cell"`, the `"position"` with any heading, or the `"class"` of cells that no
         choice of these angles distinguishes. If a cell or a position cannot be determined, the
         policy stops at the class too.
     - `aim`: minimise the largest number of bumps (`"worst"`), or the mean over all starts
         (`"mean"`).
-    - `motion`: how the robot moves.
     - `limit`: the largest number of cells of all searched sets together. If the search reaches the
         limit, it returns the best policy found, which is at least as good as the greedy policy, and
         `least` is only a lower bound.
@@ -294,7 +291,10 @@ def _all_runs(
     images: Int[np.ndarray, "angles walls"],
     lengths: Int[np.ndarray, "angles walls"],
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Count the bumps of a run from each cell until the policy ends, and find its last state."""
+    """Count the bumps of a run from each cell until the policy ends, and find its last state.
+
+    A turn by each angle at each wall leads to the wall `images`, after `lengths` steps.
+    """
     # Next bumps are listed in the order of this key.
     width = int(roadmap.length.max()) + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
@@ -314,7 +314,7 @@ def _all_runs(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
-    """A localization policy of a map, and the run of a robot that it localizes."""
+    """A localization policy of a map, and the run of a robot that the policy localizes."""
 
     tables: ClassVar[Mapping[str, str]] = {"bounce": "angles", "candidate": "candidates"}
 

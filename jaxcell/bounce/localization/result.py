@@ -35,7 +35,6 @@ class States(Result):
 
     @property
     def automaton(self) -> Filter | Policy:
-        """The filter or the policy."""
         raise NotImplementedError
 
     uncertainty = from_part(
@@ -135,13 +134,12 @@ class LocalizationFilter(States):
 
 
 class RunOnMap(Result):
-    """The run of a simulated robot on a map, with its possible cells."""
+    """The run of a simulated robot on a map, with the cells where the robot may be."""
 
     cells: CellSpace
     run: Localization
     may_lose: ClassVar[bool] = False
-    """True if the possible cells may miss the cell of the robot, for example with a filter of
-    another map."""
+    "True if the possible cells may exclude the robot, for example with a filter of another map."
 
     candidate_x, candidate_y, candidate_theta_deg = candidate_poses("run.candidates")
 
@@ -152,7 +150,7 @@ class RunOnMap(Result):
 
     @functools.cached_property
     def off_centre(self) -> Shares:
-        """The shares of robots, started anywhere in the cells, that are lost or placed wrongly."""
+        """The shares of robots, started anywhere in the cells, that are not located."""
         raise NotImplementedError
 
     @property
@@ -207,7 +205,7 @@ class RunOnMap(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Localized(RunOnMap, LocalizationFilter):
-    """A localization filter of a map, and the run of a robot that it localizes.
+    """A localization filter of a map, and the run of a robot that the filter localizes.
 
     The constructor checks that the filter and the run belong to the cells.
     """

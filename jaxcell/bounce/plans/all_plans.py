@@ -53,7 +53,7 @@ class AllPlans:
 
     Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or
     in a store, because they determine all plans: a plan is a run to a wall, a route from this wall
-    to an entry, and a run from the entry to the goal.
+    to an entry, which is a cell after a bump, and a run from the entry to the goal.
     """
 
     cells: CellSpace
@@ -88,7 +88,7 @@ class AllPlans:
         return result
 
     def angles_used(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
-        """Count the different angles of each plan to goals (by default all); -1 for no path."""
+        """Count the different angles in each plan to `goals` (by default all); -1 for no path."""
         goals, entries, of = self._goals(goals)
         routes = self._routes(entries)
         used = np.where(routes.cost < 0, -1, _angles_used(self.roadmap, routes, entries))
@@ -124,7 +124,7 @@ class AllPlans:
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
-        """List the goals, the entries that lead to them, and the index of each goal's entry."""
+        """List the goals, the entries that lead to them, and the index of the entry of each."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
@@ -132,7 +132,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to `entries`, which must be ascending; entry -1 has no routes."""
+        """Find the routes to `entries`, ascending indices; index -1 (no entry) has no routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)
@@ -163,7 +163,7 @@ def all_plans(
     - `store`: a folder such as `plans.zarr`, for plans that do not fit into memory. Plans are
         written to the store as soon as they are found, and read from it. By default plans stay in
         memory.
-    - `progress`: a function that is called with the number of solved entries, and of all entries.
+    - `progress`: a function that is called with the numbers of finished and of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.
 
@@ -210,10 +210,7 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
 def _angles_used(
     roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """Count the different angles of each route, with pointer doubling.
-
-    Round `r` finds the angles of the first `2^r` bumps.
-    """
+    """Count the different angles of each route, by pointer doubling along its bumps."""
     count, angles, walls = routes.turn.shape
     turn = routes.turn.astype(np.int32)
     wall = np.arange(walls)

@@ -49,7 +49,7 @@ class Plan(Result):
 
     @property
     def turns(self) -> Float[np.ndarray, "bumps"]:
-        """The angles of the action string."""
+        """The angles of the bumps in `actions`."""
         return self.actions[self.actions != 0]
 
     @derived("", "whether there is a path", kind="flag")
@@ -167,7 +167,7 @@ def plan(
 
 
 def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
-    """Assemble the plan from a cell to a goal; `routes` lead to the entry of the goal."""
+    """Assemble the plan between two cells from the `routes` to the last entry before the goal."""
     cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:

@@ -43,15 +43,15 @@ class Roadmap:
     wall: Int[np.ndarray, "cells"]
     "The wall to which a robot runs from each cell."
     length: Int[np.ndarray, "cells"]
-    "Number of steps to this wall."
+    "Number of steps from each cell to its wall."
     turned: Int[np.ndarray, "angles walls"]
     "The cell of the robot after a bump at each wall with each bouncing angle."
     bounces: Float[np.ndarray, "angles"]
-    "The angles, in radians."
+    "The angles to choose from at a bump, in radians."
     keep: int | float
     "Cost of a step, and of a bump with the same angle as the previous bump."
     change: int | float
-    "Cost of a bump with another angle."
+    "Cost of a bump with another angle than the previous bump."
     method: Method
     space: Mapping[str, Any]
     "A description of the cells and of the motion, which is stored in files."
@@ -126,7 +126,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """For each cell, the index of the last entry on its line that is not beyond it, or -1."""
+        """For each cell, the index of the last entry on its line up to the cell, or -1."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -179,7 +179,7 @@ class Roadmap:
 
 
 def describe_space(cells: CellSpace) -> dict[str, Any]:
-    """Describe a cell space for files of plans."""
+    """List the properties of a cell space that are stored in files of plans."""
     return {
         "directions": cells.directions,
         "positions": cells.positions,
@@ -220,14 +220,14 @@ def _weights(keep: int | float, change: int | float) -> tuple[int | float, int |
 
 
 def _largest_cost(roadmap: Roadmap) -> int | float:
-    """Bound the costs of cheapest plans, which turn by each angle at most once at each wall."""
+    """Bound the cost of a cheapest plan, which turns by each angle at most once at each wall."""
     longest = int(roadmap.length.max()) + 1
     bumps = roadmap.turned.size + 1
     return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest
 
 
 def _check_precision(roadmap: Roadmap) -> None:
-    """Raise `ValueError` if rounding could lose a step in the cost of a plan."""
+    """Raise `ValueError` if rounding the cost of a plan could lose the cost of a step."""
     largest = _largest_cost(roadmap)
     exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
     if not exact:

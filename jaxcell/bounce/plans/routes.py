@@ -15,20 +15,20 @@ _BLOCK = 2**18
 class Routes:
     """The cheapest routes from all walls to some entries of a [`Roadmap`][].
 
-    A route from wall `w` to entry `e` starts in layer `layer[e, w]`. At a bump in layer `i`, the
-    robot turns by angle `turn[e, i, w]`. In the exact search the layer is the last angle, so the
-    next layer is the angle of the turn. In the layered search the layer never changes.
+    A route is a path in a graph that has one layer per angle, with all walls in each layer. From
+    wall `w` to entry `e` it starts in layer `layer[e, w]`. At a bump in layer `i`, the robot turns
+    by angle `turn[e, i, w]`. In the exact search the layer is the last angle, so the next layer is
+    the angle of the turn. In the layered search the layer never changes.
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
     "Cost of each route, including the bump at the wall; -1 for no route."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
-    "The angle of each turn; -1 for no route."
+    "Index of the angle to turn by at each wall in each layer; -1 for no route."
 
     @classmethod
     def joined(cls, parts: Sequence["Routes"]) -> "Routes":
-        """Join the routes to the entries of all parts."""
         return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
@@ -40,11 +40,11 @@ def block_size(roadmap: Roadmap) -> int:
 def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
     """Find the cheapest routes to entries, by value iteration over all walls.
 
-    Entry -1 has no routes. A round looks one bump ahead from every wall in every layer, so there
-    are as many rounds as the longest plan has bumps.
+    The index -1 is no entry, and has no routes. An iteration looks one bump ahead from every wall
+    in every layer, so there are as many iterations as the longest plan has bumps.
 
     NumPy was measured to be fastest. For all pairs of 384 to 28,000 cells on two cores, the same
-    rounds in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map, and
+    iterations in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map, and
     Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
     """
     bump = _Bump.of(roadmap, entries)
@@ -88,7 +88,7 @@ def _never(number: np.dtype) -> np.number:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The walls and costs after a bump with each angle. Goals are the last axis, for speed."""
+    """The next walls and the costs of bumps. Goals are the last axis, because this is fastest."""
 
     onward: Int[np.ndarray, "angles walls"]
     "The wall of the next bump."
@@ -124,9 +124,9 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost of a bump with angle `k` and of the route after it.
+        """Write the costs of bumps with angle `k` and of the routes after them into `out`.
 
-        `value` contains the costs of the routes from the next walls.
+        `value` contains the costs of the routes from all walls.
         """
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
@@ -135,7 +135,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn for every state, a pair of a wall and the last angle."""
+    """Find the least cost to each goal and the best turn, by the last angle and the wall."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -159,7 +159,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the cost and the turn for every state, a wall in the graph of one angle."""
+    """Find the least cost to each goal and the best turn, by the wall in the graph of an angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -1,4 +1,4 @@
-"""Zarr stores of all plans of a map, which are written and read piece by piece."""
+"""Zarr stores of all plans of a map, which are written and read in blocks of entries."""
 
 import os
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ _VARIABLES = {
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
     """Write a roadmap and the routes to all its entries to a folder, completely or not at all.
 
-    The folder, such as `plans.zarr`, is replaced if it exists. `routes` yields parts of the routes.
+    The folder, such as `plans.zarr`, is replaced if it exists. `routes` yields blocks of routes.
     """
     angles, walls = roadmap.turned.shape
     entries = roadmap.entry.size
@@ -86,7 +86,6 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
 
 def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
-    """Read the roadmap of a store of plans."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:

@@ -1,1 +1,1 @@
-"""Robots that slip: their map among fine cells, beliefs, and plans that are certain to arrive."""
+"""Robots that slip: maps of fine cells, beliefs, and policies that are certain to arrive."""

@@ -35,9 +35,9 @@ def bounded_map(
     numbers are bounds of the errors; and the length of a step in metres, by default one cell of the
     map.
 
-    **Returns:** the set-valued map of a robot that starts at the centre of any cell. Each
-    observation has three matrices, which act one after another: moves along x, which may end in
-    walls; moves along y, which end in free squares; and changes of the heading.
+    **Returns:** the set-valued map of a robot that starts at the centre of any cell. For each
+    observation it has three matrices, which are applied in this order: moves along x, which may end
+    in walls; moves along y, which end in free squares; and changes of the heading.
 
     In a corridor of three cells, a robot without errors may go from a point of the first cell to
     the edge of this cell, or to the next cell:
@@ -55,7 +55,7 @@ def bounded_map(
     memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
     felt = coarse.room.free_space.buffer(slip.give, join_style="mitre")
     # The bumper feels a wall somewhere between these two.
-    soon, late = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
+    inner, outer = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
     shift = int(bounce_shift(bounce, coarse.directions))
     turned = abs(math.remainder(bounce, 2 * math.pi)) * slip.turn
@@ -75,8 +75,8 @@ def bounded_map(
         drift = slip.heading * (first + abs(second))
         aside = 2 * abs(turn) * slip.turn
         path = _path(theta, bin_ / 2, (first, turn, second), slip, _PART * coarse.cell)
-        moves, bumps = _possible(centre, path, half, soon, late)
-        _add_places(cells, row, moves, path[-1], half, right[0], up[0])
+        moves, bumps = _possible(centre, path, half, inner, outer)
+        _add_moves(cells, row, moves, path[-1], half, right[0], up[0])
         turns[0, row, _rows(cells, direction, off, bin_ / 2 + drift + aside)] = True
         # The drive back ends at the start except for the errors of both drives.
         run = (first + abs(second)) * (1 + slip.step)
@@ -84,7 +84,7 @@ def bounded_map(
         gap += run * abs(slip.bump_turn) + slip.bump_skid
         spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned + abs(slip.bump_turn)
         back = np.array([-gap, -gap, gap, gap])
-        _add_places(cells, row, bumps, back, half, right[1], up[1])
+        _add_moves(cells, row, bumps, back, half, right[1], up[1])
         facing = (direction + shift) % coarse.directions
         turns[1, row, _rows(cells, facing, off, spread)] = True
     between = rows * fine.free.size
@@ -143,35 +143,35 @@ def _possible(
     centre: Float[np.ndarray, "squares 2"],
     path: Float[np.ndarray, "times 4"],
     half: float,
-    soon: shapely.Geometry,
-    late: shapely.Geometry,
+    inner: shapely.Geometry,
+    outer: shapely.Geometry,
 ) -> tuple[Bool[np.ndarray, "squares"], Bool[np.ndarray, "squares"]]:
     """Find the squares from which a robot may make a step, and those from which it may bump.
 
-    Its bumper feels a wall at some time between leaving the space `soon` and leaving the space
-    `late`.
+    `path` contains the boxes of a step, which are enlarged by `half` on all sides. The bumper feels
+    a wall after the robot leaves the space `inner`, and before it leaves the space `outer`.
     """
     moves, bumps = np.ones(len(centre), bool), np.zeros(len(centre), bool)
-    shapely.prepare(soon)
-    shapely.prepare(late)
+    shapely.prepare(inner)
+    shapely.prepare(outer)
     for before, after in itertools.pairwise(path):
-        moves[moves] = shapely.intersects(late, _at(centre[moves], after, half))
+        moves[moves] = shapely.intersects(outer, _boxes_at(centre[moves], after, half))
         hull = np.concatenate([np.minimum(before, after)[:2], np.maximum(before, after)[2:]])
-        bumps[~bumps] = ~shapely.covers(soon, _at(centre[~bumps], hull, half))
+        bumps[~bumps] = ~shapely.covers(inner, _boxes_at(centre[~bumps], hull, half))
     return moves, bumps
 
 
-def _at(
+def _boxes_at(
     centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
 ) -> Shaped[np.ndarray, "squares"]:
-    """Move a box to the centre of each square, and enlarge it by `half` on all sides."""
+    """Return a copy of `box` around the centre of each square, enlarged by `half` on all sides."""
     x, y = centre.T
     around = half - _TOUCH
     left, bottom, right, top = box + np.array([-around, -around, around, around])
     return np.asarray(shapely.box(x + left, y + bottom, x + right, y + top))
 
 
-def _add_places(
+def _add_moves(
     cells: FineCells,
     row: int,
     possible: Bool[np.ndarray, "squares"],
@@ -180,10 +180,11 @@ def _add_places(
     right: list[np.ndarray],
     up: list[np.ndarray],
 ) -> None:
-    """Add the moves from the possible squares of a row of fine cells to all squares in their boxes.
+    """Add the moves from the squares `possible` of a row of fine cells, which have one heading.
 
-    The moves along x, to any squares of the grid, are added to `right`. The moves along y from
-    these squares, to free squares, are added to `up`.
+    A robot may move to any square in `box`, which is relative to its square and is enlarged by
+    `half`. The moves along x, to any squares of the grid, are added to `right`. The moves along y,
+    from any squares to free squares, are added to `up`.
     """
     fine = cells.fine
     height, width = fine.free.shape
@@ -202,9 +203,9 @@ def _add_places(
 
 
 def _rows(cells: FineCells, facing: int, off: int, spread: float) -> Int[np.ndarray, "rows"]:
-    """Find the rows of fine cells with headings within `spread` radians of a heading.
+    """Find the rows of fine cells whose headings differ from a heading by at most `spread` radians.
 
-    The heading has the direction `facing` and the error `off`, in fine directions.
+    This heading is the direction `facing` plus the error `off`, in fine directions.
     """
     fine = cells.fine
     more = math.ceil(spread * fine.directions / (2 * math.pi) + 0.5 - _TOUCH) - 1

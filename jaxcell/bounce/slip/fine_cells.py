@@ -20,7 +20,7 @@ from ..dynamics import bounce_shift
 
 
 SAMPLES = 128
-"""Number of samples, each with a pose and errors, per fine cell; a power of two."""
+"""Number of samples per fine cell, a power of two. Each sample has its own pose and errors."""
 # Number of squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
@@ -164,13 +164,13 @@ def slip_map(
 ) -> HiddenMap:
     """Build the generalized map of a robot that slips, with the observations of its bump sensor.
 
-    Sample poses in each cell, each with its own errors, are moved by
-    [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). They are the
-    same points of a Sobol sequence in each cell, so the map is reproducible.
+    Robots make one [`jaxcell.space.slipping_step`][] from sample poses in each cell, each with its
+    own errors (Hsu's generalized cell mapping by sampling). The samples are the same points of a
+    Sobol sequence in every cell, so the map is reproducible.
 
     **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
-    length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
-    sink, whose robot starts at the centre of any cell.
+    length of a step in metres, by default one cell of the map. **Returns:** a hidden Markov model,
+    whose robot starts at the centre of any cell.
 
     In a corridor of three cells, a robot in the middle that looks East moves on:
 
@@ -237,12 +237,12 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Choose the share, at most 1, of a fine direction from which headings are drawn.
+    """Choose the share, at most 1, of a fine direction over which headings are distributed.
 
-    If headings were drawn from a whole fine direction but drifted by a small part of it, too many
-    of them would leave it. The share is the smallest for which the variance of the changes is at
-    least the variance of the drift, both in fine directions, and at least the variance of the
-    sideways displacement, in squares, of headings that are uniform in one fine direction.
+    If headings drifted little, but were distributed over a whole fine direction, too many of them
+    would change to another one. These changes, in fine directions, should have at least the
+    variance of the drift, and at least the variance of the sideways displacement, in squares, of
+    headings that are uniform in one fine direction. The share is the smallest with this property.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.
@@ -277,7 +277,7 @@ def most_cells(error: float) -> int:
 
 
 def needed(cells: int, angles: int = 1) -> int:
-    """Estimate the bytes of the map of a robot that slips."""
+    """Estimate the bytes of the map of a robot that slips, for a number of bouncing angles."""
     return _BYTES * (1 + angles) * cells
 
 
@@ -290,9 +290,10 @@ def _drive(
     walls: Float[Array, "walls 2 2"],
     slip: Slip,
 ) -> tuple[Float[Array, "squares samples 3"], Array]:
-    """Move the samples of each square by a step, and find their bumps.
+    """Move the samples of each square by a step, and return their poses and a mask of the bumps.
 
-    Only the walls differ between squares, so everything else is computed once.
+    `start` is the pose of each sample relative to the centre of its square. Only the walls differ
+    between squares, so everything else is computed once.
     """
 
     def around(middle: Float[Array, "1 3"]) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ def plan_runs(
     runs: int,
     step: float | None = None,
     seed: int = 0,
-) -> Float[np.ndarray, "foretold 3"]:
+) -> Float[np.ndarray, "successful 3"]:
     """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
     **Arguments:** a cell space and the cell of the start; actions, 0 for a step forward or the

@@ -20,7 +20,7 @@ _Shares: TypeAlias = Float[np.ndarray, "times positions"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Slipped(Result):
-    """A run of a robot that slips from an unknown cell, with its belief."""
+    """A run of a robot that slips and starts in an unknown cell, with its belief."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
     tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
@@ -76,7 +76,7 @@ class Slipped(Result):
 
     @property
     def events(self) -> Int[np.ndarray, "steps"]:
-        """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
+        """The event of each step: 0 for a move, and 1 plus the number of the angle for a bump."""
         return 1 + self.turned_by[1:]
 
     fine_cells = from_part("hidden.cells", "", "fine cells", kind="count")
@@ -121,19 +121,20 @@ def slipping_run(
     fine_side: float,
     fine_directions: int,
 ) -> Slipped:
-    """Drive a simulated robot that slips from a cell until its belief has a small credible set.
+    """Drive a simulated robot that slips, until its belief is concentrated in a few cells.
 
     The robot moves by [`jaxcell.space.slipping_step`][], in continuous space.
 
     **Arguments:**
 
     - `hidden`: the map of fine cells that [`jaxcell.bounce.slip_map`][] returns.
-    - `bounces`: the angles of `hidden` in radians, counter-clockwise; at each bump the belief of
-        the robot determines its choice.
+    - `bounces`: the angles of `hidden` in radians, counter-clockwise. At each bump the robot
+        chooses one of them by its belief.
+    - `start`: the cell where the robot starts, which it does not know.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
-        directions, for the result.
+        directions, which are stored in the result.
 
     **Returns:** [`Slipped`][], the run and its beliefs.
 

@@ -99,7 +99,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
 def format_ascii(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> str:
-    """Write a map as the text of an ASCII grid."""
+    """Write a map, given by its fields and its environment, as the text of an ASCII grid."""
     blocked, origin = _grid_of(fields, environment)
     x, y = origin
     header = [f"; cell {fields['cell']!r}", f"; robot_radius {fields['robot_radius']!r}"]
@@ -170,7 +170,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 def format_map_server(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
-    """Write a map as the YAML text and the PGM image of map_server; `image` is its file name."""
+    """Write a map as YAML text and a PGM image for map_server; `image` is the name of its file."""
     blocked, (x, y) = _grid_of(fields, environment)
     text = (
         f"image: {json.dumps(image)}\n"

@@ -1,5 +1,3 @@
-"""Read pictures from files that may be damaged."""
-
 import warnings
 from io import BytesIO
 

@@ -40,10 +40,7 @@ _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a map file in the format of its suffix.
-
-    Returns keyword arguments of `Workspace`, with lengths in metres.
-    """
+    """Read a map file in the format of its suffix, as keyword arguments of `Workspace`."""
     path = Path(path)
     check_file(path, "a map")
     suffix = path.suffix.lower()

@@ -34,7 +34,6 @@ class Placement(NamedTuple):
     """A room of Figure 2.7 with obstacles at random places."""
 
     free: Bool[np.ndarray, "rows columns"]
-    "The free cells of the room."
     corners: list[tuple[int, int]]
     "Lower left corner (x, y) of each obstacle."
     side: int
@@ -44,8 +43,8 @@ class Placement(NamedTuple):
 def place(seed: int, environment: str, run: int) -> Placement:
     """Put obstacles into the room of Figure 2.7, uniformly over all placements without overlap.
 
-    Alam 2018, section 2.5.1. All environments have one fixed obstacle at the boundary, and at
-    random places
+    All environments of Alam 2018, section 2.5.1, have one fixed obstacle at the boundary. At random
+    places they have
 
     - E1: a square,
     - E2: a square and a rectangle,
@@ -54,7 +53,7 @@ def place(seed: int, environment: str, run: int) -> Placement:
 
     The dissertation gives no sizes of obstacles. Here they have the sizes in
     `data/maps/room_200x125.json`, and sides of 10 to 50 in E4. Random obstacles are at least one
-    cell away from the boundary. The placement depends on the seed and its number `run`, from 0.
+    cell away from the boundary. The placement depends on the seed and on the number `run`.
     """
     # Each placement has a stream of its own, so a longer study begins with the shorter one.
     rng = np.random.default_rng([seed, int(environment[1:]), run])
@@ -82,7 +81,7 @@ def random_room(
 
     The sides of an obstacle are a twentieth to a fifth of the sides of the room, at least one cell.
     Obstacles may overlap and touch walls. A room is drawn again if its free cells are not connected
-    by their edges, at most a thousand times. The room depends on the seed and its `number`, from 0.
+    by their edges, at most a thousand times. The room depends on the seed and on `number`.
     """
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):
