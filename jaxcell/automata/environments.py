@@ -8,9 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps, which identify the map of a robot and localize the robot.
-
-    Alam 2018, section 2.4.4.
+    """Open-world filters of several maps, to identify that of a robot (Alam 2018, section 2.4.4).
 
     A robot bumps every third step in one ring, and every second step in the other:
 
@@ -77,7 +75,7 @@ class EnvironmentsState:
 
     @property
     def refuted_at(self) -> dict[str, int]:
-        """The index of the refuting observation, for each refuted map."""
+        """For each refuted map, the index of the observation that refuted it."""
         return {
             name: state.refuted_at
             for name, state in self.states.items()

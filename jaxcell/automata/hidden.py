@@ -41,11 +41,9 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    """The probability of a move from the cell of the row to the cell of the column, with
-    observation 0."""
+    "The probability of a step, observation 0, from the cell of a row to the cell of a column."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    """For each angle by which the robot may turn, the matrix of the probabilities of moves with
-    observation 1."""
+    "The matrix of probabilities of bumps, observation 1, for each angle of the turn that follows."
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
@@ -175,7 +173,7 @@ class Estimate:
     cells: Int[np.ndarray, "configurations"]
     "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "The probability of each configuration if the robot is on the map; equal if unknown."
+    "Probabilities of configurations if the robot is on the map, or equal numbers if unknown."
     nowhere: float
     "The probability, from 0 to 1, that the robot is nowhere on the map."
 
@@ -186,7 +184,7 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
     **Arguments:**
 
     - `mass`: the probability of each configuration, up to a factor.
-    - `share`: the least share of the credible set in the total of `mass`.
+    - `share`: the least part of the total probability that the credible set has to contain.
     - `nowhere`: the probability that the robot is in no configuration.
 
     **Returns:** [`Estimate`][], with no configurations if all masses are 0.

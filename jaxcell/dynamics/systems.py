@@ -1,4 +1,4 @@
-"""Six example systems; copy one to a file of your own and change it.
+"""Six example systems. To study another system, copy one of them to a file and change it.
 
 jaxcell dynamics pendulum --params T=0.5 --out runs/pendulum
 jaxcell dynamics my_systems.py:pendulum --params T=0.01:0.96:20
