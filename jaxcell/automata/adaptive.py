@@ -18,7 +18,7 @@ _DEEPEST = 200
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decisions:
-    """An adaptive strategy: the input for each set of possible states, and the cost.
+    """An adaptive strategy: the input for each set of possible states, and its cost.
 
     The number of a set is its index in `sets`. Each set is listed once, even if several branches of
     the strategy reach it. The strategy ends at *settled* sets, which need not be divided further.

@@ -171,7 +171,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
 
 def _weighted_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Multiply the entropy of the configurations, in bits, by the sum of the weights."""
+    """Return the entropy of the configurations in bits, times the sum of the weights."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())

@@ -36,7 +36,7 @@ class Bounded:
     cell of the row to that of the column. A factor with fewer rows than there are cells moves whole
     blocks of consecutive cells."""
     configuration: Int[np.ndarray, "cells"]
-    "The configuration of each cell."
+    "The number of the configuration that contains each cell."
     start_weight: Float[np.ndarray, "cells"]
     "A positive number for each cell in which the robot may start, 0 for other cells."
 

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Products skip the cells of weight 0 if less than this share of the cells have a weight above 0."
+"Matrix products skip cells of weight 0 if the share of all other cells is below this value."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
     """A hidden Markov model: a map with several images per cell, and observations of steps.
 
-    A *configuration* is a set of cells. Estimates are about configurations, because the cells of a
-    configuration need not be distinguished.
+    A *configuration* is a set of cells that need not be distinguished. Estimates are therefore sets
+    of configurations.
 
     The first two of three cells are one configuration. A robot moves on or stays, and bumps at the
     end:
@@ -43,9 +43,9 @@ class HiddenMap:
     moves: "scipy.sparse.csr_array"
     "The probability of a step, observation 0, from the cell of a row to the cell of a column."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "The matrix of probabilities of bumps, observation 1, for each angle of the turn that follows."
+    "The same matrix for bumps, observation 1, and for each angle of the turn after the bump."
     configuration: Int[np.ndarray, "cells"]
-    "The configuration of each cell."
+    "The number of the configuration that contains each cell."
     start: Float[np.ndarray, "cells"]
     "The probability of each cell at the start."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -173,7 +173,7 @@ class Estimate:
     cells: Int[np.ndarray, "configurations"]
     "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "Probabilities of configurations if the robot is on the map, or equal numbers if unknown."
+    "The probability of each configuration if the robot is on the map; all are equal if unknown."
     nowhere: float
     "The probability, from 0 to 1, that the robot is nowhere on the map."
 

@@ -71,7 +71,7 @@ class MooreMachine:
             machine of a policy always reads runs.
 
         **Returns:** [`MooreMachine`][]. With `"cells"`, each set of configurations has a number as
-        its output. The outputs of a policy with `n` angles are the numbers of angles, `n` at the
+        its output. The outputs of a policy with `n` angles are the indices of angles, `n` at the
         start, and `n + 1` or more at an end.
 
         **Raises:** `ValueError` if `runs` is true and the filter is open-world or has a

@@ -196,7 +196,7 @@ def _check_equal(
 ) -> None:
     """Raise an error if a new set has the hash of a different set.
 
-    `known` lists sets with a known hash: its state, and start and length of the set in `images`.
+    A row of `known` has the state with the hash of a new set, and its start and length in `images`.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

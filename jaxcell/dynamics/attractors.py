@@ -1,4 +1,4 @@
-"""Attractors, from the periodic groups of a box and the orbits that start in them."""
+"""Attractors of maps, found by following orbits from periodic groups of cells."""
 
 import dataclasses
 import functools
@@ -24,7 +24,7 @@ _MAX_STARTS = 1 << 12
 # Number of groups that are followed: a map that preserves volumes may have as many as cells.
 MAX_GROUPS = 1 << 13
 SCATTERED = 256
-"""Default number of orbits that start at random points, and not in periodic groups."""
+"""Default number of orbits from random points, which find attractors that groups miss."""
 # Number of mappings in the observed window.
 _WINDOW = 256
 _GOLDEN = (5**0.5 - 1) / 2
@@ -113,7 +113,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Return the number of points after which an orbit repeats to 1e-3 of a cell; 0 if none."""
+    """Count the points until an orbit repeats to 1e-3 of a cell, or return 0 if it does not."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -236,7 +236,7 @@ def _lead_others(
 def _first_cells(
     box: Box, groups: PeriodicGroups, skipped: Int[np.ndarray, "_"]
 ) -> Int[np.ndarray, "others"]:
-    """Return the smallest cell of each group, in the order of groups, without groups `skipped`."""
+    """Return the smallest cell of each group, in the order of groups, except groups `skipped`."""
     other = np.ones(int(groups.count), bool)
     other[skipped] = False
     cells, highest = [np.zeros(0, np.int32)], -1

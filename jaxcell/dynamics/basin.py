@@ -83,7 +83,7 @@ class Basins(OnBox):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Time outside the box is not counted. `None` unless mappings of cells differ in duration."
+    "Time outside the box does not count. The value is `None` if all mappings take equally long."
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
     follow: int = 0
@@ -160,7 +160,7 @@ class Basins(OnBox):
         return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
 
     def share(self, mask: Callable[[slice], np.ndarray]) -> float:
-        """Compute the share of cells for which `mask(part)`, the mask of a slice, is `True`."""
+        """Compute the share of cells in a mask; `mask(part)` is the mask of a slice of cells."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
@@ -181,7 +181,7 @@ class Basins(OnBox):
 
     @functools.cached_property
     def trial(self) -> Trial | None:
-        """A test of remedies for too coarse cells; `None` if `disagreement` is at most 0.05."""
+        """A test of remedies for coarse cells; `None` if `disagreement` is at most 0.05."""
         if self.map is None or self.disagreement <= DOUBTFUL:
             return None
         return tried(self.map, self)
@@ -269,7 +269,7 @@ def basins_of_each(
         basins = by_cells(box, params, *parts)
         known = {**about, "torn": ends}
         if time is not None:
-            known["time"] = _times_to_groups(basins, time[len(each)])
+            known["time"] = _time_sums(basins, time[len(each)])
         if by == "orbits":
             cells = basins.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
@@ -281,9 +281,7 @@ def basins_of_each(
     return each
 
 
-def _times_to_groups(
-    basins: Basins, lasts: Float[np.ndarray, "cells"]
-) -> Float[np.ndarray, "cells"]:
+def _time_sums(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
     """Sum the durations `lasts` of the mappings that lead from each cell to its group."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")

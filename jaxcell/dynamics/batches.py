@@ -1,4 +1,4 @@
-"""Batches of rows, padded to a few lengths, because JAX compiles a program for each length."""
+"""Batches of array rows, padded to few lengths because JAX compiles a program for each."""
 
 import itertools
 import math

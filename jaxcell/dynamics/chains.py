@@ -139,7 +139,7 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Return the increments of a sequence that fills a cube evenly, powers of a golden ratio."""
+    """Return the increments of an additive recurrence that fills a cube evenly."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

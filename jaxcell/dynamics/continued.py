@@ -158,7 +158,7 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Number the attractors of a list of basins, so that matching attractors have one number."""
+    """Number the attractors of a list of basins, so that matching attractors have the same."""
     labels: list[np.ndarray] = []
     # For each name, the last basins with the attractor, and its number in them.
     known: dict[int, tuple[Basins, int]] = {}
@@ -185,14 +185,13 @@ def _cost(old: Basins, was: int, now: Basins, k: int) -> float:
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]
     enclosed = inside.size > 0 and np.mean(old.basin[inside] == was)
-    apart = _apart(box, old.orbit[was], now.orbit[k])
+    apart = _hausdorff_distance(box, old.orbit[was], now.orbit[k])
     if apart > _FAR and not enclosed:
         return 2.0
     return min(0.99, apart) if enclosed else 0.5 + min(0.49, apart)
 
 
-def _apart(box: Box, *orbits: np.ndarray) -> float:
-    """Compute the Hausdorff distance of two orbits, after scaling the box to a unit cube."""
+def _hausdorff_distance(box: Box, *orbits: np.ndarray) -> float:
     size = np.array(box.upper) - np.array(box.lower)
     around = np.array([kind == "periodic" for kind in box.axes])
     first, second = ((orbit - np.array(box.lower)) / size for orbit in orbits)

@@ -197,11 +197,9 @@ def changed_by_half_step(
     return (image[:, cells] != half).mean(axis=1).tolist()
 
 
-def _crossing(
+def _images_by_crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the images of cells under a flow with `crossing`, and the durations of mappings."""
-
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
         steps = min(_STAGE, map.steps - k * _STAGE)
@@ -226,7 +224,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take at most `steps` steps from each point, until it is `map.crossing` cells away."""
+    """Move each point at most `steps` steps, until it is `map.crossing` cells from its cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -254,8 +252,6 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """Follow points until they are back in the box, and find the cell or sink of each."""
-
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)
 
@@ -302,6 +298,6 @@ def _images_of(
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
     params, each = stacked(members, kind), np.arange(len(members))
     if isinstance(map, Flow) and map.crossing:
-        return _crossing(map, box, params, each, cells, follow, kind)
+        return _images_by_crossing(map, box, params, each, cells, follow, kind)
     image, time = _images(map, box, params, each, cells, follow, kind)
     return np.asarray(image), None if time is None else np.asarray(time)

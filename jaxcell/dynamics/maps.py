@@ -46,7 +46,7 @@ class Flow:
     steps: int
     "Number of Runge-Kutta steps per mapping, or their largest number if `crossing` is not 0."
     crossing: int = 0
-    "Distance from its cell, in cells, at which an orbit ends, or 0 if it ends after `steps` steps."
+    "Number of cells that an orbit crosses before it ends, or 0 if it ends after `steps` steps."
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)

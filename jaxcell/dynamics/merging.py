@@ -17,7 +17,7 @@ _MIN_APART = 8
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Return the attractor of each orbit, numbered as first met; -1 if an orbit leaves the box."""
+    """Return a number for the attractor of each orbit, or -1 if the orbit leaves the box."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
@@ -73,7 +73,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """List the halves of parts that orbits visit: the orbit, and the half along each axis."""
+    """Return the orbit of each visit to a half of a part, and the half along each axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

@@ -21,7 +21,7 @@ VISITS = 16
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""Numbers instead of an attractor, for orbits that reach none, and orbits that leave the box."""
+"""Numbers that stand for no attractor, and for the outside of the box."""
 
 
 def orbit_basins(
@@ -70,10 +70,10 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points, in at most `most` mappings, until they have visited an attractor repeatedly.
+    """Follow points for at most `most` mappings, to find the attractors that they reach.
 
-    `owner` is a result of `attractor_owners`. Returns the attractor to whose cells each point made
-    `visits` visits, `NONE` or `OUTSIDE`, and the number of mappings until the first visit.
+    `owner` is a result of `attractor_owners`. Returns the attractor whose cells each point visited
+    `visits` times, or `NONE` or `OUTSIDE`, and the number of mappings until the first visit.
     """
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 

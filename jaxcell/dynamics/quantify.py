@@ -55,12 +55,11 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     for k, cells in enumerate(basins.attractor_cells):
         own = basins.basin == k
         if not own.all() and cells.size:
-            shocks[k] = _distance(basins.box, own)[cells].min()
+            shocks[k] = _distance_to_others(basins.box, own)[cells].min()
     return shocks
 
 
-def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
-    """Compute the distance from each cell to the nearest cell outside the mask `own`."""
+def _distance_to_others(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
     grid = own.reshape(box.cells)
     pad = [
         (n, n) if kind == "periodic" else (0, 0)

@@ -31,7 +31,7 @@ def closed_classes(
     **Arguments:**
 
     - `transition`: the state after each symbol, -1 for an impossible symbol.
-    - `apart`: the pairs of incompatible states.
+    - `apart`: the mask of the pairs of incompatible states.
     - `clique`: states that are incompatible with each other.
 
     **Yields:** `None` after each part of the search, and at the end the classes, or `False` if
@@ -60,7 +60,7 @@ def closed_classes(
 
 
 class _Problem:
-    """The SAT problem of closed classes. A variable is true if a certain state is in a class."""
+    """The SAT problem of closed classes. Each variable says whether one state is in one class."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class _Problem:
         return true[self.member]
 
     def pairs(self, classes: Classes) -> list[list[int]]:
-        """Return clauses that separate incompatible states which are in one of the `classes`."""
+        """Return clauses that forbid the pairs of incompatible states that occur in `classes`."""
         pairs: set[tuple[int, int]] = set()
         for row in classes:
             states = np.flatnonzero(row)

@@ -45,7 +45,7 @@ class EdgeStates:
     period: Int[np.ndarray, "edges"]
     "The period in mappings; 0 if no point returns exactly, as in chaos or on a cycle of a flow."
     multipliers: Complex[np.ndarray, "edges axes"]
-    "The eigenvalues of the derivative over one period, the largest first; NaN if `period` is 0."
+    "Eigenvalues of the map's derivative over one period, the largest first; NaN if `period` is 0."
     orbit: Float[np.ndarray, "edges window axes"]
     "Successive points of an orbit near each edge state, filled up with NaN."
 
@@ -172,7 +172,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map the ends of segments until they are `wide` apart; return all midpoints and the ends."""
+    """Map the ends of segments until they are `wide` apart; return the midpoints and last ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -194,7 +194,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Refine periodic points by Newton's method; return them, their errors and derivatives."""
+    """Refine periodic points by Newton's method; return points, errors and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)

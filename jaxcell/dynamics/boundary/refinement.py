@@ -27,7 +27,7 @@ class Refined(NamedTuple):
     """Basins whose cells at boundaries are repeatedly halved along each axis."""
 
     fraction: Float[np.ndarray, "attractors"]
-    "The share of the box that leads to each attractor, by the finest cells and random points."
+    "Share of the box that leads to each attractor, from the finest cells and random points."
     uncertain: Float[np.ndarray, "levels"]
     """The share of the box in cells at a boundary, before refinement and after each halving of
     cells. It is estimated from random points if the boundary is fractal."""
@@ -208,7 +208,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basin of the finest of all cells `keys` that contains each of the `places`."""
+    """Return the basin of each place, which is that of the finest cell of `keys` around it."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
@@ -227,7 +227,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Find the attractor to whose cells, with number `owner`, each point leads; -1 for none."""
+    """Return the attractor that each point reaches, or -1; `owner` has that of each cell."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

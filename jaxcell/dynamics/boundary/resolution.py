@@ -14,7 +14,7 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""A remedy for coarse cells succeeds if it leaves at most this share of wrong attractors."""
+"""A remedy for coarse cells succeeds if at most this share of points has a wrong attractor."""
 DOUBTFUL = 0.05
 """Remedies for coarse cells are tested if `Basins.disagreement` is larger than this share."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
@@ -30,14 +30,14 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A test, at random points, of two remedies for coarse cells: orbits, and finer cells."""
+    """A test of two remedies for coarse cells at random points: finer cells, basins by orbits."""
 
     follow: int | None
-    "The least `follow` with which basins by orbits are right at random starts, or `None`."
+    "The least `follow` with which basins by orbits are right at random starts; `None` if none is."
     points: int = 0
     "Number of random points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "Shares of points with a wrong attractor, for the cells, and cells of half and quarter width."
+    "Shares of points with a wrong attractor, with these cells and at half and quarter width."
     cells: tuple[int, ...] | None = None
     """Number of cells along each axis that should reduce `wrong` to 2 %; `None` if finer cells do
     not help, or if 32 bits cannot number them."""

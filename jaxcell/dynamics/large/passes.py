@@ -32,7 +32,7 @@ _BYTES_PER_WALKED = 16
 def groups_in_passes(
     image: Int[np.ndarray, "cells"], folder: Folder, say: Say | None = None
 ) -> PeriodicGroups:
-    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in a folder."""
+    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in files."""
     size = image.size
     level = folder.array("level", np.uint8, size)
     group, step = (folder.array(name, np.int32, size) for name in ("group", "step"))

@@ -108,7 +108,7 @@ def logistic(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: Interval) -> Interval:
-    """Enclose powers with real exponents, by the whole line if the base may be negative."""
+    """Enclose real powers. A base that may be negative gives the whole line."""
     return unless(a.lower < 0, exp(mul(exponent, log(a))))
 
 

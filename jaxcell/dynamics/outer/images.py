@@ -55,7 +55,7 @@ class Intervals:
             if not np.isfinite(leaf).all():
                 raise ValueError(f"params: expected finite numbers, got {leaf}")
         enclosed = functools.partial(_enclosed, self.map, self.mean_value, params)
-        return _in_parts(enclosed, lower, upper)
+        return _in_batches(enclosed, lower, upper)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "mean_value"))
@@ -66,7 +66,7 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Boxes around the images of some points of a box, which is fast and usual but no proof."""
+    """Boxes around the images of some points of each box: the usual, fast method, without proof."""
 
     map: Map
     points: int = 2
@@ -86,14 +86,12 @@ class Corners:
             # `fmin` and `fmax` leave out images that are no numbers.
             return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
 
-        low, high = _in_parts(around, lower, upper)
+        low, high = _in_batches(around, lower, upper)
         pad = self.padding * (upper - lower)
         return low - pad, high + pad
 
 
-def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxes:
-    """Compute the images of boxes in batches of `_PART` boxes, on two threads."""
-
+def _in_batches(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxes:
     def part(k: int) -> Any:
         return padded(images, [lower[k : k + _PART], upper[k : k + _PART]], _PART)
 
@@ -107,8 +105,8 @@ class Samples:
     """Outer images from samples of a map and Lipschitz constants, proved if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
-    `lipschitz[i, j] * abs(difference along axis j)`. So the images
-    of the samples nearest to a box, each enlarged by this bound, contain the image of the box.
+    `lipschitz[i, j] * abs(difference along axis j)`. So the images of the samples nearest to a box,
+    each enlarged by this bound, contain the image of the box.
     """
 
     points: Float[np.ndarray, "samples axes"]
@@ -119,7 +117,6 @@ class Samples:
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check that neighbouring samples satisfy the Lipschitz condition."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(

@@ -23,7 +23,7 @@ _DRAWN = 1 << 18
 
 @dataclasses.dataclass(frozen=True)
 class MorseCertificate:
-    """Proved statements about Morse sets, and the numbers of boxes that the proof took."""
+    """Proved statements about Morse sets, and the numbers of boxes and edges in the proof."""
 
     proof: str
     "The reason why outer images contain the images of all points; empty without a proof."
@@ -58,7 +58,7 @@ class MorseSets(OnBox):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The box, with the cells of pictures: the initial cells, bisected to at most 262,144."
+    "The box. Its cells, for pictures, are the initial ones, bisected to at most 262,144 cells."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -238,7 +238,7 @@ class _Level(NamedTuple):
     member: Int[np.ndarray, "boxes"]
     "The component that contains each box, -1 if the box is on no cycle."
     parent: Int[np.ndarray, "components"]
-    "The component after one bisection less that contains each component."
+    "The component of the previous level that contains each component."
 
 
 @dataclasses.dataclass
