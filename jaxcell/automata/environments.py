@@ -27,7 +27,7 @@ class Environments:
     def __init__(self, filters: Mapping[str, Filter]):
         """Combine the filters of several maps; the keys of `filters` are the names of the maps.
 
-        Filters of a closed world are extended by a trap.
+        A trap is added to each closed-world filter.
 
         **Raises:** `ValueError` if there are no filters.
         """

@@ -231,7 +231,7 @@ class FilterState:
 
     filter: Filter
     index: int
-    "The state of the filter."
+    "The number of the state of the filter."
     time: int
     "The number of observations so far."
     refuted_at: int | None

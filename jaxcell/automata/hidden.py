@@ -43,7 +43,7 @@ class HiddenMap:
     moves: "scipy.sparse.csr_array"
     "The probability of a step, observation 0, from the cell of a row to the cell of a column."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "The same matrix for bumps, observation 1, and for each angle of the turn after the bump."
+    "For each angle of the turn after a bump, a matrix like `moves` with probabilities of bumps."
     configuration: Int[np.ndarray, "cells"]
     "The number of the configuration that contains each cell."
     start: Float[np.ndarray, "cells"]

@@ -315,7 +315,7 @@ def by_cells(
 ) -> Basins:
     """Build basins in which each cell leads to the attractor of its group.
 
-    `new(name, dtype, size)` creates each array over cells. `changed` is stored in the result.
+    `new(name, dtype, size)` creates arrays over cells. `changed_by_half_step` returns `changed`.
     """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     basin = new("basin", np.int32, box.size)

@@ -158,7 +158,7 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Number the attractors of a list of basins, so that matching attractors have the same."""
+    """Number attractors along a list of basins, so that those that match have the same number."""
     labels: list[np.ndarray] = []
     # For each name, the last basins with the attractor, and its number in them.
     known: dict[int, tuple[Basins, int]] = {}

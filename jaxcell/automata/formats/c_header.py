@@ -40,7 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Return the template of a C table, whose field `{entries}_bits` is the default of `bits`."""
+    """Return the template of a C table of integers of `bits` bits, or else `{entries}_bits`."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"

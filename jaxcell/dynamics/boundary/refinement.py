@@ -194,7 +194,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield points shifted by -1, 0 or 1 cells along each axis, for all combinations."""
+    """Yield points, shifted by each combination of -1, 0 or 1 cells along the axes."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):

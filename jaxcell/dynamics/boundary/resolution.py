@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate from the shares in `Trial.wrong` to the cells for which the share is `AGREE`."""
+    """Extrapolate the shares in `Trial.wrong` to the numbers of cells with a share of `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

@@ -30,7 +30,7 @@ class MorseCertificate:
     mapped: int
     "Number of boxes whose images were computed."
     edges: int
-    "Number of pairs of boxes such that the second box touches the image of the first box."
+    "Number of pairs of boxes such that the second touches the image of the first."
 
     @property
     def proved(self) -> bool:
