@@ -6,7 +6,7 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A cycle in a filter that has no exits, so that a robot on it is localized."""
+    """A cycle of states without exits: a robot whose filter is in such a cycle is localized."""
 
     states: Int32[np.ndarray, "length"]
     "The states in the order of the cycle, starting with the smallest state."

@@ -42,7 +42,7 @@ class Environments:
     def run(self, observations: Observations) -> "EnvironmentsState":
         """Return the state of all filters after an observation string.
 
-        **Raises:** `ValueError` for an observation that is neither 0 nor 1, which names its index.
+        **Raises:** `ValueError` with the index of an observation that is neither 0 nor 1.
         """
         state = self.start()
         for observation in digits(observations):

@@ -131,7 +131,7 @@ class Filter:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of each state: that of its knowledge cycle, or 1; the trap has the last."""
+        """The colour of each state: of its knowledge cycle, or 1. The trap has the last colour."""
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
             color[cycle.states] = cycle.color

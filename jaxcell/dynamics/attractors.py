@@ -24,7 +24,7 @@ _MAX_STARTS = 1 << 12
 # Number of groups that are followed: a map that preserves volumes may have as many as cells.
 MAX_GROUPS = 1 << 13
 SCATTERED = 256
-"""Default number of orbits from random points, which find attractors that groups miss."""
+"""Default number of orbits from random points, which find attractors that periodic groups miss."""
 # Number of mappings in the observed window.
 _WINDOW = 256
 _GOLDEN = (5**0.5 - 1) / 2
@@ -236,7 +236,7 @@ def _lead_others(
 def _first_cells(
     box: Box, groups: PeriodicGroups, skipped: Int[np.ndarray, "_"]
 ) -> Int[np.ndarray, "others"]:
-    """Return the smallest cell of each group, in the order of groups, except groups `skipped`."""
+    """Return the smallest cells of all groups except `skipped`, in the order of the groups."""
     other = np.ones(int(groups.count), bool)
     other[skipped] = False
     cells, highest = [np.zeros(0, np.int32)], -1

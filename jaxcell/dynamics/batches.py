@@ -18,7 +18,7 @@ Value = TypeVar("Value")
 
 
 CHUNK = 1 << 18
-"""Number of cells that are computed at once, which limits the memory beyond that of results."""
+"""Number of cells that are computed at once, to limit the memory beyond that of the results."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
 

@@ -144,7 +144,7 @@ def continuation(
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Split parameters, some of which are arrays of one length, into a dictionary per entry."""
+    """Return a dictionary of numbers for each entry of the arrays in `params`."""
     lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
     if not lengths:
         raise ValueError("params: expected an array for at least one parameter")

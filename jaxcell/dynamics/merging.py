@@ -1,4 +1,4 @@
-"""Tests of which orbits are on the same attractor."""
+"""Attractors of orbits: those that visit the same parts of cells are on one attractor."""
 
 import itertools
 
@@ -73,7 +73,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Return the orbit of each visit to a half of a part, and the half along each axis."""
+    """List visits of orbits to halves of the parts of cells: orbits, and halves along each axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

@@ -208,7 +208,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basin of each place, which is that of the finest cell of `keys` around it."""
+    """Return the basin of each place, from the finest of the cells `keys` that contain it."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
@@ -227,7 +227,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the attractor that each point reaches, or -1; `owner` has that of each cell."""
+    """Return the attractor that each point reaches, or -1; `attractor_owners` returns `owner`."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -27,7 +27,7 @@ Boxes: TypeAlias = tuple[Float[np.ndarray, "boxes axes"], Float[np.ndarray, "box
 
 @runtime_checkable
 class OuterMap(Protocol):
-    """A method that computes outer images: boxes around the images of all points of boxes."""
+    """A method that computes outer images: for each box, a box around the images of its points."""
 
     proof: str
     "The reason why outer images contain the images of all points; empty without a proof."

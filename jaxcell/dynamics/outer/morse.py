@@ -267,8 +267,8 @@ class _Search:
     ) -> tuple[np.ndarray, ...]:
         """Halve boxes that are the result of `bisections` bisections.
 
-        Returns the sorted numbers of the halves, and arrays over the halves that repeat the entries
-        of the arrays `others` over the boxes.
+        Returns the sorted numbers of the halves, and the arrays `others`, in which the entry of
+        each box is repeated for both of its halves.
         """
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)

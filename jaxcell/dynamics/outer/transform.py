@@ -283,7 +283,7 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Convert a function of intervals to a rule, which also takes an operation and `decided`."""
+    """Adapt a function of intervals to the arguments of rules: `step`, `decided` and values."""
     return lambda _, __, *values: function(*map(_interval, values))
 
 
