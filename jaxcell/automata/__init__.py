@@ -1,7 +1,7 @@
-"""Automata that localize a robot. The package does not import JAX, so that robots can run them.
+"""Automata that localize a robot. The package does not import JAX, so that it runs on robots.
 
 The *I-state graph* of a simple map has a vertex for each cell and an edge from each cell to its
-image, labelled with the observation of the robot on this step, 0 or 1. A robot that may be in any
+image, labelled with the observation, 0 or 1, of a robot on this step. A robot that may be in any
 cell and knows only the observations is a nondeterministic automaton. The states of the equivalent
 deterministic automaton are the sets of cells, *configurations*, that an observation string allows.
 

@@ -18,7 +18,7 @@ _DEEPEST = 200
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decisions:
-    """An adaptive strategy: the input for each set of possible states, and the cost.
+    """An adaptive strategy: the input for each set of possible states, and its cost.
 
     The number of a set is its index in `sets`. Each set is listed once, even if several branches of
     the strategy reach it. The strategy ends at *settled* sets, which need not be divided further.
@@ -29,16 +29,15 @@ class Decisions:
     choice: list[int]
     "The input for each set; -1 for a settled set, which needs no input."
     after: list[dict[int, int]]
-    """For each set, a dictionary from observations to the number of the next set; empty for a
-    settled set."""
+    "For each set, the number of the next set after each observation; empty for a settled set."
     roots: list[int]
     "The numbers of the sets at which the strategy starts, in the order of the argument `roots`."
     lower: list[int]
-    "For each root, a lower bound on the cost of every strategy."
+    "For each of `roots`, a lower bound on the cost of all strategies."
     upper: list[int]
-    "For each root, the cost of this strategy."
+    "For each of `roots`, the cost of this strategy."
     searched: int
-    "Number of sets for which all inputs were examined."
+    "Number of sets for which the search compared the inputs."
 
     @property
     def optimal(self) -> bool:
@@ -59,8 +58,8 @@ def adaptive_choice(
 
     At first the machine may be in any state of one set, a *root*. An input moves each state to its
     image, and the observation excludes the states that would have given another observation. The
-    strategy ends when the remaining states are *settled*: all are equivalent, or all are in one
-    place.
+    strategy ends when the remaining states are *settled*: all are equivalent, or all have the same
+    label in `place`.
 
     A greedy strategy is computed first. It chooses the input that divides a set best. If no input
     distinguishes two states, it chooses an input after which at least one pair is easier to
@@ -71,13 +70,14 @@ def adaptive_choice(
 
     **Arguments:**
 
-    - `images`: the state after each input; states with one observation must have different images.
+    - `images`: the state after each input. States with equal observations must have different
+        images.
     - `observations`: the observation between each state and its image.
-    - `roots`: the possible first sets, without repeats.
-    - `place`: labels of places; states in one place are settled. By default all places differ.
+    - `roots`: sets of states in which the machine may be at first, each without repeats.
+    - `place`: the label of the place of each state. By default all places differ.
     - `aim`: the cost of a set: the number of inputs in the worst case (`"worst"`), or the sum of
         the number of inputs over the states of the set (`"mean"`).
-    - `limit`: the search ends when the sets that it examined have this number of states in total.
+    - `limit`: the search ends when the sets that it has examined have this many states in total.
 
     **Returns:** [`Decisions`][].
 
@@ -107,7 +107,7 @@ def adaptive_choice(
 def check_apart(
     images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> None:
-    """Raise `ValueError` if two states have the same image and observation."""
+    """Raise `ValueError` if an input gives two states the same image and observation."""
     for i, (image, observation) in enumerate(zip(images, observations, strict=True)):
         if np.unique(ranked(image, observation)).size < image.size:
             raise ValueError(
@@ -118,10 +118,10 @@ def check_apart(
 def levels(
     images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> list[Int[np.ndarray, "states"]]:
-    """Compute the class of each state at level 0, 1, 2, ...
+    """Classify the states by the observations after 0, 1, 2, ... inputs.
 
-    States are in one class at level `i` if no sequence of `i` inputs distinguishes them, and in one
-    class at the last level if no sequence of any length does.
+    States have the same class in array `i` if no sequence of `i` inputs distinguishes them, and in
+    the last array if no sequence of any length does.
     """
     levels = [np.zeros(images.shape[1], np.int64)]
     seen = np.zeros(images.shape[1], np.int64)
@@ -175,7 +175,7 @@ class Search:
         return number
 
     def _bound(self, states: tuple[int, ...]) -> int:
-        """Compute a lower bound on the cost of a set from pairs of states; 0 if it is settled."""
+        """Compute a lower bound on the cost of a set from pairs of its states; 0 if settled."""
         final, place = self.levels[-1], self.place
         if len(states) == 1:
             return 0
@@ -200,7 +200,7 @@ class Search:
         return total
 
     def parts(self, number: int) -> list[dict[int, int]]:
-        """Return a dictionary for each input, from observations to the number of the next set."""
+        """Return, for each input to a set, a dictionary from observations to the next sets."""
         known = self.after[number]
         if known is not None:
             return known
@@ -216,13 +216,13 @@ class Search:
     def cost(
         self, number: int, bounds: Sequence[float | int], after: dict[int, int]
     ) -> float | int:
-        """Compute a bound on the cost of a set from bounds on the costs of the sets `after` it."""
+        """Compute a bound on the cost of a set from the `bounds` of the sets `after` an input."""
         if self.aim == "worst":
             return 1 + max(bounds[part] for part in after.values())
         return len(self.sets[number]) + sum(bounds[part] for part in after.values())
 
     def greedy(self, root: int) -> None:
-        """Compute the cost of the greedy strategy for a set, and for all sets that it leads to."""
+        """Compute `upper`, the cost of the greedy strategy, for a set and the sets after it."""
         # Successors come first; each choice brings the strategy nearer to its end.
         stack = [root]
         while stack:
@@ -255,7 +255,7 @@ class Search:
         return min(splits, key=left)
 
     def toward_nearest(self, sets: Sequence[int]) -> int:
-        """Choose an input after which the most easily distinguished pair needs one input fewer."""
+        """Choose the first input of a shortest sequence that distinguishes states of a set."""
         depth, number = min(
             (next(d for d, level in enumerate(self.levels) if _differ(level, self.sets[n])), n)
             for n in sets
@@ -325,6 +325,5 @@ class Search:
         )
 
 
-def _differ(level: list[int], states: Sequence[int]) -> bool:
-    """Check whether the states are in two or more classes; `level` is the class of each state."""
-    return any(level[a] != level[b] for a, b in itertools.pairwise(states))
+def _differ(classes: list[int], states: Sequence[int]) -> bool:
+    return any(classes[a] != classes[b] for a, b in itertools.pairwise(states))

@@ -28,7 +28,7 @@ class BeliefState:
     nowhere: float
     "The probability that the robot is nowhere on the map; it and `weight` sum to 1."
     turn: int | None = None
-    "The number of the angle by which the robot turns after a bump; `None` after a step."
+    "The index of the angle by which the robot turns after a bump; `None` after a step."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -163,15 +163,15 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
         return entropy
     here = weight / total
     for _ in range(_MAX_STEPS):
-        entropy += _unknown(hidden, here * hidden.bumping)
+        entropy += _weighted_entropy(hidden, here * hidden.bumping)
         here = hidden.after(0, here)
         if here.sum() < _REST:
             break
-    return entropy + _unknown(hidden, here)
+    return entropy + _weighted_entropy(hidden, here)
 
 
-def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Compute the entropy of the configuration in bits, times the sum of the weights."""
+def _weighted_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
+    """Return the entropy of the configurations in bits, times the sum of the weights."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())

@@ -32,11 +32,11 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, 0 and 1, the factors of a matrix with an entry `True` where the robot
-    may move from the cell of the row to the cell of the column. A factor with fewer rows than cells
-    moves whole blocks of consecutive cells."""
+    """For each observation, factors of the matrix that is `True` where the robot may move from the
+    cell of the row to that of the column. A factor with fewer rows than there are cells moves whole
+    blocks of consecutive cells."""
     configuration: Int[np.ndarray, "cells"]
-    "The configuration of each cell."
+    "The number of the configuration that contains each cell."
     start_weight: Float[np.ndarray, "cells"]
     "A positive number for each cell in which the robot may start, 0 for other cells."
 

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of a filter without exits, on which the robot is localized."""
+    """A cycle of states without exits: a robot whose filter is in such a cycle is localized."""
 
     states: Int32[np.ndarray, "length"]
     "The states in the order of the cycle, starting with the smallest state."
@@ -50,10 +50,8 @@ def knowledge_cycles(
 
 
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-    """Find the nodes of a functional graph that are on a cycle.
-
-    These nodes are the image of each power of the map with an exponent of at least their number.
-    """
+    """Find the nodes of a functional graph that are on a cycle."""
+    # A power of the map whose exponent is at least the number of nodes maps all nodes to them.
     for _ in range(successor.size.bit_length()):
         successor = successor[successor]
     periodic = np.zeros(successor.size, bool)

@@ -8,9 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps, which identify the map of a robot and localize the robot.
-
-    Alam 2018, section 2.4.4.
+    """Open-world filters of several maps, which find the map of a robot (Alam 2018, 2.4.4).
 
     A robot bumps every third step in one ring, and every second step in the other:
 
@@ -29,7 +27,7 @@ class Environments:
     def __init__(self, filters: Mapping[str, Filter]):
         """Combine the filters of several maps; the keys of `filters` are the names of the maps.
 
-        A closed-world filter gets a trap, in which it is refuted.
+        A trap is added to each closed-world filter.
 
         **Raises:** `ValueError` if there are no filters.
         """
@@ -44,7 +42,7 @@ class Environments:
     def run(self, observations: Observations) -> "EnvironmentsState":
         """Return the state of all filters after an observation string.
 
-        **Raises:** `ValueError` for an observation that is neither 0 nor 1, with its index.
+        **Raises:** `ValueError` with the index of an observation that is neither 0 nor 1.
         """
         state = self.start()
         for observation in digits(observations):
@@ -77,7 +75,7 @@ class EnvironmentsState:
 
     @property
     def refuted_at(self) -> dict[str, int]:
-        """The index of the refuting observation, for each refuted map."""
+        """For each refuted map, the index of the observation that refuted it."""
         return {
             name: state.refuted_at
             for name, state in self.states.items()

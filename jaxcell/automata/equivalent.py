@@ -11,8 +11,8 @@ def equivalence(
 
     The partition of the states is refined until under each input the images of a class are in one
     class. First it is refined by repeats of each single input: `i` sorts find all differences after
-    up to `2^i` repeats, so that a long corridor takes few sorts. Then it is refined by all inputs,
-    in rounds. A round examines only states with an image whose class has changed (Hopcroft 1971).
+    up to `2^i` repeats, so that a long corridor takes few sorts. Then it is refined by all inputs
+    together. Only states with an image whose class has changed are examined again (Hopcroft 1971).
 
     **Arguments:**
 
@@ -58,7 +58,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split classes whose states are distinguished by repeating one input; return new labels."""
+    """Split the classes `label` until repeats of one input distinguish no states of a class."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -85,7 +85,7 @@ def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, 
 def _refined(
     images: Integer[np.ndarray, "inputs states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split classes until under each input the images of a class are in one class."""
+    """Split the classes `label` until each input maps every class into one class."""
     label, count = label.copy(), int(label.max()) + 1
     size = np.bincount(label, minlength=label.size)
     into = np.argsort(images, axis=None, kind="stable")

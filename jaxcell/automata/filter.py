@@ -131,11 +131,7 @@ class Filter:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of each state.
-
-        States of a knowledge cycle have its colour, the trap has the last colour, and all other
-        states have colour 1.
-        """
+        """The colour of each state: of its knowledge cycle, or 1. The trap has the last colour."""
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
             color[cycle.states] = cycle.color
@@ -221,7 +217,7 @@ class FilterRun:
     colors: Int32[np.ndarray, "entries"]
     "The colours of the states."
     refuted_at: int | None
-    "The index of the first impossible observation, or `None`; open world only."
+    "The index of the first impossible observation of an open-world filter, or `None`."
     localized_at: int | None
     "The index in `states` of the first state in a knowledge cycle, or `None`."
 
@@ -235,11 +231,11 @@ class FilterState:
 
     filter: Filter
     index: int
-    "The state of the filter."
+    "The number of the state of the filter."
     time: int
     "The number of observations so far."
     refuted_at: int | None
-    "The index of the first impossible observation, or `None`; open world only."
+    "The index of the first impossible observation of an open-world filter, or `None`."
 
     def observe(self, observation: int) -> "FilterState":
         """Return the state after one more observation, 0 or 1."""

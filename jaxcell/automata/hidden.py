@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Products skip the cells of weight 0 if less than this share of the cells have a weight above 0."
+"Matrix products skip cells of weight 0 if the share of all other cells is below this value."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
     """A hidden Markov model: a map with several images per cell, and observations of steps.
 
-    A *configuration* is a set of cells. Estimates are about configurations, because the cells of a
-    configuration need not be distinguished.
+    A *configuration* is a set of cells that need not be distinguished. Estimates are therefore sets
+    of configurations.
 
     The first two of three cells are one configuration. A robot moves on or stays, and bumps at the
     end:
@@ -41,13 +41,11 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    """The probability of a move from the cell of the row to the cell of the column, with
-    observation 0."""
+    "The probability of a step, observation 0, from the cell of a row to the cell of a column."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    """For each angle by which the robot may turn, the matrix of the probabilities of moves with
-    observation 1."""
+    "For each angle of the turn after a bump, a matrix like `moves` with probabilities of bumps."
     configuration: Int[np.ndarray, "cells"]
-    "The configuration of each cell."
+    "The number of the configuration that contains each cell."
     start: Float[np.ndarray, "cells"]
     "The probability of each cell at the start."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -175,7 +173,7 @@ class Estimate:
     cells: Int[np.ndarray, "configurations"]
     "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "The probability of each configuration if the robot is on the map; equal if unknown."
+    "The probability of each configuration if the robot is on the map; all are equal if unknown."
     nowhere: float
     "The probability, from 0 to 1, that the robot is nowhere on the map."
 
@@ -186,7 +184,7 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
     **Arguments:**
 
     - `mass`: the probability of each configuration, up to a factor.
-    - `share`: the least share of the credible set in the total of `mass`.
+    - `share`: the least part of the total probability that the credible set has to contain.
     - `nowhere`: the probability that the robot is in no configuration.
 
     **Returns:** [`Estimate`][], with no configurations if all masses are 0.

@@ -18,7 +18,7 @@ class Homing:
     """A fixed sequence of inputs whose observations identify the state of a machine."""
 
     inputs: Int[np.ndarray, "length"]
-    "The homing sequence, as numbers of inputs."
+    "The homing sequence, as indices of inputs."
     least: int
     "A lower bound on the length of every such sequence."
 
@@ -63,7 +63,7 @@ def homing_sequence(
     search = Search(images, observations, place, "worst", limit)
     numbers = (search.number(tuple(sorted(map(int, root)))) for root in roots)
     start: _Family = frozenset(number for number in numbers if search.lower[number] > 0)
-    best = _greedy(search, start)
+    best = _greedy_sequence(search, start)
     least = _least(search, start)
     length = {start: 0}
     before: dict[_Family, tuple[_Family, int]] = {}
@@ -95,7 +95,7 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Return the unsettled sets after input `i`, for all observations."""
+    """Return the unsettled sets after input `i` to the sets of a family, for all observations."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 
@@ -104,9 +104,7 @@ def _least(search: Search, family: _Family) -> int:
     return max((search.lower[number] for number in family), default=0)
 
 
-def _greedy(search: Search, family: _Family) -> list[int]:
-    """Find a sequence greedily: each input leaves as few undistinguished states as possible."""
-
+def _greedy_sequence(search: Search, family: _Family) -> list[int]:
     def together(family: _Family) -> int:
         return sum(len(search.sets[number]) - 1 for number in family)
 

@@ -37,7 +37,7 @@ class MooreMachine:
     runs: bool = False
     "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
     final: int = 2
-    "The smallest output of a state in which the robot is localized, or its plan has ended."
+    "The smallest output that says that the robot is localized, or that its plan has ended."
 
     def __post_init__(self) -> None:
         states = len(self.transition)
@@ -71,11 +71,11 @@ class MooreMachine:
             machine of a policy always reads runs.
 
         **Returns:** [`MooreMachine`][]. With `"cells"`, each set of configurations has a number as
-        its output. The outputs of a policy with `n` angles are the numbers of angles, `n` at the
+        its output. The outputs of a policy with `n` angles are the indices of angles, `n` at the
         start, and `n + 1` or more at an end.
 
-        **Raises:** `ValueError` if `runs`, for an open-world filter, and for a filter whose robot
-        may never bump again.
+        **Raises:** `ValueError` if `runs` is true and the filter is open-world or has a
+        state from which the robot may never bump again.
         """
         choices: tuple[str, ...] = ("color", "count", "cells", "localized")
         if isinstance(source, Policy):

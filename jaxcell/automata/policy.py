@@ -40,7 +40,7 @@ class Policy:
     """
 
     turn: Int32[np.ndarray, "states"]
-    "The number of the angle by which the robot turns in each state; -1 at the start and at ends."
+    "The index of the angle by which the robot turns in each state; -1 at the start and at ends."
     first: Int32[np.ndarray, "states+1"]
     "State `i` has the entries `first[i]` to `first[i + 1] - 1` of `steps` and `target`."
     steps: Int32[np.ndarray, "bumps"]
@@ -185,7 +185,7 @@ class PolicyState:
 
     @property
     def turn(self) -> int | None:
-        """The number of the angle by which the robot has to turn now, or `None`."""
+        """The index of the angle by which the robot has to turn now, or `None`."""
         if self.steps or self.refuted:
             return None
         turn: int = self.policy.turn.item(self.index)

@@ -31,9 +31,8 @@ def subset_construction(
     The states are the non-empty sets of cells that are possible after observation strings; at the
     start all cells are possible. The sets of a level of the breadth-first search are mapped
     together. A set is identified by a hash, the sum of one random 64-bit word per cell. Sets with
-    equal hashes are compared cell by cell, so the result is exact. Time and memory are linear in
-    the total size of the sets, except for a sort at each level if the map does not preserve the
-    order of the cells.
+    equal hashes are compared cell by cell, so the result is exact. A map that does not preserve the
+    order of the cells takes an additional sort at each level.
 
     **Arguments:**
 
@@ -197,7 +196,7 @@ def _check_equal(
 ) -> None:
     """Raise an error if a new set has the hash of a different set.
 
-    Each row of `known` is the state of the hash, and the start and length of the set in `images`.
+    A row of `known` has the state with the hash of a new set, and its start and length in `images`.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

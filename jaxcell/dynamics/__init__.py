@@ -16,14 +16,15 @@ cells would otherwise be their own images, like equilibria.
 
 **Accuracy.** The centre of a cell stands for the whole cell, which is wrong near attractors and
 saddles: a limit cycle becomes dozens of periodic groups. So attractors are found by following the
-map itself from the groups, and results report the shares of cells that are their own images, of
-images that differ with steps of half the length, and of cells that lead to a saddle. A map that
-preserves volumes has groups and no attractors: results then report that orbits had not settled, or
-that most cells are periodic.
+map itself from the groups. Results report three shares that should be small: cells that are their
+own images, images that differ with steps of half the length, and cells that lead to a saddle. A map
+that preserves volumes has groups and no attractors: results then report that orbits had not
+settled, or that most cells are periodic.
 
-`images`, `basins`, `stored_basins`, `foretold`, `continuation`, `chain`; `refined`, `edge_states`,
-`unstable_set`, `relative_attractor`, `morse_sets`, `enclose`; `basin_stability`, `basin_entropy`,
-`uncertainty_exponent`, `wada`, `overlap`, `minimal_critical_shock`.
+`images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box.
+`refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find
+boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, `wada`, `overlap`,
+`uncertainty_exponent` and `minimal_critical_shock` measure basins.
 """
 
 from ..base.hosted import attach

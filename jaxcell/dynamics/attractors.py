@@ -1,4 +1,4 @@
-"""Attractors, from the periodic groups of a box and the orbits that start in them."""
+"""Attractors of maps, found by following orbits from periodic groups of cells."""
 
 import dataclasses
 import functools
@@ -24,7 +24,7 @@ _MAX_STARTS = 1 << 12
 # Number of groups that are followed: a map that preserves volumes may have as many as cells.
 MAX_GROUPS = 1 << 13
 SCATTERED = 256
-"""Number of orbits from random points of the box."""
+"""Default number of orbits from random points, which find attractors that periodic groups miss."""
 # Number of mappings in the observed window.
 _WINDOW = 256
 _GOLDEN = (5**0.5 - 1) / 2
@@ -42,15 +42,15 @@ _PART = 1 << 17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attractors:
-    """Attractors of a map, and the attractor of each periodic group.
+    """Attractors of a map, and the attractor to which each periodic group leads.
 
     The fields without a docstring are those of [`Basins`][jaxcell.dynamics.Basins].
     """
 
     of_group: Int[np.ndarray, "groups"]
-    "The attractor of most orbits from each group; -1 if they reach none, -2 if they leave the box."
+    "The attractor that most orbits from each group reach; -1 for none, -2 if they leave the box."
     several: Bool[np.ndarray, "groups"]
-    "`True` if orbits from the group end on several attractors, as near a saddle."
+    "`True` for groups from which orbits end on several attractors, such as groups at a saddle."
     count: int
     orbit: Float[np.ndarray, "attractors window axes"]
     sampled: Float[np.ndarray, "attractors"]
@@ -75,16 +75,17 @@ def attractors(
 
     A limit cycle or a chaotic attractor becomes many periodic groups, and a saddle becomes a group
     that attracts no orbits. So orbits of the map itself, not of the map of cells, start in a few
-    cells of each group and are followed until they have settled. Orbits that approach each other
-    within half a cell are on one attractor. (The second stage of Hsu 1987 is a generalized map of
-    cells near the groups. With small steps, it would spread over the whole neighbourhood of an
-    attractor.) Orbits from random points find attractors that are too small for the cells, and
-    estimate the share of starts that lead to each attractor. If there are more than 8,192 groups,
-    only groups with the largest basins are treated in this way. From each other group, one orbit is
-    followed until it visits cells of a known attractor.
+    cells of each group, and are followed until twice as many mappings find the same attractors.
+    Orbits that approach each other within half a cell are on one attractor. (The second stage of
+    Hsu 1987 is a generalized map of cells near the groups. With small steps, it would spread over
+    the whole neighbourhood of an attractor.) Orbits from random points find attractors that are too
+    small for the cells, and estimate the share of starts that lead to each attractor. If there are
+    more than 8,192 groups, these orbits start only in the groups with the largest basins. From each
+    other group, one orbit is followed until it visits cells of a known attractor.
 
     `members` are the parameters of several maps, whose orbits are computed in one batch. The
-    `groups` of each member end with the two sinks. `scattered` orbits start at random points.
+    `groups` of each member end with the two sinks. `scattered` orbits start at random points. An
+    orbit may stay outside the box for `follow` mappings before it counts as lost.
     """
     starts, begun = zip(*(_starts(box, each, scattered, seed) for each in groups), strict=True)
     params, start = stacked(members), dict(enumerate(starts))
@@ -112,7 +113,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Find the period of an orbit to within 1e-3 of a cell; 0 if it exceeds half of the window."""
+    """Count the points until an orbit repeats to 1e-3 of a cell, or return 0 if it does not."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -125,9 +126,9 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 def _starts(
     box: Box, groups: PeriodicGroups, scattered: int, seed: int
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
-    """Draw the starts of orbits, first in a few cells of each group, then in the whole box.
+    """Draw points in a few cells of each group, and then `scattered` points in the whole box.
 
-    Returns all starts, and the groups of the starts in groups.
+    Returns all points, and the group of each point that was drawn in a group.
     """
     rng = np.random.default_rng(seed)
     live = int(groups.count) - 2
@@ -148,7 +149,7 @@ def _starts(
 def cells_of(
     box: Box, groups: PeriodicGroups, chosen: Int[np.ndarray, "chosen"], each: int
 ) -> Int[np.ndarray, "chosen each"]:
-    """Choose `each` evenly spaced cells of each chosen group; small groups repeat cells."""
+    """Choose `each` evenly spaced cells of each chosen group, with repeats if it has fewer."""
     group, step = np.asarray(groups.group), np.asarray(groups.step)
     number = np.full(int(groups.count), -1, np.int32)
     number[chosen] = np.arange(chosen.size)
@@ -175,7 +176,7 @@ def _of_orbits(
     starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
-    """Collect the attractors; `end` is the attractor of each orbit, or -1.
+    """Build the result from orbits, each of which ends on the attractor `end`, or on none (-1).
 
     The first orbits start in the groups `begun`, and the others at the random points `starts`.
     """
@@ -221,7 +222,7 @@ def _lead_others(
     known: Attractors,
     follow: int,
 ) -> None:
-    """Find the attractors of the groups in which no orbits started, and write them into `known`."""
+    """Find the attractor of each group that is not in `begun`, and write it into `known`."""
     others = _first_cells(box, groups, begun)
     if not others.size:
         return
@@ -233,11 +234,11 @@ def _lead_others(
 
 
 def _first_cells(
-    box: Box, groups: PeriodicGroups, known: Int[np.ndarray, "_"]
+    box: Box, groups: PeriodicGroups, skipped: Int[np.ndarray, "_"]
 ) -> Int[np.ndarray, "others"]:
-    """Return the smallest cell of each group that is not in `known`, in the order of groups."""
+    """Return the smallest cells of all groups except `skipped`, in the order of the groups."""
     other = np.ones(int(groups.count), bool)
-    other[known] = False
+    other[skipped] = False
     cells, highest = [np.zeros(0, np.int32)], -1
     for part in slices(box.size):
         on = np.flatnonzero(groups.step[part] == 0)
@@ -255,7 +256,7 @@ def _transient(
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
 ) -> bool:
-    """Check whether an orbit that seems chaotic becomes periodic when it is followed further."""
+    """Check whether an orbit on an attractor seems chaotic, but later becomes periodic."""
     _, first = np.unique(end, return_index=True)
     chaotic = [k for k in first if end[k] >= 0 and period(orbit[k], box) == 0][:_MOST_CHECKED]
     if not chaotic:
@@ -268,7 +269,7 @@ def _transient(
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
-    """Map points `settle` times, and return the orbits that follow."""
+    """Return `_WINDOW` successive points of the orbit of each start, after `settle` mappings."""
     return padded(lambda *rows: _orbits_of(map, box, params, *rows, settle), (member, start))
 
 

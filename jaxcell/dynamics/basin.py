@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Basins(OnBox):
-    """The attractor of each cell of a box, or its exit from the box."""
+    """Attractors of a map in a box, and their basins: the cells that lead to each attractor."""
 
     title: ClassVar[str] = "Attractors and basins"
     tables: ClassVar[Mapping[str, str]] = {"attractor": "basins", "edge": "edge_states"}
@@ -43,7 +43,7 @@ class Basins(OnBox):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "Groups are numbered in the order of their smallest cells; the groups of the sinks come last."
+    "Groups are numbered in the order of their smallest cells, but the two sinks come last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
@@ -57,12 +57,12 @@ class Basins(OnBox):
     left: Bool[np.ndarray, "cells"]
     "`True` for each cell whose orbit leaves the box."
     orbit: Float[np.ndarray, "attractors window axes"]
-    "An orbit on each attractor."
+    "Successive points of one orbit on each attractor."
     sampled: Annotated[
         Float[np.ndarray, "attractors"],
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
-    "The share of orbits from `starts` that end on each attractor, a check of `fraction`."
+    "The share of orbits from `starts` that end on each attractor, to compare with `fraction`."
     starts: Float[np.ndarray, "starts axes"]
     "Random points of the box, the starts of the orbits that `sampled` counts."
     ends: Int[np.ndarray, "starts"]
@@ -76,21 +76,20 @@ class Basins(OnBox):
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
     torn: tuple[int, ...] = ()
-    "The periodic axes along which the map has different values at the two ends."
+    "The periodic axes at whose lower and upper ends the map has different values."
     duration: float | None = None
-    "The duration of a mapping, or `None` if it differs between cells."
+    "The duration of each mapping; `None` if it differs between cells, or if the map has no time."
     time: Annotated[
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    """Time outside the box is not counted. `None` if the mappings of all cells have the same
-    duration."""
+    "Time outside the box does not count. The value is `None` if all mappings take equally long."
     labels: tuple[str, ...] = ()
-    "The names of the axes; empty for `x0`, `x1`, ..."
+    "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     map: Map | None = None
-    "The map, with which `trial` tests remedies, or `None` for basins without this test."
+    "The map, from which `trial` is computed, or `None` for basins without a trial."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -161,7 +160,7 @@ class Basins(OnBox):
         return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
 
     def share(self, mask: Callable[[slice], np.ndarray]) -> float:
-        """Compute the share of cells for which `mask`, a function of a slice, is true."""
+        """Compute the share of cells in a mask; `mask(part)` is the mask of a slice of cells."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
@@ -182,8 +181,7 @@ class Basins(OnBox):
 
     @functools.cached_property
     def trial(self) -> Trial | None:
-        """A test of remedies for coarse cells, made if cells and orbits often give different
-        attractors; otherwise `None`."""
+        """A test of remedies for coarse cells; `None` if `disagreement` is at most 0.05."""
         if self.map is None or self.disagreement <= DOUBTFUL:
             return None
         return tried(self.map, self)
@@ -214,7 +212,7 @@ def basins(
     - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
         takes one image per cell; or `"orbits"`, the orbit of each centre, which takes many images
         per cell, but is correct where cells are too coarse, such as near a chaotic attractor.
-    - `seed`: seed of the points from which attractors are found.
+    - `seed`: seed of the random points from which orbits are followed to attractors.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
@@ -222,7 +220,7 @@ def basins(
 
     Warns, before cells are mapped, if the map differs at the two ends of a periodic axis.
 
-    A particle in a double well, from the left and the right:
+    A particle in a double well comes to rest on the left or on the right:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
@@ -248,7 +246,7 @@ def basins_of_each(
     labels: tuple[str, ...] = (),
     say: Say | None = None,
 ) -> list[Basins]:
-    """Compute [`basins`][jaxcell.dynamics.basins] for each of several parameters, in one batch."""
+    """Compute [`basins`][jaxcell.dynamics.basins] for each set of parameters in `members`."""
     check_map(map, box, members[0])
     torn = torn_axes(map, box, members, labels)
     duration = getattr(map, "duration", None)
@@ -271,7 +269,7 @@ def basins_of_each(
         basins = by_cells(box, params, *parts)
         known = {**about, "torn": ends}
         if time is not None:
-            known["time"] = _along(basins, time[len(each)])
+            known["time"] = _time_sums(basins, time[len(each)])
         if by == "orbits":
             cells = basins.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
@@ -283,8 +281,8 @@ def basins_of_each(
     return each
 
 
-def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Compute the time from each cell to its group; `lasts` is the duration of each mapping."""
+def _time_sums(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+    """Sum the durations `lasts` of the mappings that lead from each cell to its group."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))
@@ -298,7 +296,7 @@ def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarra
 def totals(
     label: Int[np.ndarray, "rows"], count: int, weight: np.ndarray | None = None
 ) -> Float[np.ndarray, "labels"]:
-    """Count the rows with each label from 0, or sum their weights."""
+    """Count the rows with each of the labels 0 to `count - 1`, or sum the weights of these rows."""
     total = np.zeros(count)
     for part in slices(label.size):
         own = None if weight is None else weight[part]
@@ -317,7 +315,7 @@ def by_cells(
 ) -> Basins:
     """Build basins in which each cell leads to the attractor of its group.
 
-    `new` is a function of name, data type and size that creates the arrays over cells.
+    `new(name, dtype, size)` creates arrays over cells. `changed_by_half_step` returns `changed`.
     """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     basin = new("basin", np.int32, box.size)

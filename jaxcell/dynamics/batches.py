@@ -1,4 +1,4 @@
-"""Batches of rows, padded to a few lengths, because JAX compiles a program for each length."""
+"""Batches of array rows, padded to few lengths because JAX compiles a program for each."""
 
 import itertools
 import math
@@ -18,14 +18,13 @@ Value = TypeVar("Value")
 
 
 CHUNK = 1 << 18
-"""Number of cells that are computed at once. It limits the memory that is needed in addition to the
-result."""
+"""Number of cells that are computed at once, to limit the memory beyond that of the results."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
 
 
 def slices(size: int) -> Iterator[slice]:
-    """Yield the chunks of an array over cells."""
+    """Yield slices of at most `CHUNK` entries that cover an array of `size` entries."""
     for first in range(0, size, CHUNK):
         yield slice(first, min(first + CHUNK, size))
 
@@ -36,31 +35,31 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
 
 
 def padded(compute: Callable[..., Any], rows: Sequence[np.ndarray], size: int | None = None) -> Any:
-    """Apply a compiled function to padded arrays, and return its results without the padding."""
+    """Pad the arrays `rows` to `size`, apply a compiled function, and cut off the padding again."""
     count = len(rows[0])
     filled = (with_last(array, size or bucket(count)) for array in rows)
     return jax.tree.map(lambda array: np.asarray(array)[:count], compute(*filled))
 
 
 def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
-    """Stack the parameters of several members into one tree of arrays over the members."""
+    """Stack the parameters of several maps into one tree, whose arrays have an entry per map."""
     kind = jnp.zeros(()).dtype if dtype is None else dtype
     return jax.tree.map(lambda *leaves: np.stack(leaves).astype(kind), *members)
 
 
 def params_of(params: Any, member: Any) -> Any:
-    """Extract the parameters of one member from stacked parameters."""
+    """Extract the parameters of map number `member` from a result of `stacked`."""
     return jax.tree.map(lambda leaf: leaf[member], params)
 
 
 def in_stages(
     state: tuple[np.ndarray, ...], stage: Callable[[tuple[np.ndarray, ...], int], Any]
 ) -> tuple[np.ndarray, ...]:
-    """Advance the rows of a batch stage by stage, and drop the rows that have ended.
+    """Advance the rows of a batch in stages, and drop rows that have ended after each stage.
 
-    `stage` is a function of the state, a tuple of arrays over the rows, and of the number of the
-    stage. It returns the new state, a mask of the rows that have ended, and a tuple of arrays with
-    their results. Returns the results of all rows.
+    `stage(state, k)` advances the rows in stage `k`, where the state is a tuple of arrays over the
+    rows. It returns the new state, a mask of the rows that have ended, and a tuple of arrays with
+    the results of these rows. Returns the results of all rows.
     """
     left, results = np.arange(len(state[0])), None
     for k in itertools.count():
@@ -82,6 +81,6 @@ def _coarse(rows: int) -> int:
 
 
 def in_threads(compute: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
-    """Compute `parts` on two threads, because XLA leaves cores idle between two parts."""
+    """Apply `compute` to `parts` on two threads, because XLA leaves cores idle between parts."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(compute, parts)

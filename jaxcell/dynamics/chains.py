@@ -32,18 +32,19 @@ def chain(
     spreads them evenly: the error decreases with about the power -0.6 of their number, instead of
     the power -0.5 of random points. Images outside the box go to the sink of the chain.
 
-    Few samples or nodes cause large errors in the probabilities of rare events. So `chain.half` is
-    a second chain with half as many samples and one more node. [`jaxcell.markov.hitting_times`][]
-    and [`jaxcell.markov.arrival_probabilities`][] report the differences between the results of
-    both chains as `moved`. In tests against closed forms, these differences were 1 to 4 times the
-    error. If they are too large, take more samples, more nodes, or shorter mappings: the noise of a
-    mapping must be small compared with the regions of interest.
+    Few samples, or few nodes of the quadrature over the noise, cause large errors in the
+    probabilities of rare events. So `chain.half` is a second chain with half as many samples and
+    one more node. [`jaxcell.markov.hitting_times`][] and [`jaxcell.markov.arrival_probabilities`][]
+    report the differences between the results of both chains as `moved`. In tests against closed
+    forms, these differences were 1 to 4 times the error. If they are too large, take more samples,
+    more nodes, or shorter mappings: the noise of a mapping must be small compared with the regions
+    of interest.
 
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights. The default gives about 16
-        images per cell, one image per point and node, but is at least 4.
+    - `samples`: number of points of each cell, with equal weights. The default is at least 4, and
+        otherwise gives about 16 images per cell: one per point and node of the quadrature.
     - `noise`: standard deviation of the noise, one number for all axes or one per axis.
     - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise. Each
         node is added to each image, with its weight. With `n` nodes, polynomials up to degree
@@ -138,7 +139,7 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Return the steps of a sequence that fills a cube evenly, from a generalized golden ratio."""
+    """Return the increments of an additive recurrence that fills a cube evenly."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

@@ -25,18 +25,18 @@ _FAR = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Continuation(Result):
-    """Attractors and basins for each of a list of parameters, with matching names of attractors."""
+    """Attractors and basins along a list of parameters, with one name for matching attractors."""
 
     title: ClassVar[str] = "Attractors along parameters"
     tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
 
     params: Mapping[str, Float[np.ndarray, "members"]]
-    "The values of each parameter that varies."
+    "The values of each parameter that varies, by the name of the parameter."
     # A list, because a tuple would add tables to the summary.
     members: list[Basins]
     "The basins for each set of parameters."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "The name of each attractor in each member: a number that does not change along the list."
+    "For each member, the names of its attractors: numbers that stay the same along the list."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
@@ -100,14 +100,13 @@ def continuation(
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
     An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
-    Hausdorff distance of both orbits is small. The matching with the least distances is chosen. If
-    an attractor vanishes, its name is reserved, and an attractor that appears in the same place
-    gets this name. Until then the vanished attractor counts as merged with the attractor in whose
-    basin it lies.
+    Hausdorff distance of their orbits is small. The matching with the least distances is chosen. If
+    an attractor vanishes, an attractor that later appears in the same place gets its name. `merges`
+    reports the attractor in whose basin a vanished attractor lies.
 
-    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that `params` has numbers, and
-    arrays of one length for the parameters that vary. **Returns:** the basins of all members,
-    and the names of their attractors.
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that the values of `params` are
+    numbers, or arrays of one length for the parameters that vary. **Returns:** the basins for each
+    entry of these arrays, and the names of the attractors.
 
     A second attractor appears, and takes half of the box:
 
@@ -145,7 +144,7 @@ def continuation(
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the parameters of each member, from the arrays of the parameters that vary."""
+    """Return a dictionary of numbers for each entry of the arrays in `params`."""
     lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
     if not lengths:
         raise ValueError("params: expected an array for at least one parameter")
@@ -159,10 +158,10 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Number the attractors of a list of basins; an attractor has the same number in all."""
+    """Number attractors along a list of basins, so that those that match have the same number."""
     labels: list[np.ndarray] = []
-    # For each name, the last orbit of the attractor, its basins, and its number in them.
-    known: dict[int, tuple[np.ndarray, Basins, int]] = {}
+    # For each name, the last basins with the attractor, and its number in them.
+    known: dict[int, tuple[Basins, int]] = {}
     for now in members:
         names = np.full(now.attractors, -1)
         if known and now.attractors:
@@ -174,26 +173,25 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
                     names[column] = list(known)[row]
         for k in np.flatnonzero(names < 0):
             names[k] = max(known, default=-1) + 1
-            known[int(names[k])] = (now.orbit[k], now, int(k))
-        known |= {int(name): (now.orbit[k], now, k) for k, name in enumerate(names)}
+            known[int(names[k])] = (now, int(k))
+        known |= {int(name): (now, k) for k, name in enumerate(names)}
         labels.append(names)
     return tuple(labels)
 
 
-def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """Compute the cost of matching two attractors; attractors with a cost above 1 do not match."""
+def _cost(old: Basins, was: int, now: Basins, k: int) -> float:
+    """Return the cost of matching attractors `was` of `old` and `k` of `now`; 2 if they differ."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]
     enclosed = inside.size > 0 and np.mean(old.basin[inside] == was)
-    apart = _apart(box, orbit, now.orbit[k])
+    apart = _hausdorff_distance(box, old.orbit[was], now.orbit[k])
     if apart > _FAR and not enclosed:
         return 2.0
     return min(0.99, apart) if enclosed else 0.5 + min(0.49, apart)
 
 
-def _apart(box: Box, *orbits: np.ndarray) -> float:
-    """Compute the Hausdorff distance of two orbits, relative to the sides of a box."""
+def _hausdorff_distance(box: Box, *orbits: np.ndarray) -> float:
     size = np.array(box.upper) - np.array(box.lower)
     around = np.array([kind == "periodic" for kind in box.axes])
     first, second = ((orbit - np.array(box.lower)) / size for orbit in orbits)

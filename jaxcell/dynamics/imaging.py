@@ -58,10 +58,10 @@ def images_of_each(
     within: slice = slice(None),
     say: Say | None = None,
 ) -> Int[np.ndarray, "members cells"]:
-    """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
+    """Compute [`images`][jaxcell.dynamics.images] for each set of parameters in `members`.
 
-    `out` and `time` are arrays for the images and for the durations of the mappings, and `within`
-    is the range of cells to map.
+    Only cells in the range `within` are mapped. Images are written into `out`, and the durations of
+    the mappings into `time`, if these arrays are given.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -84,7 +84,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if the map fails, or if its image is not a point of the same space."""
+    """Raise `ValueError` if JAX cannot trace the map, or if it returns no point of its space."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)
@@ -102,7 +102,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if the map, or its field, is not finite at any of 64 points of a box."""
+    """Raise `ValueError` if a map, or the field of a flow, is finite at none of 64 points."""
     begin = getattr(map, "velocity", map)
     begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
@@ -118,9 +118,9 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """Warn of periodic axes along which a map has different values at the two ends.
+    """Warn of periodic axes at whose lower and upper ends a map has different values.
 
-    Returns these axes for each member, according to a test at 64 points.
+    Returns these axes for each set of parameters in `members`, according to a test at 64 points.
     """
     points, params = _anywhere(box), stacked(members)
     each = [params_of(params, k) for k in range(len(members))]
@@ -139,7 +139,7 @@ def torn_axes(
 
 
 def remark_of_torn(name: str) -> str:
-    """Return the warning for a periodic axis along which a map differs at the two ends."""
+    """Return the warning that a map differs at the two ends of the periodic axis `name`."""
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
@@ -149,14 +149,14 @@ def axis_names(box: Box, labels: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class OnBox(Result):
-    """A result on the cells of a box, whose axes may have names."""
+    """The base class of results that describe the cells of a box, whose axes may have names."""
 
     box: Box
     labels: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the axes."""
+        """The names of the axes, by default `x0`, `x1`, ..."""
         return axis_names(self.box, self.labels)
 
     @property
@@ -172,7 +172,7 @@ class OnBox(Result):
 
 @functools.partial(jax.jit, static_argnames="map")
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
-    """Map an array of points `[cells, points, axes]`."""
+    """Map each point of an array `[cells, points, axes]`; the result has the same shape."""
     return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
 
 
@@ -185,9 +185,9 @@ def changed_by_half_step(
     follow: int = 0,
     dtype: Any = None,
 ) -> list[float | None]:
-    """Compute the share of images that change with steps of half the length, on 1 % of the cells.
+    """Estimate from 1 % of the cells which share of images changes with steps of half the length.
 
-    Returns a share, or `None` for a map without steps, for each member.
+    Returns a share for each set of parameters in `members`, or `None` for a map without steps.
     """
     if not hasattr(map, "halved"):
         return [None] * len(members)
@@ -197,11 +197,9 @@ def changed_by_half_step(
     return (image[:, cells] != half).mean(axis=1).tolist()
 
 
-def _crossing(
+def _images_by_crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the images of cells under a flow with `crossing`, and the durations of mappings."""
-
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
         steps = min(_STAGE, map.steps - k * _STAGE)
@@ -226,7 +224,7 @@ def _crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take at most `steps` steps from each point, until it is far enough from its cell."""
+    """Move each point at most `steps` steps, until it is `map.crossing` cells from its cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -254,8 +252,6 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """Follow points outside the box until they return, and return their cells or sinks."""
-
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)
 
@@ -302,6 +298,6 @@ def _images_of(
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
     params, each = stacked(members, kind), np.arange(len(members))
     if isinstance(map, Flow) and map.crossing:
-        return _crossing(map, box, params, each, cells, follow, kind)
+        return _images_by_crossing(map, box, params, each, cells, follow, kind)
     image, time = _images(map, box, params, each, cells, follow, kind)
     return np.asarray(image), None if time is None else np.asarray(time)

@@ -39,22 +39,21 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over some time, with Runge-Kutta steps. [`flow`][] returns it."""
+    """The map along an autonomous vector field for some time. [`flow`][] returns it."""
 
     field: Field
     dt: float
     steps: int
-    "Number of steps per mapping; with `crossing`, the largest number."
+    "Number of Runge-Kutta steps per mapping, or their largest number if `crossing` is not 0."
     crossing: int = 0
-    """Distance in cells at which the mapping of a cell ends; with 0, all cells take the same number
-    of steps."""
+    "Number of cells that an orbit crosses before it ends, or 0 if it ends after `steps` steps."
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)
 
     @property
     def usual(self) -> int:
-        """Number of steps per mapping; 32 if the number differs between cells."""
+        """Number of steps by which a single point is mapped: `steps`, or 32 with `crossing`."""
         return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
@@ -67,11 +66,11 @@ class Flow:
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
-        """Take a number of steps from a point, each of duration `part * dt`."""
+        """Return the point after `steps` steps from `x`, each of duration `part * dt`."""
         return _advance(lambda _, y: self.field(y, params), x, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
-        """Take one step from a point."""
+        """Return the point after one step of duration `dt` from `x`."""
         return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt)
 
     def halved(self) -> "Flow":
@@ -81,7 +80,7 @@ class Flow:
 
 @dataclasses.dataclass(frozen=True)
 class Strobe:
-    """The map of a forced field over a period of the force. [`strobe`][] returns it."""
+    """The map along a forced vector field for one period of the force. [`strobe`][] returns it."""
 
     field: Callable[[Any, Any, Any], Any]
     period: float
@@ -109,7 +108,7 @@ class Strobe:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The map of a surface to itself along a flow. [`section`][] returns it."""
+    """The return map (Poincare map) of a surface under a flow. [`section`][] returns it."""
 
     flow: Flow
     surface: Callable[[Any, Any], Any]
@@ -121,7 +120,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Follow a point until it returns to the surface. Returns the new point and the time."""
+        """Follow a point until it returns to the surface, and return the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -170,11 +169,10 @@ def flow(
     - `dt`: duration of a Runge-Kutta step of order 4.
     - `steps`: number of steps per mapping. With `"crossing"` the number differs between cells: the
         orbit of a cell is followed until it is `crossed` cells away (according to Hsu's criterion).
-    - `crossed`: with `"crossing"`, the number of cells that an orbit crosses. So a cell with a slow
-        flow is not mapped to itself, and the rounding of an image to a cell, by up to half a cell,
-        is small compared with the distance to it.
-    - `max_steps`: with `"crossing"`, the largest number of steps. A cell that has not crossed by
-        then most likely holds an equilibrium.
+    - `crossed`: with `"crossing"`, the distance from a cell to its image, in cells. So a cell with
+        a slow flow is not mapped to itself, and rounding the image to a cell is a small error.
+    - `max_steps`: with `"crossing"`, the largest number of steps. A cell whose orbit is still
+        nearer by then most likely contains an equilibrium.
 
     **Returns:** a map for all functions of this package.
 
@@ -196,7 +194,7 @@ def flow(
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
     """Build the map of a forced field over one period of the force, from phase 0.
 
-    **Arguments:** the velocity, `field(t, x, params)`; the period; and the number of Runge-Kutta
+    **Arguments:** the velocity, `field(t, x, params)`, the period, and the number of Runge-Kutta
     steps in a period. **Returns:** a map for all functions of this package.
 
     A force whose effects cancel over a period:
@@ -220,11 +218,11 @@ def section(
     dt: float,
     max_steps: int = 10_000,
 ) -> Section:
-    """Build the return map of a flow to a surface that it crosses upwards.
+    """Build the return map (Poincare map) of a surface that the orbits of a flow cross.
 
-    Steps continue until `surface` changes its sign from negative to positive; the secant method
-    then finds the crossing within the step. A point that does not return in `max_steps` maps to
-    NaN, which a box counts as `nowhere`.
+    Steps continue until `surface` changes its sign from negative to positive. The Illinois method
+    then finds the crossing within the last step. A point that does not return in `max_steps` steps
+    is mapped to NaN, which a box counts as `nowhere`.
 
     **Arguments:**
 
@@ -297,7 +295,7 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, dt: Any, steps: Any) -> A
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find a zero of `height` with the Illinois method; it is `below` at 0 and `above` at `dt`."""
+    """Find a zero of `height`, whose values at 0 and at `dt` are `below` and `above`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

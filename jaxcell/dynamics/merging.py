@@ -1,4 +1,4 @@
-"""Find the orbits that are on the same attractor."""
+"""Attractors of orbits: those that visit the same parts of cells are on one attractor."""
 
 import itertools
 
@@ -17,7 +17,7 @@ _MIN_APART = 8
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Number the attractors of orbits in the order of their first orbits; -1 if an orbit leaves."""
+    """Return a number for the attractor of each orbit, or -1 if the orbit leaves the box."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
@@ -43,7 +43,8 @@ def _linked(
 ) -> Int[np.ndarray, "orbits"]:
     """Label orbits, with equal labels for orbits that visit the same part of a cell.
 
-    A part is a cell divided by `parts` along each axis. Adjacent parts overlap by half.
+    A cell has `parts` parts along each axis, and adjacent parts overlap by half. `place` is in
+    cells.
     """
     orbits = len(place)
     bits = orbits.bit_length()
@@ -72,7 +73,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """List the visits of orbits to halves of parts: the orbits, and the halves along each axis."""
+    """List visits of orbits to halves of the parts of cells: orbits, and halves along each axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

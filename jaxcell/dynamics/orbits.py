@@ -21,8 +21,7 @@ VISITS = 16
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""Numbers that replace an attractor: for orbits that reach none, and for orbits that leave the
-box."""
+"""Numbers that stand for no attractor, and for the outside of the box."""
 
 
 def orbit_basins(
@@ -36,8 +35,8 @@ def orbit_basins(
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
     """Follow the centre of each cell until it has repeatedly visited the cells of one attractor.
 
-    Returns the attractor of each cell, -2 if its orbit leaves the box, or -1 if it reaches no
-    attractor; and the number of mappings until the first of these visits.
+    Returns the attractor of each cell (-2 if its orbit leaves the box, and -1 if it reaches no
+    attractor), and the number of mappings until the first visit to this attractor.
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
@@ -52,7 +51,7 @@ def orbit_basins(
 def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
-    """Return the attractor that contains each cell, or -1; the outside sink has -2."""
+    """Return the attractor that contains each cell, -1 for none, and -2 for the sink outside."""
     owner = np.full(box.size + 2, NONE, np.int32)
     owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):
@@ -71,10 +70,10 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points for at most `most` mappings, until `visits` visits to cells of one attractor.
+    """Follow points for at most `most` mappings, to find the attractors that they reach.
 
-    Returns the attractor of each point, `NONE` or `OUTSIDE`, and the number of mappings until the
-    first visit.
+    `owner` is a result of `attractor_owners`. Returns the attractor whose cells each point visited
+    `visits` times, or `NONE` or `OUTSIDE`, and the number of mappings until the first visit.
     """
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
@@ -95,7 +94,7 @@ def orbit_ends(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, follow: Any) -> Any:
-    """Map points `_STAGE` times, and count the visits of each to the attractor visited last."""
+    """Map points `_STAGE` times, and count how often each has visited its latest attractor."""
 
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]

@@ -19,9 +19,9 @@ def basin_stability(
 ) -> Float[np.ndarray, "attractors"]:
     """Compute the share of starts that lead to each attractor, for a density of starts.
 
-    **Arguments:** basins; a function that computes the density at points `[cells, axes]`, which
-    need not be normalised, by default uniform; and the time within which starts must reach their
-    attractor, in mappings if a mapping has no duration.
+    **Arguments:** basins; a function that computes the density at points `[cells, axes]`, up to a
+    factor (by default all starts are equally likely); and the time within which starts must reach
+    their attractor, in mappings if a mapping has no duration.
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 
@@ -55,12 +55,11 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     for k, cells in enumerate(basins.attractor_cells):
         own = basins.basin == k
         if not own.all() and cells.size:
-            shocks[k] = _distance(basins.box, own)[cells].min()
+            shocks[k] = _distance_to_others(basins.box, own)[cells].min()
     return shocks
 
 
-def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
-    """Compute the distance from each cell to the nearest cell that is not in `own`."""
+def _distance_to_others(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
     grid = own.reshape(box.cells)
     pad = [
         (n, n) if kind == "periodic" else (0, 0)
@@ -73,12 +72,12 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 
 
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
-    """Compute the entropy of basins within boxes of cells, and within boxes on a boundary, in nats.
+    """Compute the mean entropy, in nats, of the shares of basins in boxes of cells.
 
-    **Arguments:** basins, and the number of cells along the side of a box; remaining cells at the
-    ends of the axes are not used. **Returns:** the mean entropy `S_b` of all boxes, and `S_bb` of
-    boxes with more than one basin (Daza et al. 2016). `S_bb > log 2` proves a fractal boundary;
-    without a boundary both are 0.
+    **Arguments:** basins, and the number of cells along the side of a box. Cells that are left over
+    at the ends of the axes are not used. **Returns:** the mean `S_b` over all boxes, and the mean
+    `S_bb` over boxes with more than one basin (Daza et al. 2016). `S_bb > log 2` proves a fractal
+    boundary. Without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
         >>> dynamics.basin_entropy(examples.basins(), side=2)
@@ -99,11 +98,11 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
 def uncertainty_exponent(
     basins: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
-    """Fit the exponent with which the share of cells near another basin grows with the radius.
+    """Fit a power of the radius to the share of cells within that radius of another basin.
 
-    **Arguments:** basins, and radii in cells along any axis. **Returns:** the slope of the
-    logarithms, 1 for a smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al.
-    1983); and the share for each radius.
+    **Arguments:** basins, and radii in cells along each axis. **Returns:** the exponent, which is 1
+    for a smooth boundary and 0 for a boundary that fills the box (Grebogi et al. 1983), and the
+    share for each radius.
 
         >>> from jaxcell import dynamics, examples
         >>> dynamics.uncertainty_exponent(examples.basins(), (1, 2))[1].tolist()
@@ -125,9 +124,10 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
     **Arguments:** basins, and the distance in cells within which boundaries count as the same.
-    **Returns:** the largest share of cells of one boundary that are farther from another boundary.
+    **Returns:** the share of the cells of one boundary that are farther than this distance from
+    another boundary, for the pair of boundaries with the largest share.
 
-    Three stripes; only the middle one has a boundary with both others:
+    Three stripes, of which only the middle one has a boundary with both others:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
@@ -146,7 +146,7 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
 
 
 def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
-    """Return a mask of the cells that have another label within `radius` cells along the axes."""
+    """Return a mask of the cells that are within `radius` cells of a cell with another label."""
     modes = ["wrap" if kind == "periodic" else "nearest" for kind in box.axes]
     high = ndimage.maximum_filter(labels, 2 * radius + 1, mode=modes)
     return high != ndimage.minimum_filter(labels, 2 * radius + 1, mode=modes)
@@ -155,8 +155,7 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
     """Compute the share of each basin that lies in each basin of another map of the same box.
 
-    **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
-    attractors.
+    **Arguments:** basins of two maps in one box. **Returns:** a share for each pair of basins.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()

@@ -20,9 +20,9 @@ _PART = 1 << 8
 def grid_images(
     map: Map, params: Any, centres: np.ndarray, width: np.ndarray, samples: int, part: int
 ) -> Iterator[Float[np.ndarray, "part points axes"]]:
-    """Map a grid of points of each cell, including its faces, and yield the images cells by cells.
+    """Map a grid of points in each cell, and yield arrays with the images of `part` cells.
 
-    Each array has the images of `part` cells."""
+    The grid has `samples` points along each axis of a cell, from face to face."""
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=width.size))) * width
     for k in range(0, len(centres), part):

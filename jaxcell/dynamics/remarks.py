@@ -66,7 +66,7 @@ def remarks_on(basins: Any) -> tuple[str, ...]:
 
 
 def _disagreement(basins: Any, trial: Trial) -> str:
-    """Describe how far cells and orbits disagree, and the remedy that helped on a sample."""
+    """Describe how often cells and orbits lead to different attractors, and name a remedy."""
     along = " x ".join(map(str, basins.box.cells))
     remark = (
         f"{basins.disagreement:.0%} of the random starts end elsewhere than their cells lead "

@@ -39,12 +39,12 @@ def with_sines(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def without_polynomials(traced: ClosedJaxpr) -> ClosedJaxpr:
-    """Undo [`with_sines`][jaxcell.dynamics.sines.with_sines] in all parts of a program."""
+    """Turn polynomials of [`with_sines`][jaxcell.dynamics.sines.with_sines] back into sines."""
     return _changed(traced, _as_sine)
 
 
 def _changed(traced: ClosedJaxpr, change: Callable[[JaxprEqn], JaxprEqn | None]) -> ClosedJaxpr:
-    """Replace the steps for which `change` returns another step, in all parts of a program."""
+    """Replace operations of a program and its inner programs where `change` returns a new one."""
     steps = []
     for step in traced.jaxpr.eqns:
         changed = change(step)

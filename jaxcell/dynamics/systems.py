@@ -1,4 +1,4 @@
-"""Six example systems; copy one to a file of your own and change it.
+"""Six example systems for `jaxcell dynamics`, which also runs changed copies of them:
 
 jaxcell dynamics pendulum --params T=0.5 --out runs/pendulum
 jaxcell dynamics my_systems.py:pendulum --params T=0.01:0.96:20

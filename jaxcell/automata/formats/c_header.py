@@ -29,18 +29,18 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"C text of all headers: the end of the first comment, and macros that read tables from flash."
+"C template of all headers: the end of the first comment, and macros that read tables from flash."
 
 USE = """\
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
 """
-"C text of all headers: the example of use in the first comment."
+"C template of all headers: the example of use in the first comment."
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Format the template of a C table; the field `{entries}_bits` is the default of `bits`."""
+    """Return the template of a C table of integers of `bits` bits, or else `{entries}_bits`."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -50,7 +50,7 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 
 
 def look_up(entry: str, names: str, beyond: str) -> str:
-    """Format the template of a C function `entry(state)`, which reads the table `names`.
+    """Return the template of a C function `entry(state)`, which reads from the table `names`.
 
     `beyond` is the result of the function for a state that does not exist.
     """
@@ -63,7 +63,7 @@ def look_up(entry: str, names: str, beyond: str) -> str:
 
 
 TRANSITIONS = table("transition", size="$states][2", bits="${state_bits}")
-"C text: the table of the next state for each state and observation."
+"C template: the table of the next state for each state and observation."
 
 OBSERVATION_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -72,10 +72,10 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"C text: the function that returns the next state, from the table `TRANSITIONS`."
+"C template: the function that returns the next state, from the table `TRANSITIONS`."
 
 KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
-"C text: the tables of the colour and the uncertainty of each state of a filter or a policy."
+"C template: the tables of the colour and the uncertainty of each state of a filter or a policy."
 
 LOCALIZED = """\
 /* 1 if the robot cannot be in the map, else 0. */
@@ -90,7 +90,7 @@ static inline int ${name}_localized(${name}_state state) {
 
 #endif
 """
-"C text: the last functions in the headers of filters and policies."
+"C template: the last functions in the headers of filters and policies."
 
 _TEMPLATE = string.Template(
     "/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.\n"
@@ -163,7 +163,7 @@ def fill(
     bits: Mapping[str, int],
     **fields: object,
 ) -> str:
-    """Fill a template with tables, the number of bits of each integer type, and other fields."""
+    """Fill in a template: its `tables`, the numbers of `bits` of their types, and other fields."""
     name = identifier(name)
     fields |= {table: _rows(values) for table, values in tables.items()}
     fields |= {f"{table}_bits": width for table, width in bits.items()}

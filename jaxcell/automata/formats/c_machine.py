@@ -57,7 +57,7 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
     """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][] writes a filter.
 
     The C function always takes observations, 0 for a step and 1 for a bump. For a machine that
-    reads runs it counts the steps since the last bump, and the output changes only at bumps.
+    reads runs of steps, it counts the steps since a bump, and the output changes only at bumps.
 
     **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
 
@@ -95,10 +95,10 @@ def fewest_bytes(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the machine with the smallest tables in C, which reads either observations or runs.
+    """Find the machine with the smallest tables in C, which may read observations or runs of steps.
 
     **Arguments:** `source` and `output` as in [`MooreMachine.of`][], and `seconds` and `say` as in
-    [`smallest`][], for each of the two searches.
+    [`smallest`][], for each of two searches: for observations, and for runs.
 
     **Returns:** the search that found the smaller tables; for equal sizes, the search for a machine
     that reads observations.

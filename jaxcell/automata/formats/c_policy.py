@@ -29,7 +29,7 @@ typedef struct {
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
-"C text: the type of the state of a policy or a machine that reads runs, and its constants."
+"C template: the type of the state of a policy or a machine that reads runs, and its constants."
 
 RUN_TABLES = (
     "/* The start of the next bumps of each state in the two tables after this. */\n"
@@ -37,7 +37,7 @@ RUN_TABLES = (
     + table("steps", size="$bumps")
     + table("target", size="$bumps", bits="${at_bits}")
 )
-"C text: the tables of the possible runs after each state, and of the states after these runs."
+"C template: the tables of the possible runs after each state, and of the states after these runs."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -63,7 +63,7 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"C text: the function that returns the next state, from the tables `RUN_TABLES`."
+"C template: the function that returns the next state, from the tables `RUN_TABLES`."
 
 _TEMPLATE = string.Template(
     "/* A localization policy, made by jaxcell: $states states, $ends of which are ends.\n"

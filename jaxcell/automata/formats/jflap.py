@@ -21,30 +21,29 @@ def to_jflap(filter: Filter) -> str:
     """
     colors = filter.color.tolist()
     root = ElementTree.Element("structure")
-    _add(root, type="moore")
+    _add_children(root, type="moore")
     automaton = ElementTree.SubElement(root, "automaton")
     note = ElementTree.SubElement(automaton, "note")
-    _add(note, text="filter", **_place(0, -1))
+    _add_children(note, text="filter", **_place(0, -1))
     for state, (x, y) in enumerate(_columns(filter)):
         node = ElementTree.SubElement(automaton, "state", id=str(state), name=f"q{state}")
-        _add(node, **_place(x, y))
+        _add_children(node, **_place(x, y))
         if state == 0:
             ElementTree.SubElement(node, "initial")
-        _add(node, output=colors[state])
+        _add_children(node, output=colors[state])
     for source, row in enumerate(filter.transition.tolist()):
         for observation, target in enumerate(row):
             if target < 0:
                 continue
             edge = ElementTree.SubElement(automaton, "transition")
-            _add(edge, **{"from": source, "to": target, "read": observation})
-            _add(edge, transout=colors[target])
+            _add_children(edge, **{"from": source, "to": target, "read": observation})
+            _add_children(edge, transout=colors[target])
     ElementTree.indent(root)
     declaration = '<?xml version="1.0" encoding="UTF-8" standalone="no"?>\n'
     return declaration + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _add(node: ElementTree.Element, **texts: object) -> None:
-    """Add a child to a node for each keyword: the tag and the text of the child."""
+def _add_children(node: ElementTree.Element, **texts: object) -> None:
     for tag, text in texts.items():
         ElementTree.SubElement(node, tag).text = str(text)
 

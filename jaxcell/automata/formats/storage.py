@@ -47,7 +47,7 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read the header and the arrays of a file of one kind, with metadata that is a JSON object.
+    """Read the header and the arrays of a file, and check its kind and its metadata.
 
     A `KeyError` or a `ValueError` in the `with` block becomes a `ValueError` that names the file.
     """

@@ -13,8 +13,8 @@ def folded(
 
     If two states are merged, their successors after each symbol that can occur in both are merged
     too, and so on. States can be merged if afterwards no class contains two states that are
-    `apart`. States are in breadth-first order; merging ends when `go_on` returns `False`. Returns
-    the smallest state in the class of each state.
+    `apart`. Merging ends early if `go_on()` returns `False`. Returns the smallest state in the
+    class of each state.
     """
     partition = _Partition(transition, apart)
     kept = [0]
@@ -29,7 +29,7 @@ def folded(
 
 
 class _Partition:
-    """A partition of states. The attributes have an entry per class, by its smallest state."""
+    """A partition of states into classes, which are named by their smallest states."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class _Partition:
         return state
 
     def merge(self, a: int, b: int) -> bool:
-        """Merge two classes, and the classes of their successors; return `False` if impossible."""
+        """Merge the classes of two states and of their successors; return `False` if impossible."""
         parent: dict[int, int] = {}
         apart: dict[int, int] = {}
         members: dict[int, int] = {}

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Int, Integer
 
 
 Classes: TypeAlias = Bool[np.ndarray, "classes states"]
-"""The states of each class."""
+"""For each class, the mask of its states."""
 
 # Number of conflicts of the solver after which a part of the search ends.
 _CONFLICTS = 2000
@@ -22,16 +22,16 @@ def closed_classes(
 ) -> Iterator[Classes | bool | None]:
     """Find `count` classes that form a closed cover of the states, with a SAT solver.
 
-    Each state is in a class, no class has an incompatible pair, and for each class and symbol the
-    successors are in one class. Without loss of generality state `i` of the clique is in class `i`,
-    because no two states of a clique can be in one class. Clauses about a pair of states, and about
-    the successors of a class after a symbol, are added only when a solution violates them (Zhang
-    and Shell 2020).
+    Each state is in a class, no class contains two incompatible states, and for each class and
+    symbol the successors are in one class. Without loss of generality state `i` of the clique is in
+    class `i`, because no two states of a clique can be in one class. Clauses about a pair of
+    states, and about the successors of a class after a symbol, are added only when a solution
+    violates them (Zhang and Shell 2020).
 
     **Arguments:**
 
     - `transition`: the state after each symbol, -1 for an impossible symbol.
-    - `apart`: the pairs of incompatible states.
+    - `apart`: the mask of the pairs of incompatible states.
     - `clique`: states that are incompatible with each other.
 
     **Yields:** `None` after each part of the search, and at the end the classes, or `False` if
@@ -60,7 +60,7 @@ def closed_classes(
 
 
 class _Problem:
-    """The clauses of closed classes. Each variable means that a state is in a class."""
+    """The SAT problem of closed classes. Each variable says whether one state is in one class."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class _Problem:
         return true[self.member]
 
     def pairs(self, classes: Classes) -> list[list[int]]:
-        """Return the clauses that exclude the incompatible pairs in `classes` from all classes."""
+        """Return clauses that forbid the pairs of incompatible states that occur in `classes`."""
         pairs: set[tuple[int, int]] = set()
         for row in classes:
             states = np.flatnonzero(row)

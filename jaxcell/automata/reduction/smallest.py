@@ -137,10 +137,9 @@ def smallest(
 def _successors(
     transition: Int32[np.ndarray, "states symbols"], classes: Classes
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
-    """Find the classes that some string reaches, in breadth-first order.
+    """Find the classes that a string reaches from the start, in breadth-first order.
 
-    Returns the transitions between these classes, which are numbered in this order, and the
-    classes.
+    Returns the transitions between these classes, numbered in this order, and the classes.
     """
     start = int(np.argmax(classes[:, 0]))
     number, queue, rows = {start: 0}, [start], []

@@ -1,1 +1,1 @@
-"""Boundaries of basins: edge states, finer cells, and the cells that would resolve them."""
+"""Boundaries of basins: edge states, refinement, and the number of cells that resolves them."""

@@ -43,12 +43,11 @@ class EdgeStates:
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
-    "The period in mappings; 0 for chaos, and for a cycle of a flow, whose points do not return."
+    "The period in mappings; 0 if no point returns exactly, as in chaos or on a cycle of a flow."
     multipliers: Complex[np.ndarray, "edges axes"]
-    """The eigenvalues of the derivative of the map over one period, the largest first; NaN if the
-    period is 0."""
+    "Eigenvalues of the map's derivative over one period, the largest first; NaN if `period` is 0."
     orbit: Float[np.ndarray, "edges window axes"]
-    "An orbit near each edge state."
+    "Successive points of an orbit near each edge state, filled up with NaN."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
@@ -64,8 +63,8 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
     and still lead to different attractors. Both ends are mapped until they have separated, and the
     segment between them is bisected again. So the pair of points follows the boundary to the edge
     state (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of
-    points. An edge state with one unstable direction is the state that a transition by weak noise
-    passes.
+    points. A transition between attractors by weak noise passes near an edge state with one
+    unstable direction.
 
     **Arguments:** a map, its basins, and a function that is called with the progress. **Returns:**
     the edge states. At most 32 pairs of neighbouring basins are searched, each from three places on
@@ -145,7 +144,10 @@ def _cut(
     label: Any,
     narrow: float,
 ) -> tuple[Float[np.ndarray, "pairs 2 axes"], Int[np.ndarray, "pairs 2"]]:
-    """Bisect segments whose ends lead to different attractors, until the segments are short."""
+    """Shorten segments to the length `narrow`, while their ends keep different `labels`.
+
+    The labels are attractors, and the function `label` finds those to which points lead.
+    """
     rows, size = np.arange(len(ends)), np.array(box.upper) - np.array(box.lower)
     parts = max(2, _POINTS // len(ends))
     place = np.linspace(0, 1, parts + 1)[:, None]
@@ -170,7 +172,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map each pair of ends until they separate; return the orbit of the midpoint, and the ends."""
+    """Map the ends of segments until they are `wide` apart; return the midpoints and last ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -192,7 +194,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Refine periodic points with Newton's method; return points, errors and derivatives."""
+    """Refine periodic points by Newton's method; return points, errors and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -211,7 +213,7 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refine a point of each state with Newton's method; return points, periods and multipliers."""
+    """Refine a point on each orbit by Newton's method; return points, periods and multipliers."""
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()
@@ -233,7 +235,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the index of the point of each orbit that returns nearest, and its distance in cells."""
+    """Find the point of each orbit that `period` mappings move least, and by how many cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)
@@ -242,7 +244,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the indices of edge states, without those whose orbits meet an earlier edge state."""
+    """Return the indices of edge states whose orbits do not meet that of an earlier edge state."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

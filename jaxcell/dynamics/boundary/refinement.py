@@ -27,10 +27,10 @@ class Refined(NamedTuple):
     """Basins whose cells at boundaries are repeatedly halved along each axis."""
 
     fraction: Float[np.ndarray, "attractors"]
-    "The share of the box that leads to each attractor, from the finest cells and random points."
+    "Share of the box that leads to each attractor, from the finest cells and random points."
     uncertain: Float[np.ndarray, "levels"]
-    """The share of the box in cells at a boundary, for each level, starting with the unrefined
-    basins; estimated from random points if the boundary is fractal."""
+    """The share of the box in cells at a boundary, before refinement and after each halving of
+    cells. It is estimated from random points if the boundary is fractal."""
     exponent: float
     "The slope of log `uncertain` over the log of the length of cells; 1 for smooth boundaries."
     boundary: Float[np.ndarray, "cells axes"]
@@ -48,9 +48,9 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     mapped until they reach a cell whose neighbours all belong to the same basin. Parts next to
     another basin are halved again. A fractal boundary also passes between cells of one basin, which
     are not halved. So random points of the whole box are followed to their attractors, to correct
-    the shares. The boundary counts as fractal if such a point leads to another attractor than its
-    cell, although the cell is not at a boundary. Then the centres of all parts are followed to
-    their attractors, and the random points also estimate the share of cells at the boundary.
+    the shares. The boundary counts as fractal if such a point and its cell lead to different
+    attractors, although the cell is not at a boundary. Then the centres of all parts are followed
+    to their attractors, and the random points also estimate the share of cells at the boundary.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
@@ -123,9 +123,9 @@ def relative_attractor(
     axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the attractors
     in the box, and the unstable sets that lead to them.
 
-    **Arguments:** a map, a box and parameters; the number of times that cells are halved; and the
-    number of points of a cell along each axis, from face to face, at least 2. **Returns:** the
-    centres of the finest cells of the cover.
+    **Arguments:** a map, a box and parameters. `levels` is the number of times that cells are
+    halved. `samples`, at least 2, is the number of points of a cell along each axis, from face to
+    face. **Returns:** the centres of the finest cells of the cover.
 
     Steps towards both ends of a well, from the middle:
 
@@ -148,7 +148,7 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells after `level` halvings that contain points; ignore points outside."""
+    """Return the numbers of the cells that contain points of the box, after `level` halvings."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -161,14 +161,12 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Halve cells along each axis, and return the numbers of the parts after `level` halvings."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """Return the grid coordinates of cells after `level` halvings, from their numbers `keys`."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 
@@ -185,7 +183,7 @@ def _centres(
 def _at_boundary(
     box: Box, keys: list[Int[np.ndarray, "_"]], basins: list[Int[np.ndarray, "_"]]
 ) -> Bool[np.ndarray, "cells"]:
-    """Return a mask of the cells of the finest level that touch a cell of another basin."""
+    """Return a mask of the finest cells `keys[-1]` that touch a cell of another basin."""
     level = len(keys) - 1
     differs = np.zeros(keys[-1].size, bool)
     for beside in _around(box, _places(box, keys[-1], level) + 0.5, level):
@@ -196,7 +194,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield all shifts of points by -1, 0 or 1 along each axis, in cells after `level` halvings."""
+    """Yield points, shifted by each combination of -1, 0 or 1 cells along the axes."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -210,7 +208,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basin at each place: the basin of the finest known cell that contains it."""
+    """Return the basin of each place, from the finest of the cells `keys` that contain it."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
@@ -229,7 +227,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Find the attractor that each point reaches, or -1; `owner` is the attractor of each cell."""
+    """Return the attractor that each point reaches, or -1; `attractor_owners` returns `owner`."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

@@ -14,9 +14,9 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""A remedy is successful if at most this share of the points still get a wrong attractor."""
+"""A remedy for coarse cells succeeds if at most this share of points has a wrong attractor."""
 DOUBTFUL = 0.05
-"""Remedies are tested if cells and orbits differ for a larger share of the random starts."""
+"""Remedies for coarse cells are tested if `Basins.disagreement` is larger than this share."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
 _POINTS = 1 << 10
 _HALVINGS = 2
@@ -30,21 +30,21 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """The result of testing two remedies for coarse cells on a sample: orbits, and finer cells."""
+    """A test of two remedies for coarse cells at random points: finer cells, basins by orbits."""
 
     follow: int | None
-    "The least `follow` with which basins by orbits agree with random orbits, or `None`."
+    "The least `follow` with which basins by orbits are right at random starts; `None` if none is."
     points: int = 0
-    "Number of points at which cells and orbits were compared."
+    "Number of random points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "The share of wrong points for the given cells, and for cells of half and quarter width."
+    "Shares of points with a wrong attractor, with these cells and at half and quarter width."
     cells: tuple[int, ...] | None = None
-    """Numbers of cells along the axes that should give 2 % of wrong points; `None` if finer cells
-    do not help, or if 32 bits cannot number them."""
+    """Number of cells along each axis that should reduce `wrong` to 2 %; `None` if finer cells do
+    not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Test orbits and finer cells as remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
+    """Test whether orbits or finer cells correct [`Basins`][jaxcell.dynamics.Basins] by cells."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 
@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate from the shares `wrong` to the numbers of cells with a share `AGREE`."""
+    """Extrapolate the shares in `Trial.wrong` to the numbers of cells with a share of `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

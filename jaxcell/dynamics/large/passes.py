@@ -1,11 +1,11 @@
-"""Periodic groups of a map in a file, found in passes over the file from end to end.
+"""Periodic groups of a map in a file, found in passes that each read the whole file.
 
 A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
-cells without a mark; the level of a cell is the number of the pass that dropped it. If the map is
+cells without a mark. The level of a cell is the number of the pass that dropped it. If the map is
 dissipative, few cells remain, whose groups are found in memory. Passes in the reverse order, from
-the last level to the first, then give each dropped cell the group of its image, and one more step.
-
-A pass may be repeated, so a killed computation continues with its unfinished pass.
+the last level to the first, then give each dropped cell the group of its image, and a number of
+steps that is larger by 1. A pass may be repeated, so a killed computation continues with its
+unfinished pass.
 """
 
 import jax
@@ -32,10 +32,7 @@ _BYTES_PER_WALKED = 16
 def groups_in_passes(
     image: Int[np.ndarray, "cells"], folder: Folder, say: Say | None = None
 ) -> PeriodicGroups:
-    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in a folder.
-
-    It takes one byte of memory per cell, and 16 bytes per cell that remains after the passes.
-    """
+    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] with arrays in files."""
     size = image.size
     level = folder.array("level", np.uint8, size)
     group, step = (folder.array(name, np.int32, size) for name in ("group", "step"))
@@ -65,7 +62,7 @@ def _drop(
     folder: Folder,
     say: Say | None,
 ) -> None:
-    """Write the level of each cell, 0 if it remains, and record the number of levels."""
+    """Write into `level` the pass that drops each cell, or 0 if it remains after all passes."""
     reached = np.zeros(image.size, bool)
     left = folder.done.get("left", image.size)
     for k in range(folder.done.get("level", 0) + 1, _MAX_LEVELS):
@@ -95,7 +92,7 @@ def _walk(
     group: Int[np.ndarray, "cells"],
     step: Int[np.ndarray, "cells"],
 ) -> Int[np.ndarray, "groups"]:
-    """Write the groups and steps of the remaining cells, and return the periods of the groups."""
+    """Write the groups and steps of the cells of level 0, and return the periods of the groups."""
     parts = [part.start + np.flatnonzero(level[part] == 0) for part in slices(image.size)]
     left = np.concatenate(parts, dtype=np.int32)
     del parts

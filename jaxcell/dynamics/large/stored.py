@@ -36,9 +36,9 @@ class Foretold:
 
     cells: int
     seconds: float
-    "Time to map all cells, extrapolated from some cells, and for the passes."
+    "Time to map all cells, extrapolated from some of them, and to find their groups."
     memory: float
-    "Peak memory in bytes, if few cells remain after the passes."
+    "Peak memory in bytes for a dissipative map."
     disk: float
     "Size of the files in bytes."
 
@@ -51,9 +51,10 @@ class Foretold:
 
 
 def foretold(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Foretold:
-    """Estimate the time and memory of [`jaxcell.dynamics.stored_basins`][] from some mapped cells.
+    """Estimate what [`jaxcell.dynamics.stored_basins`][] needs, by mapping some of the cells.
 
-    **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** time, memory and disk.
+    **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** seconds, and bytes of memory
+    and disk.
 
     Henon's map:
 
@@ -93,16 +94,15 @@ def stored_basins(
 ) -> Basins:
     """Compute [`jaxcell.dynamics.basins`][] of more cells than memory holds, in files of a folder.
 
-    Images are written to a file, and groups are found by passes over it, with one byte of memory
-    per cell and 16 per cell that remains after the passes. Few cells remain if the map is
-    dissipative, and all if it preserves volumes. To continue an interrupted computation, repeat the
-    call.
+    Images are written to a file, and groups are found by passes over it, which drop the cells
+    without preimages. One byte of memory is needed per cell, and 16 per cell that remains. Few
+    cells remain if the map is dissipative, but all if it preserves volumes. To continue an
+    interrupted computation, repeat the call.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
 
-    **Returns:** basins with arrays that stay in the files, without the times of a flow whose
-    durations differ between cells. `numpy.load("basin.npy", mmap_mode="r")` opens an array of the
-    folder.
+    **Returns:** basins whose arrays stay in the files, and whose `time` is always `None`.
+    `numpy.load("basin.npy", mmap_mode="r")` opens an array of the folder.
 
     A box of few cells:
 

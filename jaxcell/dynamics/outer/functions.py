@@ -1,6 +1,6 @@
 """Exponentials, logarithms and sines of intervals, computed from sums and products only.
 
-The functions of processors and their libraries differ, and none states its error. The functions
+Processors and libraries compute these functions differently, and without stated errors. The ones
 here are short series of sums, products and quotients, so the number of roundings bounds the error,
 whether or not a compiler merges products and sums. The ends of an interval move outward by more
 than this bound, in units of the distance to the next 64-bit number (ulp):
@@ -60,7 +60,7 @@ def exp(a: Interval) -> Interval:
 
 
 def log(a: Interval) -> Interval:
-    """Enclose logarithms of the part of an interval above 0."""
+    """Enclose the logarithms of the positive numbers in an interval."""
 
     def at(x):  # type: ignore[no-untyped-def]
         bits = lax.bitcast_convert_type(jnp.clip(x, TINY, jnp.finfo(x.dtype).max), jnp.int64)
@@ -108,7 +108,7 @@ def logistic(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: Interval) -> Interval:
-    """Enclose real powers; if the base may be negative, the result is the whole line."""
+    """Enclose real powers. A base that may be negative gives the whole line."""
     return unless(a.lower < 0, exp(mul(exponent, log(a))))
 
 

@@ -25,7 +25,7 @@ class Grid:
     """The cells of a box after a number of bisections, along its axes in turn.
 
     The faces of the cells have 64-bit coordinates, and the two halves of a cell cover it exactly.
-    So comparisons find the cells that touch an image, without rounding errors.
+    So comparisons of coordinates find all cells that touch an image, in spite of rounding.
     """
 
     box: Box
@@ -72,7 +72,7 @@ class Grid:
         """Find the first and the last cell along each axis that touch each image.
 
         If no cell touches an image, its last cell comes before its first. Along a periodic axis,
-        the numbers of cells continue beyond both ends.
+        the numbers of cells continue beyond both ends of the box.
         """
         firsts, lasts = [], []
         for axis, (kind, faces) in enumerate(zip(self.box.axes, self.faces, strict=True)):

@@ -1,4 +1,4 @@
-"""Outer images of boxes: boxes that contain the images of all points, with or without proof."""
+"""Outer images: boxes that contain the images of all points of a box, proved or not."""
 
 import dataclasses
 import functools
@@ -27,7 +27,7 @@ Boxes: TypeAlias = tuple[Float[np.ndarray, "boxes axes"], Float[np.ndarray, "box
 
 @runtime_checkable
 class OuterMap(Protocol):
-    """A map from boxes to the lower and upper corners of boxes around their images."""
+    """A method that computes outer images: for each box, a box around the images of its points."""
 
     proof: str
     "The reason why outer images contain the images of all points; empty without a proof."
@@ -55,7 +55,7 @@ class Intervals:
             if not np.isfinite(leaf).all():
                 raise ValueError(f"params: expected finite numbers, got {leaf}")
         enclosed = functools.partial(_enclosed, self.map, self.mean_value, params)
-        return _in_parts(enclosed, lower, upper)
+        return _in_batches(enclosed, lower, upper)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "mean_value"))
@@ -66,13 +66,13 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Boxes around the images of some points of a box: the usual, fast method, without proof."""
+    """Boxes around the images of some points of each box: the usual, fast method, without proof."""
 
     map: Map
     points: int = 2
     "Number of points along each axis of a box, from face to face; 1 for its centre."
     padding: float = 0.0
-    "Width that is added on all sides of an image, in widths of the box."
+    "Width that is added on all sides of an image, as a multiple of the width of its box."
     proof = ""
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
@@ -86,14 +86,12 @@ class Corners:
             # `fmin` and `fmax` leave out images that are no numbers.
             return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
 
-        low, high = _in_parts(around, lower, upper)
+        low, high = _in_batches(around, lower, upper)
         pad = self.padding * (upper - lower)
         return low - pad, high + pad
 
 
-def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxes:
-    """Compute the images of boxes in parts of one size, on two threads."""
-
+def _in_batches(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxes:
     def part(k: int) -> Any:
         return padded(images, [lower[k : k + _PART], upper[k : k + _PART]], _PART)
 
@@ -104,22 +102,21 @@ def _in_parts(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Boxe
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Outer images from samples of a map and bounds on its slopes, proved if both are right.
+    """Outer images from samples of a map and Lipschitz constants, proved if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
-    `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
-    images of its nearest samples.
+    `lipschitz[i, j] * abs(difference along axis j)`. So the images of the samples nearest to a box,
+    each enlarged by this bound, contain the image of the box.
     """
 
     points: Float[np.ndarray, "samples axes"]
     values: Float[np.ndarray, "samples axes"]
     "The images of the points."
     lipschitz: Float[np.ndarray, "axes axes"] | float
-    "The bound on each slope, or one bound on all slopes."
+    "The Lipschitz constants, or one number for all of them."
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check that neighbouring samples satisfy the bounds on slopes."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(

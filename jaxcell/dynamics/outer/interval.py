@@ -38,7 +38,7 @@ LINE = Interval(-math.inf, math.inf)
 
 
 def point(value: Any) -> Interval:
-    """Return intervals that each contain one number; a constant of NaN becomes the whole line."""
+    """Convert finite numbers to intervals of one point each; NaN becomes the whole line."""
     if isinstance(value, jax.core.Tracer) or np.isfinite(value).all():
         value = jnp.asarray(value)
         return Interval(value, value)
@@ -68,17 +68,17 @@ def outward(lower: Any, upper: Any, numbers: int = 1) -> Interval:
 
 
 def hull(parts: Sequence[Interval]) -> Interval:
-    """Return the smallest interval that contains all parts."""
+    """Return the smallest interval that contains all the given intervals."""
     return Interval(_least([a.lower for a in parts]), _largest([a.upper for a in parts]))
 
 
 def within(a: Interval, lower: float, upper: float) -> Interval:
-    """Clip an interval to the range of a function."""
+    """Clip an interval to the range of a function, from `lower` to `upper`."""
     return Interval(jnp.clip(a.lower, lower, upper), jnp.clip(a.upper, lower, upper))
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose one of two intervals according to a mask without uncertain values."""
+    """Choose `a` where a mask, whose values are certain, is true, and `b` elsewhere."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -88,7 +88,7 @@ def unless(undefined: Any, a: Interval) -> Interval:
 
 
 def monotone(function: Callable[[Any], Interval], a: Interval) -> Interval:
-    """Enclose an increasing function; `function` encloses its value at a point."""
+    """Enclose an increasing function on an interval; `function(x)` encloses its value at `x`."""
     if a.lower is a.upper:
         return function(a.lower)
     return Interval(function(a.lower).lower, function(a.upper).upper)
@@ -131,7 +131,7 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Enclose the power with a whole exponent, computed from products."""
+    """Enclose the powers of an interval with an integer exponent, computed from products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
     odd = exponent % 2 == 1
@@ -141,7 +141,7 @@ def power(a: Interval, exponent: int) -> Interval:
 
 
 def sqrt(a: Interval) -> Interval:
-    """Enclose square roots of the part of an interval above 0."""
+    """Enclose the square roots of the numbers in an interval that are not negative."""
     low, high = jnp.sqrt(jnp.maximum(a.lower, 0.0)), jnp.sqrt(jnp.maximum(a.upper, 0.0))
     return unless(a.upper < 0, within(outward(low, high, 2), 0.0, jnp.inf))
 
@@ -176,7 +176,7 @@ def _ends(a: Interval) -> tuple[Any, ...]:
 
 
 def _unlimited(x: Any) -> Any:
-    """Replace NaN, the product of 0 and infinity or the quotient of two infinities, by 0."""
+    """Replace NaN, which is the result of `0 * inf` or `inf / inf`, by 0."""
     return jnp.where(jnp.isnan(x), 0.0, x)
 
 

@@ -23,14 +23,14 @@ _DRAWN = 1 << 18
 
 @dataclasses.dataclass(frozen=True)
 class MorseCertificate:
-    """The proved statements about Morse sets, and the effort of their proof."""
+    """Proved statements about Morse sets, and the numbers of boxes and edges in the proof."""
 
     proof: str
     "The reason why outer images contain the images of all points; empty without a proof."
     mapped: int
     "Number of boxes whose images were computed."
     edges: int
-    "Number of pairs of boxes such that the second box touches the image of the first box."
+    "Number of pairs of boxes such that the second touches the image of the first."
 
     @property
     def proved(self) -> bool:
@@ -51,14 +51,14 @@ class MorseCertificate:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MorseSets(OnBox):
-    """Sets of boxes that contain all recurrent points of a map, and their order."""
+    """Sets of boxes that contain all recurrent points of a map, and their order (`leads`)."""
 
     title: ClassVar[str] = "Morse sets"
     tables: ClassVar[Mapping[str, str]] = {"set": "sets"}
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The cells of pictures: the initial cells, bisected into at most 262,144 cells."
+    "The box. Its cells, for pictures, are the initial ones, bisected to at most 262,144 cells."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -74,10 +74,10 @@ class MorseSets(OnBox):
         Bool[np.ndarray, "sets sets"],
         quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
     ]
-    "The relation is transitive, and a set leads only to sets with smaller numbers."
+    "This relation is transitive, and a set leads only to sets with smaller numbers."
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
-    "The names of the axes; empty for `x0`, `x1`, ..."
+    "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
 
     @derived("", "number of Morse sets", kind="count")
     def sets(self) -> int:
@@ -107,7 +107,7 @@ class MorseSets(OnBox):
 
     @derived("set next", "sets that follow it in the order", kind="index", listed=True)
     def leads_to(self) -> Int[np.ndarray, "sets next"]:
-        """The sets to which each set leads directly."""
+        """The sets to which each set leads directly, and not through others, filled up with -1."""
         leads = self.leads.astype(np.int32)
         direct = self.leads & (leads @ leads == 0)
         following = np.full((self.sets, max(1, direct.sum(axis=1, initial=0).max(initial=0))), -1)
@@ -143,28 +143,28 @@ def morse_sets(
 ) -> MorseSets:
     """Find the recurrent sets of a map in a box, and the order in which orbits visit them.
 
-    Images of boxes are boxes that contain the image of every point. A box leads to the boxes that
-    touch its image. A Morse set is a largest set of boxes that all lead to each other. Boxes on no
-    cycle are dropped, the other boxes are bisected along one axis, and so on (Dellnitz & Hohmann
-    1997; Arai et al. 2009). The sets contain all chain recurrent points whose orbits stay in the
-    box.
+    The image of a box is a box that contains the image of every point. A box leads to the boxes
+    that touch its image. A Morse set is a largest set of boxes that all lead to each other. Boxes
+    on no cycle are dropped, the other boxes are bisected along one axis, and so on (Dellnitz &
+    Hohmann 1997; Arai et al. 2009). The sets contain all chain recurrent points whose orbits stay
+    in the box.
 
     **Arguments:**
 
-    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images [`Intervals`][jaxcell.dynamics.Intervals]
-        computes, with proof; or other images of boxes, such as
+    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images of boxes are then proved by
+        [`Intervals`][jaxcell.dynamics.Intervals]; or another method that computes images of boxes,
         [`Corners`][jaxcell.dynamics.Corners] or [`Samples`][jaxcell.dynamics.Samples].
     - `box`: the box, with its initial cells.
     - `params`: the parameters of the map.
     - `depth`: number of bisections, along each axis in turn.
-    - `check`: number of further bisections that test sets: a set without a cycle after them is left
-        out, because it contains no recurrent point.
-    - `limit`: a set with more boxes is kept without further tests.
+    - `check`: number of further bisections after which sets are tested. A set without a cycle is
+        then left out, because it contains no recurrent point.
+    - `limit`: number of boxes above which a set is kept without further tests.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
-    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets]; sets that lead to no other set come
-    first.
+    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets], beginning with the sets that lead to no
+    other set.
 
     A saddle in the middle leads to both ends:
 
@@ -232,11 +232,11 @@ def morse_sets(
 
 
 class _Level(NamedTuple):
-    """The graph of boxes after some bisections, within the components of the previous level."""
+    """The boxes after a number of bisections, and the recurrent components of their graph."""
 
     graph: csr_array
     member: Int[np.ndarray, "boxes"]
-    "The component of each box, -1 if it is on no cycle."
+    "The component that contains each box, -1 if the box is on no cycle."
     parent: Int[np.ndarray, "components"]
     "The component of the previous level that contains each component."
 
@@ -252,10 +252,10 @@ class _Search:
     def level(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], component: Int[np.ndarray, "boxes"]
     ) -> _Level:
-        """Find the recurrent components within each component of the previous level."""
+        """Map boxes, and find the recurrent components within each of the given components."""
         grid = Grid(self.box, bisections)
         images = self.outer.images(*grid.corners(cells), self.params)
-        graph = _within(grid.graph(cells, *grid.blocks(*images)), component)
+        graph = _within_components(grid.graph(cells, *grid.blocks(*images)), component)
         self.mapped, self.edges = self.mapped + cells.size, self.edges + graph.nnz
         member = recurrent_components(graph)
         parent = np.zeros(member.max(initial=-1) + 1, np.int64)
@@ -267,16 +267,15 @@ class _Search:
     ) -> tuple[np.ndarray, ...]:
         """Halve boxes that are the result of `bisections` bisections.
 
-        Returns the sorted numbers of the halves; and the `others`, arrays over boxes, with the
-        entry of a box repeated for both of its halves.
+        Returns the sorted numbers of the halves, and the arrays `others`, in which the entry of
+        each box is repeated for both of its halves.
         """
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)
         return halves[order], *(np.repeat(x, 2)[order] for x in others)
 
 
-def _within(graph: csr_array, component: Int[np.ndarray, "boxes"]) -> csr_array:
-    """Drop the edges between components."""
+def _within_components(graph: csr_array, component: Int[np.ndarray, "boxes"]) -> csr_array:
     rows = np.repeat(component, np.diff(graph.indptr))
     inside = rows == component[graph.indices]
     if inside.all():
@@ -307,7 +306,7 @@ def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarr
 
 
 def _picture(box: Box, depth: int) -> Box:
-    """Bisect the cells of the box at most `depth` times, as far as `_DRAWN` cells allow."""
+    """Bisect the cells of the box up to `depth` times, to at most `_DRAWN` cells."""
     grids = (Grid(box, bisections).counts for bisections in range(depth, 0, -1))
     counts = next((n for n in grids if np.prod(n, dtype=float) <= _DRAWN), box.cells)
     return Box(box.lower, box.upper, counts, box.axes)

@@ -1,4 +1,4 @@
-"""Strong components of a graph, and the order of its recurrent components."""
+"""Strong components of a graph, and paths between them."""
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -11,7 +11,7 @@ _BITS = 64
 
 
 def recurrent_components(graph: csr_array) -> Int[np.ndarray, "vertices"]:
-    """Number the strong components of vertices on cycles; -1 for vertices on no cycle."""
+    """Return the strong component that contains each vertex, or -1 for vertices on no cycle."""
     _, label = connected_components(graph, directed=True, connection="strong")
     recurs = np.bincount(label) > 1
     recurs[label[graph.diagonal() > 0]] = True
@@ -21,10 +21,10 @@ def recurrent_components(graph: csr_array) -> Int[np.ndarray, "vertices"]:
 def reachable(
     graph: csr_array, member: Int[np.ndarray, "vertices"], count: int
 ) -> Bool[np.ndarray, "sets sets"]:
-    """Find the pairs of different sets `i` and `j` with a path from `i` to `j`.
+    """Find all pairs of different sets `i` and `j` such that a path leads from `i` to `j`.
 
-    `member` is the set that contains each vertex, or -1 if no set does. Each set must be strongly
-    connected.
+    `member` is the set that contains each vertex, or -1 for none, and `count` the number of sets.
+    Each set must be strongly connected.
     """
     into = graph.T.tocsr()
     leads = np.zeros((count, count), bool)

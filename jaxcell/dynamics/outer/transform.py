@@ -32,10 +32,10 @@ def enclose(
     The result encloses the images that the program of the map would have in real arithmetic. Points
     whose image is not a real number, such as the logarithm of a negative number, have no image.
 
-    **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
-    intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
-    which is much smaller for small boxes. The theorem is not used if a comparison in the program
-    may have both results on the box.
+    **Arguments:** a map, its parameters, and the corners of a box as 64-bit numbers. If
+    `mean_value` is true, the image is intersected with that of the mean value theorem,
+    `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. The theorem is not
+    used if a comparison in the program may be true at some points of the box and false at others.
 
     **Returns:** the lower and upper corners of the image.
 
@@ -91,7 +91,7 @@ def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> lis
     """Evaluate a program with intervals as its floating-point arguments.
 
     Floating-point results are intervals, and so are other results if they are uncertain. For each
-    comparison, a mask is added to `decided`, `False` where the comparison may have both results.
+    comparison, a mask is added to `decided`, which is `False` where the result is uncertain.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
@@ -145,7 +145,7 @@ def _results(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 
 def _interval(value: Any) -> Interval:
-    """Convert a value to an interval; integers are exact, so they become a single point."""
+    """Convert a value to an interval, which is a single point if the value is certain."""
     return value if isinstance(value, Interval) else Interval(value, value)
 
 
@@ -154,7 +154,7 @@ def _uncertain_index(value: Any) -> bool:
 
 
 def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Apply an operation that grows with each argument to the lower ends, and to the upper ends."""
+    """Enclose an operation that increases with each argument, from its results for the ends."""
 
     def at(ends: list[Any]) -> list[Any]:
         results = step.primitive.bind(*ends, **step.params)
@@ -283,7 +283,7 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Convert a function of intervals to a rule, which also takes the step and `decided`."""
+    """Adapt a function of intervals to the arguments of rules: `step`, `decided` and values."""
     return lambda _, __, *values: function(*map(_interval, values))
 
 
