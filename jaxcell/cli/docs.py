@@ -28,7 +28,6 @@ class Docs:
 
 
 def _address() -> str:
-    """Return the address of the first page of the documentation."""
     if BUILT.exists():
         return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []

@@ -64,7 +64,7 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """True if a heading that is known at the start remains known exactly."""
+        """True if no error changes a heading that is known exactly at the start."""
         return not (self.turn or self.bump_turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
@@ -195,7 +195,7 @@ class WallFilter:
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
-        """Turn each robot counter-clockwise by an angle in radians, a multiple of a slice."""
+        """Turn each robot left by an angle in radians, a multiple of the width of a slice."""
         slices = self.chords.slices
         exact = np.asarray(angle) * slices / (2 * math.pi)
         shift = np.round(exact).astype(int)

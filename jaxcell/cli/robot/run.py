@@ -55,7 +55,7 @@ class RobotRun(Printing):
     """Largest error at the end of a turn, in degrees, that is not corrected."""
     give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
     """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
-    default 0.02 times the squared side of a cell, from 0.0005 to 0.02."""
+    default 0.02 times the squared side of a cell, at least 0.0005 and at most 0.02."""
     noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians per metre."""
