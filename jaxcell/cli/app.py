@@ -102,7 +102,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """Set the memory limit of this process and its workers to --memory; return the other words."""
+    """Set the memory limit to the option --memory, if it is given, and return the other words."""
     words = list(args)
     for place, word in enumerate(words):
         option, equals, size = word.partition("=")
@@ -156,7 +156,7 @@ def _with_option_names(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions of which all angles of a command are multiples."""
+    """Find the least number of directions that include every angle of a command."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

@@ -14,8 +14,7 @@ BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Docs:
-    """Open the documentation in a browser: the pages that `make docs` built in a checkout, or the
-    website."""
+    """Open the documentation in a browser: the pages that `make docs` built, or the website."""
 
     example: ClassVar[str] = ""
 

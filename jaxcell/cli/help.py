@@ -36,7 +36,7 @@ def example(kind: Any, name: str) -> str:
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Parse the words of a command line after the name of the command as its options."""
+    """Parse `words`, the rest of a command line after the name of a command, as its options."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")

@@ -163,7 +163,7 @@ def _verified(question: Study, result: Result) -> dict[str, Any]:
 
 
 def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
-    """Print a verification on standard error, unless it agrees and `quiet`; return if it agrees."""
+    """Report a verification on standard error (`quiet` hides success); return whether it agrees."""
     for comparison in verified["comparisons"]:
         if not comparison["agrees"]:
             note(f"jaxcell {name}: --verify: {comparison['what']}: {comparison['where']}")

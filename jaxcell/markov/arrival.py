@@ -46,7 +46,7 @@ class Race:
     robot: tuple[int, ...]
     "For each robot, the index of its chain in `chains`."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
-    "The distribution of each robot's start, or the cells that robots with distinct starts choose."
+    "The distribution of each robot's start or, for a `Distinct` start, the possible cells."
     there: Bool[np.ndarray, "cells"]
     "The target, as a mask over the cells."
 
@@ -98,7 +98,7 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute the probability that no robot has arrived, at each step of the next `chunks`.
+        """Compute the probability that no robot has arrived, at each step of `chunks` chunks.
 
         For each chain, `values` contains the current probabilities that one robot has not arrived
         from each start cell. Also returns these probabilities after the chunks.
@@ -166,11 +166,11 @@ def mean_first_arrival(
 ) -> MeanArrival:
     """Compute the expected number of steps until the first of several robots is in a set of cells.
 
-    It is the sum over time of the probability that no robot has arrived. Let the probability that
-    one robot has not arrived fall, in a block of steps, by a factor between `a` and `b` for all
-    starts. Then it falls by such a factor in all later blocks of that length, so two geometric
-    series bound the rest of the sum. They agree as soon as the factor hardly depends on the start,
-    long before the rest is negligible.
+    It is the sum over time of the probability that no robot has arrived. Suppose that, in a block
+    of steps, the probability that one robot has not arrived falls by a factor between `a` and `b`
+    from every start. Then it falls by such a factor in every later block of that length, so two
+    geometric series bound the rest of the sum. They agree as soon as the factor hardly depends on
+    the start, long before the rest is negligible.
 
     **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
     number of steps.
@@ -254,7 +254,7 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Find the cells that a robot may visit before it arrives, and whether it may leave first."""
+    """Find the cells that a robot may visit before arriving, and whether it may leave the space."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges from cells outside the target.

@@ -107,7 +107,7 @@ class Optimum:
     def gap(self) -> float:
         """An upper bound on the error of every value, up to rounding.
 
-        The values of other policies are larger than that of `policy` by at most twice this bound.
+        The values of other policies exceed those of `policy` by at most twice this bound.
         """
         return self.certificate.residual
 

@@ -56,8 +56,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    The derivative with respect to an entry of `P` that is 0 counts as 0, although its limit is
-    infinite.
+    Derivatives with respect to entries of `P` that are 0 count as 0, although they are infinite.
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

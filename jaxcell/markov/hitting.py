@@ -44,9 +44,9 @@ def absorption_probabilities(
     """Compute the probability that a chain ends in each persistent group, for each start.
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
-    for each start, exactly 1 if only one end is possible. The residual of the
-    certificate is the largest difference between the probability of a cell and the mean probability
-    of its images, or between 1 and the sum of the probabilities of a cell.
+    for each start, exactly 1 if only one end is possible. The residual of the certificate is the
+    largest difference between the probability of a cell and the mean probability of its images, or
+    between 1 and the sum of the probabilities of a cell.
 
     A random walk between two ends, where it stays:
 
@@ -186,7 +186,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive at `there`, and those from which it may not."""
+    """Find the cells from which a chain can arrive at `there`, and those from which it may fail."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
@@ -200,8 +200,7 @@ def leaving_times(
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
-    The chain must be able to leave from each of these cells. The residual bounds the relative
-    errors.
+    The chain must be able to leave from each of them. The residual bounds the relative errors.
     """
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
@@ -212,7 +211,7 @@ def leaving_times(
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """Return the group of each cell, or -1, and check that `groups` are those of the chain."""
+    """Return the group of each cell, -1 for none, and check that the chain has these `groups`."""
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
         raise ValueError(
@@ -237,7 +236,7 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Convert a cell, a list of cells, or a mask to a mask; `name` is a name for errors."""
+    """Convert a cell, a list of cells, or a mask to a mask; errors begin with `name`."""
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):

@@ -40,8 +40,8 @@ def limiting_distribution(
 ) -> LimitingDistribution:
     """Compute the time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
 
-    It exists even if the chain is periodic. Only the weights of the persistent groups depend on the
-    start.
+    It exists even if the chain is periodic. Only the weights of the persistent groups depend on
+    `p`, the distribution of the start.
 
     **Arguments:** a chain, its persistent groups, and the weights of the groups. They are numbers
     that sum to 1; `"size"` for weights proportional to the sizes of the groups; or `"basin"`, the

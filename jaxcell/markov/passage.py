@@ -20,8 +20,7 @@ def first_passage(
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the number of steps until a chain is first in a set of cells.
 
-    The law is exact, because the distribution of the chain before its arrival is propagated step by
-    step.
+    The law is exact, because the distribution before the arrival is propagated step by step.
 
     **Arguments:**
 

@@ -54,8 +54,7 @@ def stochastic_shortest_path(
 ) -> ShortestPath:
     """Find the quickest of the policies with the highest probability of arriving at a goal.
 
-    This is the problem of Alam 2018, section 5.4.7, without a discount. The rewards of the model
-    have no effect.
+    This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards have no effect.
 
     The cells from which some policy is certain to arrive are found exactly, on the graph of all
     steps. For the other cells, the policy is improved until its probability of arriving is the
@@ -66,8 +65,7 @@ def stochastic_shortest_path(
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
     in the goal have no effect. **Returns:** probabilities, times and the policy.
 
-    A robot on three cells in a row goes right or left; a step to the right fails with probability
-    1/2:
+    A robot on three cells in a row goes right or left, but half of its steps to the right fail:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -117,7 +115,7 @@ class _Moves:
     matrix: scipy.sparse.csr_array
     allowed: _Usable
     stays: _Usable
-    "`True` for an action in a cell from which it cannot leave the space."
+    "`True` for an action in a cell if none of its steps from there leaves the space."
 
     @classmethod
     def of(cls, model: DecisionModel) -> "_Moves":
@@ -216,10 +214,10 @@ def _surest(
 def _quickest(
     moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, target: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy until its time is minimal, with actions that keep the `probability`.
+    """Improve a policy until its time is minimal, while it keeps its `probability` of arriving.
 
-    The mask `keeps` marks these actions. Returns the expected times over the paths that arrive, the
-    policy, and a certificate that bounds the relative gain that is still possible.
+    Only actions in the mask `keeps` are chosen. Returns the expected times over the paths that
+    arrive, the policy, and a certificate that bounds the relative gain that is still possible.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)

@@ -23,7 +23,7 @@ class Chords:
 
     A *slice* is an interval of headings. Each row of the arrays describes the runs from a stretch
     of a wall, with the headings of a slice, to one wall. A stretch has a row for each wall that a
-    robot from there may meet. If headings are known exactly, it has one row, which is exact.
+    robot from there may meet. If headings are known exactly, a stretch has only one row.
 
     A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
     the wall `hit`. The length of its run is at least `stretch[0]` and at most `stretch[1]` times

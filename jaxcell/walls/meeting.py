@@ -28,7 +28,7 @@ class Pairs(NamedTuple):
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Return the pairs of new rows; row `k` is a copy of the old row `source[k]` of `rows`."""
+        """Copy pairs to new rows: row `k` gets the walls of `source[k]`, one of `rows` old rows."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         new, number = copies(np.diff(first)[source])
         return Pairs(new, self.wall[first[source][new] + number])

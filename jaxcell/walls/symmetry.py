@@ -14,7 +14,7 @@ _DIFFERENT = 1e-6
 
 
 def alike_places(workspace: Workspace, headings: int | None = None) -> int:
-    """Count the poses in a room that a robot cannot distinguish by any sequence of turns.
+    """Count the poses in a room that look the same to a robot, whatever turns it makes.
 
     A rotation of the free space onto itself, or of a connected part of it onto another part, maps
     each run of a robot to a run of the same length. If `headings` is the number of headings that

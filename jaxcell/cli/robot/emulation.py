@@ -89,7 +89,7 @@ def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
 def _start_pose(
     workspace: Workspace, task: AnywhereTask, start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Return the pose `start` or, without one, a random pose with a heading of the task."""
+    """Return the pose `start` or, without it, a random pose with a heading that the task allows."""
     if start is not None:
         return pose_at(workspace, start, "--start")
     x, y = places_anywhere(workspace, 1, rng)[0].tolist()

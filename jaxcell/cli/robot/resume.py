@@ -94,7 +94,7 @@ def start_after(pose: tuple[float, float, float], before: Place, after: Place) -
 
 
 def place_in_words(place: Place) -> str:
-    """Describe a place relative to the start of a run in words."""
+    """Describe in words a place relative to the start of a run."""
     ahead, left, turned = place
     turned = math.degrees(math.remainder(turned, 2 * math.pi))
     parts = [_aside(ahead, "m ahead of", "m behind"), _aside(left, "m left of", "m right of")]

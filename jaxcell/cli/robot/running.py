@@ -167,7 +167,7 @@ class _Run:
             )
 
     def _place(self, run: LoggedRun | None) -> Place:
-        """Return the place of the robot after a logged run, or at the start for `None`."""
+        """Return the place of the robot after a logged run, or at its start if there was none."""
         _, follow = runner_of(self.task, self.options, self.emulation, self.direction, run)
         walker = self._walker(Standing(), run)
         with contextlib.suppress(StandingStill):
@@ -231,7 +231,7 @@ def _direction(
 ) -> int | None:
     """Return the index of the start direction, or `None` if the robot does not know it.
 
-    Except on a patrol, an emulated robot does not know it either.
+    Except on a patrol, an emulated robot knows it only from the options, like a real one.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

@@ -26,7 +26,7 @@ _OF_RUN = "engine", "scheduler_file", "workers", "timeout", "shard", "max_failur
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sweep(Printing):
-    """Run a task for many parameters, in chunks that survive crashes; --resume continues.
+    """Run a task for many parameters, in chunks that survive crashes; --resume continues a sweep.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input, or a full disk."""
 
@@ -40,8 +40,7 @@ class Sweep(Printing):
     scheduler_file: Annotated[Path | None, Only(engine="local")] = None
     """File with the address of a Dask scheduler, instead of --engine."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default the number of
-    processors."""
+    """Number of processes of the engines processes and dask; by default one per processor."""
     resume: bool = False
     """Continue the sweep in the folder, if any. Parameters may have additional values."""
     anyway: Annotated[bool, Only(resume=True)] = False

@@ -44,7 +44,7 @@ def leading_modes(
     **Arguments:**
 
     - `count`: the number of eigenvalues. There is one more if the last two are conjugate.
-    - `steps`: the number of steps whose product is `P`, by default one per phase of a sequence.
+    - `steps`: the number of steps that `P` takes, by default one per phase of a sequence.
     - `start`: the phase of the first step of a sequence of chains.
 
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of

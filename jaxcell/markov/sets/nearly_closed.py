@@ -30,7 +30,7 @@ _TINY = np.finfo(float).tiny
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NearlyClosedSets:
-    """Sets of cells that a chain hardly leaves in some steps, in descending order of mass."""
+    """Sets of cells that a chain hardly leaves in several steps, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
     "The set that contains each cell before the steps, or -1 if no set does."
@@ -40,7 +40,7 @@ class NearlyClosedSets:
     leakage: Float[np.ndarray, "sets"]
     "The share of the mass of each set that is outside the set after the steps."
     steps: int
-    "Number of steps that the sets are computed for."
+    "Number of steps in which the sets are hardly left."
     value: Float[np.ndarray, "values"]
     """The leading eigenvalues or singular values. The number of values near 1 is the number of
     sets, and a closed set has a value 1."""
@@ -89,11 +89,11 @@ def almost_invariant_sets(
     - `steps`: the number of steps, by default one per phase of a sequence of chains.
     - `start`: the phase of the first step of a sequence of chains.
     - `blur`: a chain that takes one more step in the search, such as a step to a neighbouring cell.
-        Without it, a single cell that is mapped to itself is a set. The leakage is without it.
+        Without it, a single cell that is mapped to itself is a set. The leakage ignores it.
 
-    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
-    2-norm by which the chain maps a vector of an orthonormal basis of the eigenvectors out of their
-    span.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate shows
+    how far the span of the eigenvectors is from invariant: it is the largest 2-norm of the part of
+    an image outside the span, over the vectors of an orthonormal basis.
 
     Two pairs of cells, with a probability of 1/10 to change the pair in a step:
 
@@ -256,7 +256,7 @@ class _Search:
         """Choose a threshold for each set; return the sets at the start and end, and the leakage.
 
         Each column of `first` is large on one set at the start, and each column of `last` on one at
-        the end. `last` is `None` if sets do not move. `after` is the mass after `blurred`.
+        the end. `last` is `None` if sets do not move. `after` is the mass at the end of `blurred`.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)

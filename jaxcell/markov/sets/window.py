@@ -37,7 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take `steps` steps, by default one per phase, from the phase `start` of a sequence on."""
+        """Create the window of `steps` steps, by default one per phase, that begins at `start`."""
         period = 1 if isinstance(chain, Chain) else chain.phases
         count = period if steps is None else steps
         if count < 1:

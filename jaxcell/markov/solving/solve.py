@@ -110,8 +110,8 @@ def factor_and_solve(
 ) -> tuple[Columns | None, int, bool]:
     """Solve the equation of [`solve_transient`][] by factoring `I - Q`, or roughly if `Q` is large.
 
-    `leaving` is the probability of leaving all rows from each row, and `order` an order of rows in
-    which the factors are sparse, or `None`. Returns the solution, or `None` if the matrix is
+    `leaving` is the probability that a step from each row leaves all rows. `order` is `None` or an
+    order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix is
     singular up to rounding; the number of products; and whether most digits are correct.
     """
     products = 0

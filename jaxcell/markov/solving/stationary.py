@@ -117,8 +117,7 @@ class Rooted:
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
         """Compute the expected visits to each cell, for each start, before a root is reached.
 
-        The matrix is inverted or, if it has at most `small` rows or rounding spoils the inverse,
-        eliminated.
+        The matrix is inverted, or eliminated up to `small` rows or if rounding spoils the inverse.
         """
         identity = np.eye(self.others.size)
         if self.others.size > small:
@@ -151,10 +150,10 @@ def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares
 def _converge(
     matrix: scipy.sparse.csr_array, x: _Shares, goal: float, *, limit: _Shares | None = None
 ) -> tuple[_Shares, int, bool]:
-    """Apply products until they converge, or until a factorisation will be faster.
+    """Multiply a distribution by the matrix until it converges or a factorisation will be faster.
 
-    They converge if the 1-norm of the last change, or the distance to `limit`, is at most
-    `goal`. Returns the distribution, the number of products, and whether the goal is reached.
+    It converges if the 1-norm of the last change, or the distance to `limit`, is at most `goal`.
+    Returns the distribution, the number of products, and whether the goal is reached.
     """
     first = 0.0
     for products in range(1, solve.LIMITS.products + 1):
