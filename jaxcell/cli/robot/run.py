@@ -27,7 +27,7 @@ class RobotRun(Printing):
     `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
     patrol map --out`."""
     robot: int | None = None
-    """Number of this robot in its team or patrol, by default 0. Each robot needs its own process."""
+    """Number of the robot in its team or patrol, by default 0. Each robot needs its own process."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None

@@ -42,7 +42,7 @@ class SweepView:
     select: tuple[str, ...] = ()
     """Member to compute again and show in detail, as NAME=VALUE for each dimension of the sweep."""
     out: Path | None = None
-    """File of the recording; by default overview.rrd or members/NAME=VALUE,....rrd in the folder."""
+    """File of the recording; by default overview.rrd or members/NAME=VALUE,....rrd in FOLDER."""
 
     def run(self) -> int:
         from ...sweep.storage.store import SweepStore
