@@ -100,8 +100,8 @@ class Race:
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
         """Compute the probability that no robot has arrived, at each step of `chunks` chunks.
 
-        For each chain, `values` contains the current probabilities that one robot has not arrived
-        from each start cell. Also returns these probabilities after the chunks.
+        For each chain, `values` contains the current probability that a robot has not arrived, for
+        each start cell. Also returns these probabilities after the chunks.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):

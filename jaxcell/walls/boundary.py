@@ -34,7 +34,7 @@ class Boundary:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Build the walls of the free space, which the centre of a disc robot cannot cross."""
+        """Build the walls that the centre of a disc robot cannot cross, around the free space."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)

@@ -1,4 +1,4 @@
-"""Sets of the places on walls and the headings that are possible for robots."""
+"""Sets of possible places on walls and possible headings of robots."""
 
 from typing import NamedTuple
 
@@ -118,7 +118,7 @@ def _leaving(
 
 
 def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
-    """Add each corner that a set contains on one wall to the other wall of the corner."""
+    """Add each corner that a set contains on one wall as a place on the adjacent wall."""
     length = boundary.length[state.wall]
     begins = state.take(state.begin <= 2 * OUTWARD)
     ends = state.take(state.end >= length - 2 * OUTWARD)

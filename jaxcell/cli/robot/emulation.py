@@ -36,7 +36,7 @@ class Emulation:
     cells: CellSpace
     start: int
     pose: tuple[float, float, float]
-    "The start of the robot, in metres and radians."
+    "The pose of the robot at the start, in metres and radians."
     radius: float = 0.0
     "The radius of the body, in metres."
     touches: Sequence[tuple[float, float, float]] | None = None

@@ -82,7 +82,7 @@ def leading_modes(
 def _residual(
     product: Callable[[np.ndarray], np.ndarray], vectors: np.ndarray, values: np.ndarray
 ) -> float:
-    """Return the largest 2-norm of `A v - value v` over eigenvectors of length 1."""
+    """Return the largest 2-norm of `product(v) - value v` over eigenvectors of length 1."""
     left = product(vectors) - values * vectors
     return float((np.linalg.norm(left, axis=0) / np.linalg.norm(vectors, axis=0)).max())
 

@@ -71,7 +71,7 @@ _Product = Callable[[Float[np.ndarray, "rows columns"]], Float[np.ndarray, "rows
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Subspace:
-    """The span of the eigenvectors of the eigenvalues with the largest real parts."""
+    """The span of the eigenvectors whose eigenvalues have the largest real parts."""
 
     basis: Float[np.ndarray, "rows vectors"]
     "An orthonormal basis."
