@@ -185,7 +185,7 @@ class _Run:
         return Calibration.load(path)
 
     def _robot(self, stack: contextlib.ExitStack) -> tuple[Any, list[Listener]]:
-        """Connect to the robot, arm it, and return it with the listeners to its events."""
+        """Connect to the robot, let it drive, and return it with the listeners to its events."""
         if self.options.ros is not None:
             from ...robot import ros
 
