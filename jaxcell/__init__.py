@@ -8,7 +8,7 @@ map: its periodic or persistent groups, the time and the probability of reaching
 observations that localize a robot, and the best plan, policy or mixture. This is the method of T.
 Alam's dissertation (2018). Docstrings name its sections, equations and algorithms.
 
-Packages, from the lowest floor up:
+Packages, from the lowest layer to the highest:
 
 - `space`: maps, cells, visibility. `automata`: filters. `walls`: sets of places of robots that
     start anywhere. None of them imports JAX.
@@ -24,10 +24,9 @@ graphs and currents.
 
 Cells, groups and vertices are numbered from 0. Lengths are in metres, angles in radians,
 counter-clockwise from the x axis (East), times in steps or seconds. Results are frozen dataclasses
-of arrays. Results of iterative solves have a *certificate*, their remaining error. Probabilities
-and solves need 64-bit numbers, which the library does not turn on: set `JAX_ENABLE_X64=1`, or call
-`jax.config.update("jax_enable_x64", True)` first. Functions that need 64-bit numbers raise an error
-without them; many examples need them.
+of arrays. Results of iterative solvers have a *certificate*, a record of the remaining error.
+Probabilities, linear solves and many examples need 64-bit numbers, and raise an error without them.
+To turn them on, set `JAX_ENABLE_X64=1`, or call `jax.config.update("jax_enable_x64", True)` first.
 
 Packages are imported at their first use: `import jaxcell` alone does not import JAX.
 

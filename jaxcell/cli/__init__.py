@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a command, and return the exit status: 0 done, 1 no answer, 2 bad input."""
+    """Run a command; its exit status is 0 for success, 1 for no answer, and 2 for bad input."""
     try:
         from .app import run
 

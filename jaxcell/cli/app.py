@@ -64,7 +64,7 @@ _MAX_DIRECTIONS = 3600
 
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
-    """Format an error in one line, for scripts, without error numbers of the system."""
+    """Format an error as one line, without the error number of the operating system."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
@@ -90,7 +90,7 @@ def run(args: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
-        line = _of_options(_line(error), command) if name else _line(error)
+        line = _with_option_names(_line(error), command) if name else _line(error)
         print(f"jaxcell {name or _name(args) or args[0]}: {line}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
@@ -102,7 +102,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """Remove the option --memory, and set the memory limit of this process and its workers."""
+    """Set the memory limit to the option --memory, if it is given, and return the other words."""
     words = list(args)
     for place, word in enumerate(words):
         option, equals, size = word.partition("=")
@@ -116,7 +116,7 @@ def _limited(args: Sequence[str]) -> list[str]:
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:
-    """Parse the words of a command line, and return the name and the options of the command."""
+    """Parse the words of a command line, and return the name of the command and its options."""
     words = list(args)
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
@@ -142,8 +142,8 @@ def _name(words: Sequence[str]) -> str:
     return next((name for name in (" ".join(words[:2]), *words[:1]) if name in COMMANDS), "")
 
 
-def _of_options(message: str, command: Any) -> str:
-    """Replace parameters in a message, the first word and words in backquotes, by options."""
+def _with_option_names(message: str, command: Any) -> str:
+    """Replace parameters, which are the first word or in backquotes, by names of options."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _of_options(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the smallest number of directions whose spacing divides all angles of a command."""
+    """Find the least number of directions that include every angle of a command."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

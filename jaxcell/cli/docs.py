@@ -14,8 +14,7 @@ BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Docs:
-    """Open the documentation in a browser: the pages that `make docs` built in a checkout, or the
-    website."""
+    """Open the documentation in a browser: the pages that `make docs` built, or the website."""
 
     example: ClassVar[str] = ""
 
@@ -28,7 +27,6 @@ class Docs:
 
 
 def _address() -> str:
-    """Return the address of the first page of the documentation."""
     if BUILT.exists():
         return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []

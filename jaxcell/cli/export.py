@@ -25,7 +25,7 @@ class Export:
     """Merge states that have the same colours after every sequence of observations."""
     smallest: Annotated[bool, Only(minimal=False)] = False
     """Write the smallest machine with the same outputs for all observations that can occur, as
-    .dot, .json or .h. In C, its inputs are runs between bumps if this makes the tables smaller."""
+    .dot, .json or .h. In C, an input is a whole run between bumps if this makes tables smaller."""
     output: Annotated[
         Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
     ] = None

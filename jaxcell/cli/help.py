@@ -36,7 +36,7 @@ def example(kind: Any, name: str) -> str:
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Parse the options of a command from words of the command line."""
+    """Parse `words`, the rest of a command line after the name of a command, as its options."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
@@ -57,7 +57,7 @@ def option(kind: type, parameter: str) -> str:
 
 
 def as_options(kind: type, text: str) -> str:
-    """Replace parameters in backquotes by options."""
+    """Replace the names of parameters in backquotes by the names of their options."""
     known = parameters(kind)
     return re.sub(r"`(\w+)`", lambda m: option(kind, m[1]) if m[1] in known else m[0], text)
 
@@ -93,7 +93,7 @@ def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
 # Cached, because reading the source takes half of the time of a page.
 @functools.cache
 def displayed(kind: type) -> type:
-    """Create a class with the options of a command for its help page.
+    """Create a class that has the options of a command in the order of its help page.
 
     Required options come first, then the command's own options, then options of many commands.
     """

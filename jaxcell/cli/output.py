@@ -30,7 +30,7 @@ class Printing:
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Check that results can be written to a file or folder, before they are computed."""
+    """Check that results can be written to `out`; errors begin with the name of the option."""
     wanted = out.absolute()
     if not folder:
         if wanted.is_dir():
@@ -55,7 +55,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def option_words(options: Any, names: Collection[str]) -> list[str]:
-    """Convert named options, except defaults, to words of a command line."""
+    """Convert the options with these `names`, except defaults, to words of a command line."""
     words = []
     for field in dataclasses.fields(options):
         value, option = getattr(options, field.name), f"--{field.name.replace('_', '-')}"

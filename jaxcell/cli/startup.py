@@ -19,9 +19,6 @@ def starting() -> Iterator[None]:
 
 
 def prepare_tasks() -> None:
-    """Make modules in the working folder importable as tasks, and set JAX to 64 bits.
-
-    JAX is not imported, because tasks may not need it.
-    """
+    """Let tasks be imported from the working folder, and JAX use 64 bits once it is imported."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     sys.path.append(os.getcwd())

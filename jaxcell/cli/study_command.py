@@ -132,7 +132,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Create the class of the command of a study."""
+    """Create the class of the command of a study; `words` replaces the name of the command."""
     own = {
         "__doc__": study.__doc__,
         # The study itself checks the parameters, after all options have been read.
@@ -163,7 +163,7 @@ def _verified(question: Study, result: Result) -> dict[str, Any]:
 
 
 def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
-    """Print the outcome of a verification on standard error, and return whether all agree."""
+    """Report a verification on standard error (`quiet` hides success); return whether it agrees."""
     for comparison in verified["comparisons"]:
         if not comparison["agrees"]:
             note(f"jaxcell {name}: --verify: {comparison['what']}: {comparison['where']}")

@@ -21,7 +21,7 @@ from .encoding import encodable
 
 
 FIRST_LINE, LINES = 1.5, 60.0
-"""Seconds before the first line of progress, and between lines, if there is no terminal."""
+"""Seconds before the first line of progress, and between later lines, without a terminal."""
 
 
 @contextlib.contextmanager
@@ -30,7 +30,7 @@ def status(
 ) -> Iterator[Callable[[str], None]]:
     """Show that work is in progress: a spinner on a terminal, elsewhere a line every minute.
 
-    Yields a function that changes the text. The clock is in seconds.
+    Yields a function that changes the text. `clock` returns a time in seconds.
     """
     console = Console(stderr=True)
     if console.is_terminal:
@@ -90,7 +90,7 @@ def duration(seconds: float) -> str:
 
 
 def note_results(results: Path) -> None:
-    """Print the place of the results, and the command that shows them if Rerun is installed."""
+    """Print the folder of the results, and the command that shows them if Rerun is installed."""
     advice = f"; to look at them: {own_command('jaxcell')} view {results}"
     note(f"Results are in {results}{advice if has_module('rerun') else '.'}")
 
@@ -103,7 +103,7 @@ def own_command(name: str) -> str:
 
 
 def say(text: str) -> None:
-    """Print a line on standard output, in the right order with notes if both go to one file."""
+    """Print a line on standard output at once, so that it stays in order with notes."""
     print(text, flush=True)
 
 
@@ -187,6 +187,6 @@ def _longest_word(cells: Iterable[str]) -> int:
 
 @contextlib.contextmanager
 def stdout_on_stderr() -> Iterator[None]:
-    """Redirect the output of solvers, tasks and their processes to standard error."""
+    """Redirect standard output, including that of child processes, to standard error."""
     with output_to(2), contextlib.redirect_stdout(sys.stderr):
         yield

@@ -1,25 +1,24 @@
 """Quantities of a finite Markov chain on cells.
 
 Let `P` be the transition matrix of a [`jaxcell.mapping.Chain`][], whose rows may sum to less than
-1: the rest of the mass leaves the space for a sink. Every cell is *transient* or belongs to a
-*persistent group*, a closed communicating class (Alam 2018, Definitions 3.3.1 to 3.3.3), and with
-probability 1 the chain ends in one of the groups or in the sink.
+1: with the remaining probability the chain leaves the space, for a sink. Every cell is *transient*
+or belongs to a *persistent group*, a closed communicating class (Alam 2018, Definitions 3.3.1 to
+3.3.3), and with probability 1 the chain ends in one of the groups or in the sink.
 
 **In the long run.** With `p` the start (Eq. 3.5), the *limiting distribution* is the time average
 
     pi = lim (p + p P + ... + p P^(n-1)) / n,     pi P = pi,
 
-which exists even if the chain is periodic. On each group it is the one distribution with `x P = x`,
-weighted by the probability of ending there. `limiting_distribution`.
+which exists even if the chain is periodic. On each group it is the only distribution with
+`x P = x`, weighted by the probability of ending there. See `limiting_distribution`.
 
 **Until the end.** Let `Q` be the part of `P` among the transient cells, and `R` the part into the
 groups. *Absorption probabilities* `B` and *absorption times* `t` solve
 
     B = R + Q B,     t = 1 + Q t
 
-(Eq. 5.7: `t` is the row sums of `(I - Q)^-1`).
-
-`absorption_probabilities`, `absorption_times`.
+(Eq. 5.7: `t` is the row sums of `(I - Q)^-1`). See `absorption_probabilities` and
+`absorption_times`.
 
 **Until a target** `T`. The probability `h` of ever arriving and the expected number of steps `k`
 are the least nonnegative solutions of
@@ -29,23 +28,23 @@ are the least nonnegative solutions of
 but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the `k` of Doob's
 transform `p_ij h_j / h_i`. The law of the *first passage* is the probability of arriving first at
 time `n`. The probability that none of several independent robots has arrived is the product of
-their probabilities (section 4.4.6). `arrival_probabilities`, `hitting_times`,
-`conditional_hitting_times`; `first_passage`; `first_arrival`, `mean_first_arrival`, and
-`simulate_arrival`, which simulates runs (`Distinct` is the start of robots in different cells);
-`sample_walks` draws a few walks step by step.
+their probabilities (section 4.4.6). See `arrival_probabilities`, `hitting_times`,
+`conditional_hitting_times` and `first_passage` for one robot, and `first_arrival`,
+`mean_first_arrival` and `simulate_arrival` for several. `sample_walks` draws walks step by step.
 
 **Nearly closed.** A chain with sets that it seldom leaves has eigenvalues near 1. `leading_modes`
-computes eigenvalues, and eigenvectors from both sides. `almost_invariant_sets` are hardly left or
-entered, `coherent_sets` move and hardly mix with their surroundings, and `attracting_regions`
-gather the mass of their basins. The results, `NearlyClosedSets`, contain their leakage.
+computes these eigenvalues with their left and right eigenvectors. `almost_invariant_sets` finds
+sets that are hardly left or entered, `coherent_sets` finds sets that move and hardly mix with their
+surroundings, and `attracting_regions` finds regions that gather the mass of their basins. The
+results, `NearlyClosedSets`, contain the share of the mass that leaves each set.
 
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
 hitting time `H_ij` for every pair of cells, and a *commute time* `H_ij + H_ji` (Eq. 4.3); *Kemeny's
 constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate*
 `-sum_ij pi_i p_ij log p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after
-which no start is farther than a given distance from `pi` in total variation. `hitting_matrix`,
-`commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` computes `pi`,
-`H`, Kemeny's constant and the entropy rate as differentiable functions of the matrix.
+which the total variation from `pi` is at most a given distance, for every start. See
+`hitting_matrix`, `commute_times`, `kemeny_constant`, `entropy_rate`, `slem` and `mixing_time`.
+`dense` has `pi`, `H`, Kemeny's constant and the entropy rate, differentiable in the matrix.
 
 **Decisions.** In a *decision process* an action `u` is chosen in every cell; it has a chain `P_u`
 and a reward `r_u`. With a discount `g` the *value* solves (Alg. 5.5)
@@ -53,16 +52,16 @@ and a reward `r_u`. With a discount `g` the *value* solves (Alg. 5.5)
     V = g max_u (r_u + P_u V).
 
 Without a discount, the *stochastic shortest path* is the policy with the largest probability of
-reaching a goal and, of the policies with this probability, the one with the least time.
-`DecisionModel`, `value_iteration`, `policy_chain`, `stochastic_shortest_path`.
+reaching a goal and, of the policies with this probability, the one with the least time. See
+`DecisionModel`, `value_iteration`, `policy_chain` and `stochastic_shortest_path`.
 
-**Method.** First, runs of certain steps are removed. The sparse system is then solved by products
-with `P` if they converge soon, otherwise by a factorisation. Quantities of all pairs are dense:
-memory `O(N^2)` and time `O(N^3)`. Every solve returns a
+**Method.** First, cells whose next cell is certain are eliminated. The sparse system is then solved
+by repeated products with `P` if they converge soon, otherwise by a factorisation. Quantities of all
+pairs are dense, with memory `O(N^2)` and time `O(N^3)`. Every solve returns a
 [`jaxcell.base.certificate.Certificate`][]: a residual that is computed from the answer and the full
 matrix. If the residual is too large, the solve raises an error, or with `throw=False` returns the
 answer. All solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`. Sparse solves
-run on the host, with NumPy and SciPy; `push` and `pull`, first passages, decisions and `dense` run
+run on the CPU, with NumPy and SciPy; `push` and `pull`, first passages, decisions and `dense` run
 on any device of JAX.
 """
 

@@ -23,7 +23,7 @@ _CHUNK = 240
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distinct:
-    """Starts of robots in different cells: all sets of cells are equally likely."""
+    """A random start of several robots in different cells; all sets of cells are equally likely."""
 
     cells: npt.ArrayLike
     "The possible cells, as a list or a mask over all cells."
@@ -42,11 +42,11 @@ class Race:
     """Robots that move independently until the first of them is in the target, a set of cells."""
 
     chains: tuple[Chain, ...]
-    "The different chains."
+    "The chains of the robots; a chain that several robots share is listed once."
     robot: tuple[int, ...]
     "For each robot, the index of its chain in `chains`."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
-    "For each robot, the distribution of its start; or the cells from which starts are drawn."
+    "The distribution of each robot's start or, for a `Distinct` start, the possible cells."
     there: Bool[np.ndarray, "cells"]
     "The target, as a mask over the cells."
 
@@ -98,10 +98,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute the probability that no robot has arrived, at each of the next steps.
+        """Compute the probability that no robot has arrived, at each step of `chunks` chunks.
 
-        `values` are, for each chain and each start, the current probabilities that one robot has
-        not arrived. Returns the probability at each step of `chunks` chunks, and the next `values`.
+        For each chain, `values` contains the current probability that a robot has not arrived, for
+        each start cell. Also returns these probabilities after the chunks.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -136,7 +136,8 @@ def first_arrival(
     robots of one chain; the target; and a number of steps.
 
     **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
-    after 0 steps if a robot begins in the target. The running sum is the probability of capture.
+    after 0 steps if a robot begins in the target. The cumulative sum is the probability that a
+    robot has arrived by then.
 
     Two random walks on a line of three cells, from its middle to its right end:
 
@@ -165,11 +166,11 @@ def mean_first_arrival(
 ) -> MeanArrival:
     """Compute the expected number of steps until the first of several robots is in a set of cells.
 
-    It is the sum over time of the probability that no robot has arrived. If, for all starts, the
-    probability that one robot has not arrived decreases during some steps by a factor between `a`
-    and `b`, it does so in all later periods of that length. So two geometric series enclose the
-    rest of the sum. The two series agree as soon as the robots have forgotten their starts, long
-    before the rest is negligible.
+    It is the sum over time of the probability that no robot has arrived. Suppose that, in a block
+    of steps, the probability that one robot has not arrived falls by a factor between `a` and `b`
+    from every start. Then it falls by such a factor in every later block of that length, so two
+    geometric series bound the rest of the sum. They agree as soon as the factor hardly depends on
+    the start, long before the rest is negligible.
 
     **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
     number of steps.
@@ -218,11 +219,11 @@ def mean_first_arrival(
 def mean_product(
     value: Float[np.ndarray, "steps choices"], count: int
 ) -> Float[np.ndarray, "steps"]:
-    """Compute the mean, over all sets of `count` choices, of the product of their values.
+    """Compute the mean, over all sets of `count` columns, of the product of their values in a row.
 
-    It is an elementary symmetric polynomial divided by its number of terms. The mean over sets of
-    the first `j` choices is an average of the means over the sets without and with choice `j`,
-    weighted by their numbers. So no number grows, and no digits are lost by subtraction.
+    It is an elementary symmetric polynomial divided by its number of terms. The mean over the sets
+    in the first `j` columns is a weighted average of the means over the sets with and without
+    column `j`. So products do not overflow, and no digits are lost by subtraction.
     """
     size = np.arange(1, count + 1)[:, None]
     mean = np.zeros((count + 1, len(value)))
@@ -245,7 +246,7 @@ def _at_start(race: Race) -> list[Float[Array, "cells"]]:
 
 
 def _may_fail(race: Race) -> bool:
-    """Decide whether it is possible that no robot ever arrives."""
+    """Check whether it is possible that no robot ever arrives."""
     fails = [np.isinf(hitting_times(chain, race.there, throw=False).value) for chain in race.chains]
     if race.distinct:
         return int(fails[0][race.start].sum()) >= race.robots
@@ -253,7 +254,7 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Find the cells that a robot may visit before it arrives, and whether it may leave."""
+    """Find the cells that a robot may visit before arriving, and whether it may leave the space."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges from cells outside the target.

@@ -23,9 +23,9 @@ def arrival_probabilities(
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells.
 
     **Returns:** the probability for each start, exactly 1 if the chain is certain to arrive, and 0
-    if it cannot arrive. The residual of the certificate is the largest difference of the
-    probability of a cell from the mean over its images. If the chain was estimated from samples,
-    `moved` estimates the sampling error.
+    if it cannot arrive. The residual of the certificate is the largest difference between the
+    probability of a cell and the mean probability of its images. If the chain was estimated from
+    samples, the field `moved` of the solution estimates the sampling error.
 
     A random walk between two ends, where it stays:
 
@@ -74,7 +74,7 @@ def conditional_hitting_times(
 def probabilities(
     matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], Certificate]:
-    """Compute [`arrival_probabilities`][] from the transition matrix."""
+    """Compute [`arrival_probabilities`][] from a transition matrix and the mask of a target."""
     can, may_fail = prospects(matrix, there)
     value = np.where(can & ~may_fail, 1.0, 0.0)
     part = Transient.of(matrix, can & may_fail & ~there)
@@ -92,8 +92,8 @@ def conditioned(
     """Return the chain under the condition that it arrives (Doob's transform).
 
     The probability `p(x, y)` of a step becomes `p(x, y) h(y) / h(x)`, where `h` is `arrives`, the
-    probability of arriving. The matrix may have several rows per cell, one per action. Rows without
-    a path to the target become empty.
+    probability of arriving. The matrix may have several rows per cell, one per action. A row from
+    which no path leads to the target becomes empty.
     """
     weighed = matrix @ scipy.sparse.diags_array(arrives)
     # The sum of a row is `h` up to rounding; dividing by the sum removes the rounding.

@@ -50,10 +50,10 @@ class DecisionModel:
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
-        """Create a model from a chain for each action, and arrays `[actions, cells]`.
+        """Create a model from a chain, rewards and the allowed cells of each action.
 
-        By default all actions are allowed everywhere. Rewards of actions that are not allowed are
-        ignored.
+        `reward` and `allowed` are arrays `[actions, cells]`. By default all actions are allowed.
+        Rewards of actions that are not allowed are ignored.
         """
         require_x64("DecisionModel")
         shape = (len(chains), common_cells(chains, "action"))
@@ -107,7 +107,7 @@ class Optimum:
     def gap(self) -> float:
         """An upper bound on the error of every value, up to rounding.
 
-        The value of the policy is at most twice this bound below the largest possible value.
+        The values of other policies exceed those of `policy` by at most twice this bound.
         """
         return self.certificate.residual
 
@@ -128,13 +128,13 @@ def value_iteration(
 
     Most sweeps keep the policy, which is several times faster (modified policy iteration, Puterman
     and Shin 1978). The algorithm of the dissertation stops when no value changes, which may never
-    happen in floating-point arithmetic. Here each choice of a policy bounds the error (MacQueen
-    1966): if it changes all values by at most `c`, all later changes together are at most
-    `c * discount / (1 - discount)`.
+    happen in floating-point arithmetic. Here the iteration stops when a bound on the error is below
+    the tolerance (MacQueen 1966): if a sweep changes all values by at most `c`, all later changes
+    together are at most `c * discount / (1 - discount)`.
 
     **Arguments:** a model; a discount of more than 0 and less than 1 (without a discount, values
     may be infinite; see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
-    reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
+    reward; and the largest number of sweeps. **Returns:** the value and best action of each cell.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -157,7 +157,7 @@ def value_iteration(
 
 
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
-    """Return the chain of a policy, which takes the action of the policy in each cell.
+    """Return the chain that takes the action of a policy in each cell.
 
     **Arguments:** a model, and an action for each cell. **Returns:** the chain.
 
@@ -205,7 +205,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Sweep repeatedly, and return values, the policy, an error bound, and the number of sweeps."""
+    """Iterate, and return the values, the policy, an error bound, and the number of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -216,10 +216,11 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """Sweep once with the best actions.
+        """Update the values of all cells once, with the best actions.
 
-        Returns the values, the policy, the policy with the first of equally good actions, the least
-        and the largest sum of all later changes, and whether the changes are only rounding.
+        Returns the new values, the best policy, the policy that takes the first of equally good
+        actions, a lower and an upper bound on the sum of all later changes of a value, and whether
+        the last changes are only rounding errors.
         """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
@@ -240,7 +241,7 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values, for the least and the largest sum of all later changes.
+        """Bound the error of the values if the sum of later changes is between `low` and `high`.
 
         If no action leaves the cells, `(low + high) / 2` must be added to the values first.
         """

@@ -1,8 +1,8 @@
 """Quantities of a small irreducible chain, as functions of its dense transition matrix.
 
 They work under `jit`, `vmap` and `grad`, and do not check the matrix: its rows must sum to 1, and
-all cells except transient cells must be one closed class. Derivatives are exact for changes of the
-matrix that keep the sums of its rows.
+the cells that are not transient must form one closed class. Derivatives are exact for changes of
+the matrix that preserve the sums of its rows.
 
 All quantities follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution,
 which exists even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a
@@ -36,7 +36,7 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """Compute the expected number of steps from each cell to the first visit of each other cell.
 
     The entry `i, j` is the time from `i` to `j`. If the chain has transient cells, the times from
-    these cells are correct, but the times to these cells are wrong.
+    them are correct, but the times to them are wrong: they should be infinite.
     """
     inverse = jnp.linalg.inv(_shifted(P))
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
@@ -56,8 +56,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    The derivative with respect to an entry of `P` that is 0 counts as 0, although its limit is
-    infinite.
+    Derivatives with respect to entries of `P` that are 0 count as 0, although they are infinite.
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

@@ -29,24 +29,24 @@ _REFINEMENTS = 4
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Absorption:
-    """The probabilities of all ends of a chain, from each cell; they sum to 1."""
+    """The probabilities of ending in each persistent group and in the sink, from each cell."""
 
     value: Float[Array, "groups cells"]
-    "The probability of ending in each persistent group."
+    "The probability of ending in each persistent group, from each cell."
     leaving: Float[Array, "cells"]
-    "The probability of leaving the space."
+    "The probability of leaving the space for the sink, from each cell."
     certificate: Certificate
 
 
 def absorption_probabilities(
     chain: Chain, groups: PersistentGroups, *, throw: bool = True
 ) -> Absorption:
-    """Compute the probability that a chain ends in each persistent group: its stochastic basins.
+    """Compute the probability that a chain ends in each persistent group, for each start.
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
-    for each start. If there is only one end, its probability is 1 without a solve. The residual of
-    the certificate is the largest difference of the probability of a cell from the mean over its
-    images, or of the sum of its probabilities from 1.
+    for each start, exactly 1 if only one end is possible. The residual of the certificate is the
+    largest difference between the probability of a cell and the mean probability of its images, or
+    between 1 and the sum of the probabilities of a cell.
 
     A random walk between two ends, where it stays:
 
@@ -70,40 +70,40 @@ def absorption_probabilities(
 
 
 def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
-    """Compute the probability of each end, from the probabilities `gain` of ending in one step."""
+    """Compute the probability of each end (group or sink); `gain` is that of a single step."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
         value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
     else:
         value, products = part.expect(gain)
-    residual = _error(part, gain, value)
+    residual = _residual(part, gain, value)
     for _ in range(_REFINEMENTS):
         if residual <= PROBABILITY_TOLERANCE:
             break
-        left = _left(part, gain, value)
+        left = _signed_residual(part, gain, value)
         change, more = part.expect(np.concatenate([np.maximum(left, 0), np.maximum(-left, 0)], 1))
         higher, lower = np.split(change, 2, axis=1)
         better = np.clip(value + higher - lower, 0, 1)
         products += more
-        error = _error(part, gain, better)
+        error = _residual(part, gain, better)
         if not error < residual:
             break
         value, residual = better, error
     return value, Certificate(products, residual, PROBABILITY_TOLERANCE)
 
 
-def _error(part: Transient, gain: _Ends, value: _Ends) -> float:
-    """Compute the residual that [`absorption_probabilities`][] reports."""
+def _residual(part: Transient, gain: _Ends, value: _Ends) -> float:
     mean = np.abs(gain + part.step @ value - value).max(initial=0.0)
     return float(max(mean, np.abs(value.sum(axis=1) - 1).max(initial=0.0)))
 
 
-def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
-    """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
+def _signed_residual(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
+    """Compute the residual `gain + Q x - x` of the values `x`, for an iterative refinement.
 
-    It is the sum of `p (x' - x)` over the steps from a cell. So each row is treated as if its sum
-    were exactly 1, although its rounding error may be as large as the probability of a rare step
-    out of the part. Differences between cells with nearly equal values keep all their digits.
+    It is the sum of `p (x' - x)` over the steps from a cell, where `x'` is the value after the
+    step. So each row is treated as if its sum were exactly 1, although its rounding error may be as
+    large as the probability of a rare step that leaves the transient cells. Differences between
+    cells with nearly equal values keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -138,8 +138,8 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the
     time for each start, 0 in the target, and `inf` if the chain may never arrive, because it can
     end elsewhere or leave the space first. The residual of the certificate bounds the relative
-    error of every finite time. If the chain was estimated from samples, `moved` estimates the
-    sampling error.
+    error of every finite time. If the chain was estimated from samples, the field `moved` of the
+    solution estimates the sampling error.
 
     A random walk on a line of three cells:
 
@@ -157,12 +157,12 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
 
 
 def with_moved(
-    solution: Solution, chain: Chain, solve: Callable[..., Solution], there: Cells
+    solution: Solution, chain: Chain, solve: Callable[..., Solution], target: Cells
 ) -> Solution:
-    """Add `moved` to a solution: the change of each value if only half of the samples are used."""
+    """Add `moved` to a solution: the change of each value if `solve` uses half of the samples."""
     if chain.half is None:
         return solution
-    value, other = solution.value, solve(chain.half, there, throw=False).value
+    value, other = solution.value, solve(chain.half, target, throw=False).value
     moved = jnp.where(value == other, 0.0, jnp.abs(value - other))
     return dataclasses.replace(solution, moved=moved)
 
@@ -171,23 +171,22 @@ def times_until_left(
     matrix: scipy.sparse.csr_array,
     inside: Cells,
     time: Float[np.ndarray, "cells"],
-    what: str,
+    caller: str,
     throw: bool,
 ) -> Solution:
     """Compute the expected number of steps from each cell `inside` until these cells are left.
 
-    The result is written into `time`, which already contains the times of the other cells. `what`
-    is the name of the calling function, for errors.
+    The result is written into `time`, which already contains the times of the other cells.
     """
     steps, certificate = leaving_times(matrix, inside)
-    certificate.check(what, throw)
+    certificate.check(caller, throw)
     # A time below 1 is rounding: the true time is too long for 64-bit numbers.
     time[inside] = np.where(steps >= 1 - TIME_TOLERANCE, steps, np.inf)
     return Solution(jax.device_put(time), certificate)
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive in a set, and those from which it may fail."""
+    """Find the cells from which a chain can arrive at `there`, and those from which it may fail."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
@@ -201,8 +200,7 @@ def leaving_times(
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
-    The chain must be able to leave from each of these cells. The residual bounds the relative
-    errors.
+    The chain must be able to leave from each of them. The residual bounds the relative errors.
     """
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
@@ -213,7 +211,7 @@ def leaving_times(
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """Return the persistent group of each cell, on the host."""
+    """Return the group of each cell, -1 for none, and check that the chain has these `groups`."""
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
         raise ValueError(
@@ -224,7 +222,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the common number of cells of chains; errors call the owner of a chain `owner`."""
+    """Return the number of cells that all chains have; `owner` is a word such as "robot"."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells
@@ -238,7 +236,7 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Convert a cell, a list of cells, or a mask to a mask; `name` is the argument, for errors."""
+    """Convert a cell, a list of cells, or a mask to a mask; errors begin with `name`."""
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):

@@ -23,11 +23,11 @@ class LimitingDistribution:
     """The share of the time that a chain spends in each cell in the long run."""
 
     value: Float[Array, "cells"]
-    "The share of each cell; the sum of all shares and `leaving` is 1."
+    "The share of the time spent in each cell; the shares and `leaving` sum to 1."
     weights: Float[Array, "groups"]
     "The weight of each persistent group: the probability of ending in it."
     leaving: float
-    "The probability of leaving the space."
+    "The probability of leaving the space from a random start; 0 if weights were given."
     certificate: Certificate
 
 
@@ -40,15 +40,15 @@ def limiting_distribution(
 ) -> LimitingDistribution:
     """Compute the time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
 
-    It exists even if the chain is periodic. Only the weights of the persistent groups depend on the
-    start.
+    It exists even if the chain is periodic. Only the weights of the persistent groups depend on
+    `p`, the distribution of the start.
 
-    **Arguments:** a chain, its persistent groups, and the weights of the groups: `"basin"` (the
-    default), the probability of ending in each group from a random start; `"size"`, the share of
-    each group in the persistent cells; or numbers that sum to 1.
+    **Arguments:** a chain, its persistent groups, and the weights of the groups. They are numbers
+    that sum to 1; `"size"` for weights proportional to the sizes of the groups; or `"basin"`, the
+    default, for the probabilities of ending in each group from a random start.
 
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
-    1-norm of `value P - value` and the difference of the sum of `weights` and `leaving` from 1.
+    1-norm of `value P - value` and `|sum(weights) + leaving - 1|`.
 
     A random walk on a line of three cells:
 
@@ -78,7 +78,7 @@ def _weights(
     group: Int[np.ndarray, "cells"],
     weights: npt.ArrayLike | None,
 ) -> tuple[Float[np.ndarray, "groups"], float, int]:
-    """Return the weights of the groups, the weight of the sink, and the number of products."""
+    """Return the weights of the groups and of the sink, and the number of matrix products."""
     if weights is None or (isinstance(weights, str) and weights == "basin"):
         return _basins(matrix, groups.count, group)
     if groups.count == 0:

@@ -20,8 +20,7 @@ def first_passage(
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the number of steps until a chain is first in a set of cells.
 
-    The law is exact, because the distribution of the chain before its arrival is propagated step by
-    step.
+    The law is exact, because the distribution before the arrival is propagated step by step.
 
     **Arguments:**
 
@@ -49,11 +48,10 @@ def first_passage(
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
-    """Compute the probabilities, for each start, that a chain has not arrived at `there`.
+    """Compute the probabilities, for each start, that a chain has not arrived in a target, `there`.
 
-    `there` is the target. `value` contains the current probabilities, which are 1 outside the
-    target at time 0. Returns the probabilities after 0 to `steps - 1` further steps, and separately
-    the probabilities after `steps` steps.
+    `value` contains the current probabilities, which are 1 outside the target at time 0. Returns
+    the probabilities after 0 to `steps - 1` more steps, and separately those after `steps` steps.
     """
     leaving = chain.leaving
 
@@ -91,6 +89,5 @@ def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarr
 
 
 def check_steps(steps: int) -> None:
-    """Raise `ValueError` for a negative number of steps."""
     if steps < 0:
         raise ValueError(f"steps: expected 0 or more, got {steps}")

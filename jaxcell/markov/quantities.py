@@ -59,7 +59,7 @@ def kemeny_constant(chain: Chain) -> float:
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
     chain, the number of steps is 0; authors who count the steps until the return to this cell
-    obtain 1 more. The relative error is close to the rounding of a number.
+    obtain 1 more. The relative error is close to that of rounding a number.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
 
@@ -105,11 +105,12 @@ def entropy_rate(chain: Chain) -> float:
 def slem(chain: Chain) -> float:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
-    It is the factor per step by which a chain forgets its start. All eigenvalues are computed,
-    which takes about 0.4 s for 750 cells; the time grows with the cube of the number of cells.
+    In each step, the distance from the stationary distribution shrinks by about this factor. All
+    eigenvalues are computed, which takes about 0.4 s for 750 cells; the time grows with the cube of
+    the number of cells.
 
-    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the modulus: 1 for a periodic chain,
-    which never forgets its start, and 0 for a chain of one cell.
+    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the modulus. It is 1 for a periodic
+    chain, which does not converge, and 0 for a chain of one cell.
 
     Two cells, with a probability of 1/4 to change the cell in a step:
 
@@ -132,10 +133,10 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     It is the least `t` such that, for every start, the total variation (half the 1-norm of the
     difference) between the distribution after `t` steps and the stationary distribution is at most
     `distance`. The matrix is squared until a power is that close. Then `t` is found between the
-    last two powers by bisection, because the distance never grows.
+    last two powers by bisection, because the distance never increases.
 
     **Arguments:** an irreducible chain of at most 2,000 cells, and a distance between 0 and 1/2.
-    **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
+    **Returns:** the number of steps; `inf` for a periodic chain, which does not converge.
 
     Two cells, with a probability of 1/4 to change the cell in a step:
 
@@ -174,13 +175,13 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
 def _product(
     first: Float[np.ndarray, "cells cells"], second: Float[np.ndarray, "cells cells"]
 ) -> Float[np.ndarray, "cells cells"]:
-    """Multiply two powers, and make rows sum to 1, because rounding errors grow with the steps."""
+    """Multiply two powers of a transition matrix, and normalize rows to remove rounding errors."""
     product = first @ second
     return product / product.sum(axis=1, keepdims=True)
 
 
-def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
-    _only_group(chain, what)
+def _hitting(chain: Chain, caller: str, throw: bool) -> Solution:
+    _only_group(chain, caller)
     matrix = chain.to_scipy()
     value = np.array(dense.hitting(matrix.toarray()))
     np.fill_diagonal(value, 0)
@@ -188,17 +189,17 @@ def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
     gap = 1 + matrix @ value - value
     np.fill_diagonal(gap, 0)
     certificate = Certificate(1, float(np.abs(gap).max()), TIME_TOLERANCE)
-    certificate.check(what, throw)
+    certificate.check(caller, throw)
     return Solution(jax.device_put(value), certificate)
 
 
-def _only_group(chain: Chain, what: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
-    """Return the group of an irreducible chain of at most `most` cells, or raise `ValueError`."""
-    require_x64(what)
+def _only_group(chain: Chain, caller: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
+    """Check that a chain is irreducible, with at most `most` cells, and return its only group."""
+    require_x64(caller)
     if most is not None and chain.cells > most:
         raise ValueError(
-            f"{what}: the chain has {chain.cells} cells, and the matrices of a chain of more than "
-            f"{most} take gigabytes; hitting_times and limiting_distribution are sparse"
+            f"{caller}: the chain has {chain.cells} cells, and the matrices of a chain of more "
+            f"than {most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)
@@ -207,7 +208,7 @@ def _only_group(chain: Chain, what: str, most: int | None = _LARGEST_MATRIX) -> 
         cell = lost[0]
         why = "is transient" if group[cell] < 0 else "is in another persistent group than cell 0"
         raise ValueError(
-            f"{what}: expected an irreducible chain, but cell {cell} {why}; hitting_times "
+            f"{caller}: expected an irreducible chain, but cell {cell} {why}; hitting_times "
             "serves any chain"
         )
     return groups

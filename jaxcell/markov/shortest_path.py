@@ -45,8 +45,8 @@ class ShortestPath:
     policy: Int[Array, "cells"]
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
-    """The certificate. Its residual is the larger of the gain in probability and the relative gain
-    in time that a change of one action would give; its iterations are changes of the policy."""
+    """The certificate. Its residual is the largest relative gain in time that a change of an action
+    gives or, if larger, 1e4 times the largest gain in probability."""
 
 
 def stochastic_shortest_path(
@@ -54,8 +54,7 @@ def stochastic_shortest_path(
 ) -> ShortestPath:
     """Find the quickest of the policies with the highest probability of arriving at a goal.
 
-    This is the problem of Alam 2018, section 5.4.7, without a discount. The rewards of the model
-    have no effect.
+    This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards have no effect.
 
     The cells from which some policy is certain to arrive are found exactly, on the graph of all
     steps. For the other cells, the policy is improved until its probability of arriving is the
@@ -66,8 +65,7 @@ def stochastic_shortest_path(
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
     in the goal have no effect. **Returns:** probabilities, times and the policy.
 
-    A robot on three cells in a row goes right or left; a step to the right fails with probability
-    1/2:
+    A robot on three cells in a row goes right or left, but half of its steps to the right fail:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -112,12 +110,12 @@ def stochastic_shortest_path(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Moves:
-    """The steps of all actions: a matrix with a row per action and cell, action after action."""
+    """The possible steps of all actions, in a matrix with a row for each action in each cell."""
 
     matrix: scipy.sparse.csr_array
     allowed: _Usable
     stays: _Usable
-    "`True` if the action cannot leave the space."
+    "`True` for an action in a cell if none of its steps from there leaves the space."
 
     @classmethod
     def of(cls, model: DecisionModel) -> "_Moves":
@@ -136,7 +134,6 @@ class _Moves:
         return self.matrix.nonzero()
 
     def of_policy(self, policy: _Policy) -> scipy.sparse.csr_array:
-        """Return the transition matrix of a policy."""
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
     def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
@@ -153,7 +150,7 @@ class _Moves:
         return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
 
     def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
-        """Change a policy to usable actions that may lead to a cell nearer to a target."""
+        """Change a policy, where possible, to usable actions that may lead nearer to a target."""
         after = next_cells(self.joint(usable), target)
         row, column = self.steps
         action, cell = np.divmod(row, self.cells)
@@ -164,24 +161,24 @@ class _Moves:
         return policy
 
 
-def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
+def _sure(moves: _Moves, usable: _Usable, target: _Cells) -> tuple[_Cells, _Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
-    These actions lead only to these cells. The cells are found by repeated removal of cells from
-    which the target cannot be reached by actions that stay among the remaining cells.
+    Only `usable` actions are considered. The cells are found by repeated removal of cells from
+    which the target cannot be reached by actions that never lead to a removed cell.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)
     into = moves.matrix.T.tocsr()
-    lost = ~reaching(moves.joint(safe), there)
+    lost = ~reaching(moves.joint(safe), target)
     while lost.any():
         # Cells without a safe action are found without a search of the whole graph.
         while lost.any():
             sure &= ~lost
             safe[:, lost] = False
             safe.reshape(-1)[into[np.flatnonzero(lost)].indices] = False
-            lost = sure & ~there & ~safe.any(axis=0)
-        lost = sure & ~reaching(moves.joint(safe), there)
+            lost = sure & ~target & ~safe.any(axis=0)
+        lost = sure & ~reaching(moves.joint(safe), target)
     return sure, safe
 
 
@@ -190,8 +187,8 @@ def _surest(
 ) -> tuple[_Values, _Policy, Certificate]:
     """Improve a policy until its probability of arriving from the cells `maybe` is the largest.
 
-    The policy must be able to arrive from these cells. Returns the probability of arriving, the
-    policy, and a certificate with the possible gain.
+    The policy must be able to arrive from them. The cells `sure` have the probability 1. Returns
+    the probability, the policy, and a certificate with the gain that is still possible.
     """
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
@@ -215,16 +212,16 @@ def _surest(
 
 
 def _quickest(
-    moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
+    moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, target: _Cells
 ) -> tuple[_Values, _Policy, Certificate]:
-    """Improve a policy until its time is minimal, without lowering its probability of arriving.
+    """Improve a policy until its time is minimal, while it keeps its `probability` of arriving.
 
-    Returns the expected times over the paths that arrive, the policy, and a certificate that bounds
-    the relative gain that is still possible.
+    Only actions in the mask `keeps` are chosen. Returns the expected times over the paths that
+    arrive, the policy, and a certificate that bounds the relative gain that is still possible.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)
-    inside = (probability > 0) & ~there
+    inside = (probability > 0) & ~target
     rounds, residual = 0, 0.0
     while inside.any():
         rounds += 1

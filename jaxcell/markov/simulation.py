@@ -88,10 +88,10 @@ def simulate_arrival(
     placing, walking = jax.random.split(key)
     if race.distinct:
         choices = jax.device_put(np.asarray(race.start, np.int32))
-        cells = _place_apart(placing, choices, race.robots, _TURNS * lanes)
+        cells = _draw_distinct_starts(placing, choices, race.robots, _TURNS * lanes)
     else:
-        total = jax.device_put(np.cumsum(race.start, axis=1))
-        cells = _place(placing, total, _TURNS * lanes)
+        cumulative = jax.device_put(np.cumsum(race.start, axis=1))
+        cells = _draw_starts(placing, cumulative, _TURNS * lanes)
     time = _walk(walking, _Tables.of(race), cells, np.int32(horizon))
     return Arrivals(jax.device_put(np.asarray(time)[:runs]), horizon)
 
@@ -101,19 +101,19 @@ def simulate_arrival(
 class _Tables:
     """The alias tables of all chains (Walker 1977), from which steps are sampled fast.
 
-    A *place* is a cell of a chain, numbered over all chains; the last place of each chain is the
-    sink. From each place, one of several *slots* is drawn with equal probability. A slot has two
-    next places: the first has the probability `part`, in units of 2^-32, and the second has the
-    remaining probability. So each step takes one random number, whatever the number of branches.
+    The cells of all chains, each with the sink as a last cell, are numbered in turn as *places*. A
+    place has several table entries, one of which is drawn with equal probability. An entry has two
+    next places: `first` with the probability `part`, in units of 2^-32, and otherwise `second`. So
+    each step takes one random number, whatever the number of branches.
     """
 
     first: Int[Array, "entries"]
     second: Int[Array, "entries"]
     part: UInt32[Array, "entries"]
     there: Bool[Array, "places"]
-    "A mask of the places (cells, numbered over all chains) that belong to the target."
+    "The target, as a mask over the cells of all chains."
     offset: Int[Array, "robots"]
-    "For each robot, the place (number over all chains) of cell 0 of its chain."
+    "The place of cell 0 of each robot's chain, among the cells of all chains."
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
@@ -147,7 +147,7 @@ class _Tables:
     def step(
         self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]
     ) -> Int[Array, "robots runs"]:
-        """Return the places one step later; `bits` are 32 random bits per robot."""
+        """Return the place of each robot one step later; `bits` are 32 random bits per robot."""
         slots = self.first.size // self.there.size
         # The random number, as a fraction of 1, times the number of slots: the whole part is the
         # slot, and the fraction chooses between its two places.
@@ -164,9 +164,10 @@ def alias(
     Int[np.ndarray, "places slots"],
     Float[np.ndarray, "places slots"],
 ]:
-    """Build the alias tables of many distributions over images at once (Walker 1977).
+    """Build the alias tables of many distributions at once (Walker 1977).
 
-    Returns the two images of each slot, and the probability of the first image in the slot.
+    The table of a row has an entry, or *slot*, for each image. Returns the first and the second
+    image of each slot, and the probability of the first.
     """
     row = np.arange(len(image))
     slots = image.shape[1]
@@ -187,20 +188,20 @@ def alias(
 
 
 @functools.partial(jax.jit, static_argnames="runs")
-def _place(
-    key: jax.Array, total: Float[Array, "robots cells"], runs: int
+def _draw_starts(
+    key: jax.Array, cumulative: Float[Array, "robots cells"], runs: int
 ) -> Int[Array, "robots {runs}"]:
-    """Draw a start for each robot and run from cumulative probabilities."""
-    drawn = jax.random.uniform(key, (total.shape[0], runs), total.dtype) * total[:, -1:]
-    place = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(total, drawn)
-    return place.astype(jnp.int32)
+    """Draw a start cell for each robot and run from cumulative probabilities."""
+    drawn = jax.random.uniform(key, (len(cumulative), runs), cumulative.dtype) * cumulative[:, -1:]
+    cell = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(cumulative, drawn)
+    return cell.astype(jnp.int32)
 
 
 @functools.partial(jax.jit, static_argnames=("robots", "runs"))
-def _place_apart(
+def _draw_distinct_starts(
     key: jax.Array, choices: Int[Array, "choices"], robots: int, runs: int
 ) -> Int[Array, "{robots} {runs}"]:
-    """Draw a set of different starts for each run, with Floyd's method."""
+    """Draw a set of different start cells from `choices` for each run, with Floyd's method."""
     size = choices.size
     taken = jnp.full((robots, runs), -1, jnp.int32)
 
@@ -217,7 +218,7 @@ def _place_apart(
 def _walk(
     key: jax.Array, tables: _Tables, cells: Int[Array, "robots runs"], horizon: Int[Array, ""]
 ) -> Float[Array, "runs"]:
-    """Walk from the starts until all runs have arrived or reached the horizon; return the times.
+    """Simulate all runs from the start `cells` until an arrival or the horizon; return the times.
 
     Each of many parallel *lanes* simulates several runs one after the other, because parallel runs
     would all wait for the longest run, which takes several times the mean.

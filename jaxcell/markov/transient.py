@@ -12,34 +12,30 @@ class Transient:
     """A transient part of a chain, reduced to the cells at which the chain branches.
 
     In some chains most cells have one certain image, such as the cells of a robot between two
-    bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
-    image in the part is not certain. A sum over the run then gives the value of the cell from the
-    value of the branching cell. So only the branching cells are solved for, which are one in six
-    cells of a bouncing robot. In all fields except `cells`, cells are numbered within the part.
+    bumps. The chain goes from such a cell along a *run* of certain steps to a *branching* cell, the
+    first cell whose image in the part is not certain. The value of the cell is that of the
+    branching cell plus a sum over the run. So equations are solved only for the branching cells,
+    one in six cells of a bouncing robot. Except in `cells`, cells are numbered within the part.
     """
 
     cells: Int[np.ndarray, "part"]
-    "The cells of the part, as numbers in the chain, in ascending order."
+    "The numbers, in the whole chain, of the cells of the part, in ascending order."
     step: scipy.sparse.csr_array
     "The probabilities of steps within the part."
     branching: Int[np.ndarray, "section"]
-    "The branching cells."
     end: Int[np.ndarray, "part"]
-    "The number of the branching cell at the end of the run from each cell."
+    "The index in `branching` of the cell at the end of the run from each cell."
     jump: scipy.sparse.csr_array
-    "The probabilities of the next branching cell after each branching cell."
+    "The transition matrix from each branching cell to the next branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    """The cell that is reached from each cell by 1, 2, 4, ... steps along its run. The number of
-    cells stands for the end of the run and beyond."""
+    """The cell that is reached from each cell by 1, 2, 4, ... steps along its run, or the number of
+    cells of the part if the run is shorter."""
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Extract the part `inside` of a chain, which the chain can leave from each of its cells.
+        """Extract the transient cells `inside` from a transition matrix that stores no zeros.
 
-        The transition matrix must not store zeros.
-
-        **Raises:** `RuntimeError` for a cycle of steps of probability 1, which the chain never
-        leaves.
+        **Raises:** `RuntimeError` for a cycle of certain steps, which the chain never leaves.
         """
         cells = np.flatnonzero(inside)
         step = matrix[cells][:, cells]
@@ -71,9 +67,9 @@ class Transient:
     def expect(
         self, gain: Float[np.ndarray, "part columns"]
     ) -> tuple[Float[np.ndarray, "part columns"], int]:
-        """Compute the total gain from each cell until the part is left: solve `x = gain + Q x`.
+        """Compute the expected total of `gain` over all visited cells, from each start cell.
 
-        Returns the gains and the number of products.
+        It is the solution of `x = gain + Q x`. Also returns the number of matrix products.
         """
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
@@ -89,8 +85,8 @@ class Transient:
     def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
         """Compute the expected visits to each branching cell, for a distribution of the start.
 
-        This is the adjoint of `expect`, and takes one solve for any number of gains. The part is
-        left only from branching cells. Returns the visits and the number of products.
+        This is the adjoint of `expect`. The part is left only from branching cells. Also returns
+        the number of matrix products.
         """
         arriving = np.zeros(self.branching.size)
         np.add.at(arriving, self.end, start)

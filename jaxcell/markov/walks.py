@@ -9,7 +9,7 @@ def sample_walks(
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 
-    All walks make a step together, on the host.
+    All walks are computed together, with NumPy.
 
     **Arguments:** a chain, a first cell for each walk, the number of steps, and a generator of
     random numbers. **Returns:** the cell of each walk at each time, the starts first.

@@ -7,13 +7,14 @@ heading, the next wall, the arc length there and the length of the run are piece
 with breaks where the ray passes a corner. These pieces are the *chords* of the room. A set of
 states is a list of stretches of walls for each heading. If a run is observed to be between `a` and
 `b` metres long, the stretches are reduced to the places from which a run can have such a length,
-and the affine map carries them to the next walls. Places are never rounded to cells, so the sets do
-not grow.
+and the affine map carries them to the next walls. Places are never rounded to cells, which would
+enlarge the sets.
 
-If the heading is not known exactly, headings are divided into *slices*, and a chord bounds the runs
-of all headings of a slice. Distance and arc length are monotone in the place and in the heading, so
-the four corners of a stretch and a slice bound them. Bounds are moved outward by more than the
-rounding errors. Therefore a set always contains the robot if its errors are within their bounds.
+If the heading is not known exactly, headings are divided into intervals, *slices*, and a chord
+bounds the runs of all headings of a slice. Distance and arc length are monotone in the place and in
+the heading, so their values at the ends of a stretch and of a slice bound them. Bounds are moved
+outward by more than the rounding errors. So a set always contains the robot if its errors are
+within their bounds.
 
 No part of this package imports JAX.
 """

@@ -34,7 +34,7 @@ class Boundary:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Build the walls of the free space, which the centre of a disc robot cannot cross."""
+        """Build the walls that the centre of a disc robot cannot cross, around the free space."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
@@ -109,12 +109,11 @@ def bump_gains(
 ) -> tuple[Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
     """Compute the angle by which a bump turns each robot toward its wall.
 
-    Angles are in radians, counter-clockwise. `heading` is the heading of the run to the wall, and
-    `bump_turn` the turn at 45 degrees of incidence. At an incidence `i` the turn is `bump_turn
-    sin(2 i)`. A robot that grazes its wall, at more than 80 degrees, slides along it, and turns by
-    this angle or more, up to `bump_turn`.
+    `heading` is the heading of the run to the wall, and `bump_turn` the angle at 45 degrees of
+    incidence. At an incidence `i` the angle is `bump_turn sin(2 i)`. A robot that grazes its wall,
+    at more than 80 degrees, slides along it and turns by at least this angle, at most `bump_turn`.
 
-    Returns the turn according to this formula, and the largest turn.
+    Returns the angle by this formula and the largest angle, in radians, counter-clockwise.
     """
     if not np.any(bump_turn):
         return np.zeros(heading.shape), np.zeros(heading.shape)

@@ -19,7 +19,7 @@ _POINT = 0.05
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
-"""The size to minimize: the worst or the mean size of the possible sets after the next bumps."""
+"""The criterion of a choice: the largest or the mean size of a set after the next bumps."""
 
 
 def choose_angles(
@@ -33,15 +33,17 @@ def choose_angles(
     ahead: int = 1,
     draws: int = 6,
 ) -> Int[np.ndarray, "robots"]:
-    """Choose for each robot the number of the angle after which its set is smallest.
+    """Choose the angle after which the set of possible places of each robot is smallest.
 
-    `draws` places are drawn from the set of each robot. The set is updated with the run to the next
-    bump from each of these places, and this repeats for `ahead` bumps. The chosen angle minimizes
-    the mean of the sizes over the places, or the largest size. `state` contains the sets after a
-    bump and before the turn, and `angles` are in radians.
+    `draws` places are drawn from the set of each robot. For each angle, the set is updated with the
+    run from each of these places to the next bump, and so on for `ahead` bumps. The chosen angle
+    minimizes the mean of the resulting sizes or, if `aim` is `"worst"`, the largest of them.
+    `state` contains the sets after a bump and before the turn. `angles` are in radians. Returns the
+    index of each robot's angle.
 
-    The size of a set is its extent times the length of all its stretches. The extent alone does not
-    change while a set is spread over the room, and the length alone does not favour a single piece.
+    The size of a set is the diagonal of its bounding box times the length of all its stretches. The
+    diagonal alone does not change while a set is spread over the room, and the length alone does
+    not favour places that are near each other.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:
@@ -68,7 +70,7 @@ def _expected_sizes(
 ) -> Float[np.ndarray, "angles robots"]:
     """Estimate the size of the set of each robot after a turn by each angle, in square metres.
 
-    All angles are tried from the same places, so only the angles cause differences.
+    All angles are tried from the same random places, so that only the angles make a difference.
     """
     trials = robots * draws
     place, heading, wall = draw_places(filter, state, robots, draws, rng)
@@ -115,7 +117,7 @@ def draw_places(
 
 
 def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
-    """Keep at most `_FOLLOWED` randomly drawn stretches of the set of each robot."""
+    """Reduce the set of each robot to a random sample of at most `_FOLLOWED` stretches."""
     number = np.bincount(state.robot, minlength=robots)
     if number.max(initial=0) <= _FOLLOWED:
         return state

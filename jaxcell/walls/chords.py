@@ -21,13 +21,13 @@ _OVERLAP = 1e-9
 class Chords:
     """The straight runs from wall to wall, for slices of headings.
 
-    Each row describes the runs from a stretch of a wall, with the headings of a slice, to one wall.
-    A stretch has a row for each wall that a robot from there may meet, so that every possible run
-    belongs to a row. If the heading is known exactly, a stretch has one row, which is exact.
+    A *slice* is an interval of headings. Each row of the arrays describes the runs from a stretch
+    of a wall, with the headings of a slice, to one wall. A stretch has a row for each wall that a
+    robot from there may meet. If headings are known exactly, a stretch has only one row.
 
     A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
-    the wall that it meets. The length of its run is this distance times a number between
-    `stretch[0]` and `stretch[1]`. For each end `e` of the slice, the run ends at the arc length
+    the wall `hit`. The length of its run is at least `stretch[0]` and at most `stretch[1]` times
+    this distance. For each end `e` of the slice, the run ends at the arc length
     `arc[e, 0] + arc[e, 1] * p`.
     """
 
@@ -37,7 +37,7 @@ class Chords:
     width: float
     "The width of a slice in radians; 0 for headings that are known exactly."
     displacement: float
-    "The largest distance from a robot's place on a wall to the start of its run, in metres."
+    "The largest distance from a bump to the start of the next run, in metres."
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
@@ -46,13 +46,13 @@ class Chords:
     hit: Int[np.ndarray, "rows"]
     "The wall at the end of the run."
     clearance: Float[np.ndarray, "2 rows"]
-    "The distance from the line of the wall `hit`: a constant and a slope over the arc length."
+    "A constant and a slope, which give the distance from a start to the line of the wall `hit`."
     stretch: Float[np.ndarray, "2 rows"]
-    "The smallest and the largest ratio of the length of a run to this distance."
+    "The smallest and the largest ratio of the length of a run to the `clearance` of its start."
     arc: Float[np.ndarray, "2 2 rows"]
-    "The arc length on `hit` where the run ends: a constant and a slope, for each end of the slice."
+    "A constant and a slope, which give the arc length where a run ends, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
-    "The largest change of the arc length `arc` due to `displacement`, in metres."
+    "The largest change of `arc` that `displacement` causes, in metres, for each end of the slice."
 
     @classmethod
     def of(
@@ -60,8 +60,8 @@ class Chords:
     ) -> "Chords":
         """Find the runs from all walls with all headings.
 
-        If headings are `known`, they are exactly `2 pi k / slices`; else a row has all headings of
-        its slice. `displacement` is in metres.
+        If headings are `known`, they are exactly the multiples of `2 pi / slices`. Otherwise a row
+        holds for all headings of its slice. `displacement` is in metres.
         """
         turn = 2 * np.pi / slices
         width = 0.0 if known else turn
@@ -71,7 +71,7 @@ class Chords:
         level = max(0, int(np.log2(max(1.0, _WIDEST / turn))))
         # The groups are followed one by one, so that their arrays stay in the processor's cache.
         parts = [
-            _followed(boundary, group, level, slices, width, displacement, gap)
+            _runs_in_group(boundary, group, level, slices, width, displacement, gap)
             for group in range(-(-slices // 2**level))
         ]
         arrays = (np.concatenate(of_groups, axis=-1) for of_groups in zip(*parts, strict=True))
@@ -79,11 +79,11 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """The key by which rows are sorted: a number for the slice and the wall of each row."""
+        """A number for the slice and the wall of each row, by which rows are sorted."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 
-def _followed(
+def _runs_in_group(
     boundary: Boundary,
     group: int,
     level: int,
@@ -94,7 +94,7 @@ def _followed(
 ) -> tuple[np.ndarray, ...]:
     """Find the runs from all walls with the headings of a group of `2**level` slices.
 
-    Returns the arrays of [`Chords`][] in their order.
+    Stretches are not shorter than `gap` metres. Returns the arrays of [`Chords`][] in their order.
     """
     walls = np.arange(len(boundary.length))
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
@@ -130,7 +130,7 @@ def _ends(
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
-    """Split each group of `2**level` slices into two groups."""
+    """Split each group of `2**level` slices into two groups, with copies of its rows and pairs."""
     group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
     source = np.repeat(np.arange(rows.slice.size), 2)
     there = (group << (level - 1)) < slices
@@ -159,7 +159,7 @@ def _cut_at_corners(
     high: Float[np.ndarray, "rows"],
     gap: float,
 ) -> tuple[Rows, Pairs]:
-    """Cut stretches where a ray with the first or last heading of the slice passes a corner.
+    """Cut stretches where a ray with a first or last heading, `low` or `high`, passes a corner.
 
     No part is shorter than `gap` metres.
     """

@@ -64,7 +64,7 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """True if a heading that is known at the start remains known exactly."""
+        """True if no error changes a heading that is known exactly at the start."""
         return not (self.turn or self.bump_turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
@@ -79,8 +79,7 @@ class WallFilter:
 
     Its states are sets of places on walls with headings ([`WallSet`][jaxcell.walls.WallSet]). The
     set always contains the true place if the errors are within their bounds and the map is right.
-    One `WallSet` contains the sets of many robots, and the methods take and return arrays over
-    robots.
+    One `WallSet` contains the sets of many robots. Methods take and return arrays over robots.
 
     A robot in a room without symmetry turns by 135 degrees at each bump, and measures its runs to
     within a centimetre:
@@ -195,7 +194,7 @@ class WallFilter:
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
-        """Turn each robot counter-clockwise by an angle in radians, a multiple of a slice."""
+        """Turn each robot left by an angle in radians, a multiple of the width of a slice."""
         slices = self.chords.slices
         exact = np.asarray(angle) * slices / (2 * math.pi)
         shift = np.round(exact).astype(int)
@@ -232,7 +231,7 @@ class WallFilter:
         return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=1)
 
     def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
-        """Check for each robot whether its set is empty."""
+        """Check for each robot whether its set is empty, so that no place explains its runs."""
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:

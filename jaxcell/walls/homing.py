@@ -28,10 +28,10 @@ _NEVER = 100.0
 class Homing:
     """Navigation into a goal region, which is a disc, for robots whose start is unknown.
 
-    The expected number of bumps to the goal is computed for each part of a wall and each heading. A
-    robot turns by the angle that minimizes the mean of this number over its set of possible places.
-    While the set is large, the robot turns by the angle after which the set is expected to be
-    smallest.
+    Walls are divided into parts of at most 20 cm, and the expected number of bumps to the goal is
+    computed for each part and each heading. A robot turns by the angle that minimizes the mean of
+    this number over its set of possible places. While the set is large, the robot turns by the
+    angle after which the set is expected to be smallest.
     """
 
     filter: WallFilter
@@ -62,7 +62,6 @@ class Homing:
 
     @functools.cached_property
     def _count(self) -> Int[np.ndarray, "walls"]:
-        """The number of parts of each wall."""
         return np.ceil(self.filter.boundary.length / _PART).astype(int)
 
     @functools.cached_property
@@ -73,7 +72,7 @@ class Homing:
 
     @functools.cached_property
     def slices(self) -> int:
-        """The number of slices of headings for which bumps are counted."""
+        """The number of slices of headings for which the number of bumps is computed."""
         own = self.filter.chords.slices
         return own if own <= _SLICES or own % _SLICES else _SLICES
 
@@ -112,7 +111,7 @@ class Homing:
     def part_at(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
     ) -> Int[np.ndarray, "places"]:
-        """Find the parts of walls at arc lengths, in metres."""
+        """Find the part of a wall that contains each place; `arc` is its arc length in metres."""
         count = self._count[wall]
         number = (arc * count / self.filter.boundary.length[wall]).astype(int)
         first = np.cumsum(self._count) - self._count
@@ -133,10 +132,10 @@ class Homing:
     def choose(
         self, state: WallSet, robots: int, rng: np.random.Generator
     ) -> Int[np.ndarray, "robots"]:
-        """Choose the number of the next angle of each robot.
+        """Choose the next angle of each robot, and return its index in `angles`.
 
-        The angle minimizes the expected number of bumps if the extent of the set is at most a
-        quarter of the diameter of the room; else it minimizes the expected size of the set.
+        The angle minimizes the expected number of bumps if the extent of the robot's set is at most
+        a quarter of the diameter of the room. Otherwise it minimizes the expected size of the set.
         """
         arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
         weight = state.end - state.begin + 1e-3

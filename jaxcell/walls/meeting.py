@@ -15,7 +15,6 @@ class Rows(NamedTuple):
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
-    "The arc length on the wall where the stretch begins, in metres."
     end: Float[np.ndarray, "rows"]
 
     def take(self, row: Int[np.ndarray, "taken"]) -> "Rows":
@@ -23,22 +22,23 @@ class Rows(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of a row and a wall that robots from the row may hit, sorted by row and wall."""
+    """Pairs of a row of `Rows` and a wall that robots from it may hit, sorted by row and wall."""
 
     row: Int[np.ndarray, "pairs"]
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Give each new row `k` the walls of the old row `source[k]`, of `rows` old rows."""
+        """Copy pairs to new rows: row `k` gets the walls of `source[k]`, one of `rows` old rows."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         new, number = copies(np.diff(first)[source])
         return Pairs(new, self.wall[first[source][new] + number])
 
 
 class Met(NamedTuple):
-    """Bounds of the runs from each row to each wall; see [`Chords`][jaxcell.walls.Chords]."""
+    """Bounds of the runs from each row to each wall, as in [`Chords`][jaxcell.walls.Chords]."""
 
     keep: Bool[np.ndarray, "pairs"]
+    "True if a run from the row to the wall may be possible."
     clearance: Float[np.ndarray, "2 pairs"]
     stretch: Float[np.ndarray, "2 pairs"]
     arc: Float[np.ndarray, "2 2 pairs"]
@@ -63,9 +63,9 @@ class Met(NamedTuple):
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
         at the ends of the stretch with the ends of the slice, `low` and `high` in radians. A wall
-        is not kept if none of these four rays leads to it, or if nearer walls block every ray. The
-        ray from an end of a stretch may graze a corner although all other rays meet a wall. This
-        ray counts too, unless each end has a row of its own (`apart`).
+        is not kept if none of these four rays leads to it, or if nearer walls block every ray. A
+        ray from an end of a stretch that just passes a corner counts, unless the ends have rows of
+        their own (`apart`).
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -143,7 +143,7 @@ def _times(distance: Float[np.ndarray, "n"], ratio: Float[np.ndarray, "n"]) -> n
 
 
 def _farthest_corner(boundary: Boundary, rows: Rows, pairs: Pairs) -> Float[np.ndarray, "pairs"]:
-    """Compute the largest distance of a point of a stretch from a point of a wall, in metres."""
+    """Compute the largest distance between points of the stretch and the wall of each pair."""
     row, wall = pairs
     ends = [boundary.point(rows.wall, arc)[row] for arc in (rows.begin, rows.end)]
     corners = boundary.begin[wall], boundary.begin[boundary.following[wall]]
@@ -159,11 +159,12 @@ def _shortest_blocked(
     last: Bool[np.ndarray, "pairs"],
     most: Float[np.ndarray, "pairs"],
 ) -> Float[np.ndarray, "pairs"]:
-    """Compute a length in metres within which chains of walls block all rays of each row.
+    """Compute a distance in metres beyond which walls block all rays of the row of each pair.
 
     A chain of consecutive walls blocks all rays of a row if every wall faces the rays (`whole`), no
     ray passes before the start of the first wall (`first`), and no ray passes after the end of the
-    last wall (`last`). The length is infinite if no chain blocks the row.
+    last wall (`last`). `most` is the largest length of a ray to each wall. The distance is infinite
+    if no chain blocks the row.
     """
     row, wall = pairs
     linked = np.r_[False, row[1:] == row[:-1]]
@@ -189,11 +190,12 @@ def _behind(
     tangent: Float[np.ndarray, "pairs 2"],
     displacement: float,
 ) -> Bool[np.ndarray, "pairs"]:
-    """Check for each wall whether the nearest wall that blocks its row is nearer on every ray.
+    """Check for each pair whether another wall, which blocks the row, is nearer on every ray.
 
-    The difference of the lengths of two runs has the sign of a function that is linear in the
-    place. Within the slice, the function is a sum of its values at the two ends, with weights that
-    are not negative. Therefore the four corners of the stretch and the slice decide.
+    `blocks` marks the pairs whose wall alone blocks the row. The difference of two distances along
+    a ray has the sign of a function that is linear in the place and, within the slice, a sum of its
+    values at both ends with weights that are not negative. So the rays from both ends of the
+    stretch with both headings at the ends of the slice decide.
     """
     row, _ = pairs
     behind = np.zeros(row.size, bool)

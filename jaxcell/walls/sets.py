@@ -1,4 +1,4 @@
-"""Sets of the places on walls and the headings that are possible for robots."""
+"""Sets of possible places on walls and possible headings of robots."""
 
 from typing import NamedTuple
 
@@ -93,9 +93,9 @@ def _leaving(
     Float[np.ndarray, "parts"],
     Float[np.ndarray, "parts"],
 ]:
-    """Reduce a set to the parts from which runs of `least` to `most` metres are possible.
+    """Reduce a set to the parts of walls from which runs of `least` to `most` metres are possible.
 
-    Returns the robot of each part, the row of the chords, and the arc lengths of its ends.
+    Returns, for each part, its robot, the row of its chord, and the arc lengths of its two ends.
     """
     stretch, row = _overlapping(chords, state)
     robot, begin, end = state.robot[stretch], state.begin[stretch], state.end[stretch]
@@ -118,7 +118,7 @@ def _leaving(
 
 
 def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
-    """Add each corner that a set contains on one wall to the other wall of the corner."""
+    """Add each corner that a set contains on one wall as a place on the adjacent wall."""
     length = boundary.length[state.wall]
     begins = state.take(state.begin <= 2 * OUTWARD)
     ends = state.take(state.end >= length - 2 * OUTWARD)
@@ -136,7 +136,7 @@ def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
 def _overlapping(
     chords: Chords, state: WallSet
 ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-    """List the pairs of a stretch of a set and a row of the chords that overlap."""
+    """List the pairs of a stretch of a set and a row of `chords` that overlap on a wall."""
     size = chords.boundary.diameter + 1.0
     group = state.slice.astype(np.int64) * len(chords.boundary.length) + state.wall
     low = np.searchsorted(chords.group * size + chords.end, group * size + state.begin - _JOINED)
@@ -153,7 +153,7 @@ def turned(
     count: Int[np.ndarray, "stretches"],
     slices: int,
 ) -> WallSet:
-    """Make `count` copies of each stretch, turned left by `first`, `first + 1`, ... slices."""
+    """Replace each stretch by `count` copies, turned left by `first`, `first + 1`, ... slices."""
     copy, number = copies(count)
     after = (state.slice + first)[copy] + number
     return state.take(copy)._replace(slice=after % slices).joined()

@@ -14,10 +14,10 @@ _DIFFERENT = 1e-6
 
 
 def alike_places(workspace: Workspace, headings: int | None = None) -> int:
-    """Count the places, with headings, that no sequence of turns lets a robot distinguish.
+    """Count the poses in a room that look the same to a robot, whatever turns it makes.
 
-    A rotation of the free space onto itself, or of a piece of it onto another piece, carries each
-    run of a robot onto a run of the same length. If `headings` is the number of headings that
+    A rotation of the free space onto itself, or of a connected part of it onto another part, maps
+    each run of a robot to a run of the same length. If `headings` is the number of headings that
     robots may start with, only rotations between these headings count. The count of a room without
     a symmetry is 1.
 
@@ -40,7 +40,7 @@ def alike_places(workspace: Workspace, headings: int | None = None) -> int:
 
 
 def _same(piece: shapely.Polygon, other: shapely.Polygon, degrees: float) -> bool:
-    """Check whether a piece, rotated about its centroid and moved, equals another piece."""
+    """Check whether a polygon, rotated about its centroid and moved, equals another one."""
     if not np.isclose([piece.area, piece.length], [other.area, other.length]).all():
         return False
     to = np.subtract(other.centroid.coords[0], piece.centroid.coords[0])

@@ -21,7 +21,7 @@ _ROBOTS, _STRETCHES = 1000, 3_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trial:
-    """The runs of simulated robots, and the sets of their filter."""
+    """The runs of simulated robots, and their sets of possible places."""
 
     start: Float[np.ndarray, "robots 2"]
     "The place of each robot at the start, in metres."
@@ -34,7 +34,7 @@ class Trial:
     run: Float[np.ndarray, "robots bumps"]
     "The true length of the run before each bump, in metres."
     extent: Float[np.ndarray, "robots bumps"]
-    "The extent of the set after each bump, in metres."
+    "The diagonal of the box around the possible places after each bump, in metres."
     held: Bool[np.ndarray, "robots bumps"]
     "True if the set after the bump contains the robot."
     arrived: Bool[np.ndarray, "robots bumps"]
@@ -56,7 +56,7 @@ def drive_anywhere(
     seed: int = 0,
     say: Callable[..., None] = lambda doing, done=0, total=0: None,
 ) -> Trial:
-    """Drive robots from random places, and follow each robot by a filter.
+    """Drive robots from random places, and track each robot with a filter.
 
     Each error of a robot has the size of its bound, with a random sign.
 

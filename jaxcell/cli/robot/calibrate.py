@@ -13,7 +13,7 @@ from ..terminal import note, say, status
 class RobotCalibrate(Printing):
     """Calibrate a robot: drive it 1 m, turn it by 360 degrees, and ask for the true values.
 
-    Leave 1.5 m of free floor ahead of the robot, and mark the place and the heading of its front.
+    Leave 1.5 m of free floor ahead of the robot, and mark its place and its heading on the floor.
     `jaxcell robot run` uses the calibration. Earlier calibrations do not affect the measurement."""
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
@@ -22,8 +22,8 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log run.jsonl of a run of an anywhere.json. The log gives an estimate of the angle by which a
-    bump at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
+    """Log run.jsonl of a robot that ran an anywhere.json. The angle by which a bump at 45 degrees
+    turns the robot is estimated from it, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
     """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None

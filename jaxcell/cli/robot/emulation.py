@@ -36,11 +36,11 @@ class Emulation:
     cells: CellSpace
     start: int
     pose: tuple[float, float, float]
-    "The start of the robot, in metres and radians."
+    "The pose of the robot at the start, in metres and radians."
     radius: float = 0.0
     "The radius of the body, in metres."
     touches: Sequence[tuple[float, float, float]] | None = None
-    "The time in seconds and the place of each contact with a wall; `None` without physics."
+    "The time in seconds, and x and y in metres, of each touch of a wall; `None` without physics."
 
     @property
     def end(self) -> int | None:
@@ -68,7 +68,7 @@ def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
     if isinstance(task, AnywhereTask):
-        pose = _anywhere(workspace, task, options.start, rng)
+        pose = _start_pose(workspace, task, options.start, rng)
         start = int(nearest_cell(cells, *pose))
     else:
         if options.start is not None:
@@ -86,10 +86,10 @@ def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
     return Emulation(robot, cells, start, pose, task.radius)
 
 
-def _anywhere(
+def _start_pose(
     workspace: Workspace, task: AnywhereTask, start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Draw a start pose with a heading that the task allows, unless `start` is a pose."""
+    """Return the pose `start` or, without it, a random pose with a heading that the task allows."""
     if start is not None:
         return pose_at(workspace, start, "--start")
     x, y = places_anywhere(workspace, 1, rng)[0].tolist()
@@ -122,7 +122,7 @@ def _physical(
 
 
 def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> int:
-    """Return the start cell of a task. For a filter, the cell is drawn; `heading` is in degrees."""
+    """Return the start cell of a task or, if it has none, a random cell with this `heading`."""
     match task:
         case PlanTask():
             return cell_at(cells, str(task.start), f"{task.path}: start")

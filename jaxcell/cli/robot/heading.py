@@ -6,7 +6,7 @@ from ...robot.tasks.task import Task
 
 
 def direction_at(heading: float, directions: int) -> int:
-    """Convert the option `--heading`, in degrees, to the number of a direction."""
+    """Convert the option `--heading`, in degrees, to the index of a direction of the task."""
     turn = heading * directions / 360
     if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
         raise ValueError(
@@ -17,7 +17,7 @@ def direction_at(heading: float, directions: int) -> int:
 
 
 def check_heading(task: Task) -> None:
-    """Raise for an unknown heading if the steps of the task differ between directions."""
+    """Require the option `--heading` if the steps of a task differ between directions."""
     if task.needs_heading:
         raise ValueError(
             f"--heading: expected the heading of the robot at the start in degrees, because the "

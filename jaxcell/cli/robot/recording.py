@@ -19,7 +19,7 @@ def recording_of(
     emulation: Emulation | None = None,
     viewer: str | None = None,
 ) -> "record.RobotRecording":
-    """Open the recording of a run, with the map if it is known."""
+    """Create the Rerun recording of a run, with the cells of the map if they are known."""
     path.parent.mkdir(parents=True, exist_ok=True)
     about = _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
@@ -41,7 +41,7 @@ def recording_of(
 
 
 def _about(task: AnyTask) -> Mapping[str, Any]:
-    """Return the metadata of a filter, a policy or a belief, which describe its map."""
+    """Return the metadata of a filter, policy or belief, which name its map; `{}` for others."""
     match task:
         case FilterTask():
             return task.filter.metadata

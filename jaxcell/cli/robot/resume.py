@@ -72,7 +72,7 @@ def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
 
 
 def _new_directory(out: Path, log: str) -> Path:
-    """Choose a folder without a log for the next run: a number is added to the name."""
+    """Choose a folder without a log for the next run, by adding a number to the name `out`."""
     stem, dash, number = out.name.rpartition("-")
     name = stem if dash and number.isdecimal() else out.name
     numbered = (out.with_name(f"{name}-{i}") for i in itertools.count(2))
@@ -82,8 +82,8 @@ def _new_directory(out: Path, log: str) -> Path:
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
     """Format the current pose of an emulated robot for `--start`: metres, metres, and degrees.
 
-    `pose` is the pose at the start of the emulation, in metres and radians; `before` and `after`
-    are the places in the run at the start of the emulation, and now.
+    `pose` is its pose in the map, in metres and radians, when the emulation began. `before` and
+    `after` are its places relative to the start of the run, at that time and now.
     """
     x, y, heading = pose
     moved = complex(after[0] - before[0], after[1] - before[1])
@@ -94,7 +94,7 @@ def start_after(pose: tuple[float, float, float], before: Place, after: Place) -
 
 
 def place_in_words(place: Place) -> str:
-    """Describe a place in words, relative to the start."""
+    """Describe in words a place relative to the start of a run."""
     ahead, left, turned = place
     turned = math.degrees(math.remainder(turned, 2 * math.pi))
     parts = [_aside(ahead, "m ahead of", "m behind"), _aside(left, "m left of", "m right of")]

@@ -27,8 +27,7 @@ class RobotRun(Printing):
     `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
     patrol map --out`."""
     robot: int | None = None
-    """Number of this robot in its team or patrol, by default 0. Each robot needs a separate
-    process."""
+    """Number of the robot in its team or patrol, by default 0. Each robot needs its own process."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
@@ -55,7 +54,7 @@ class RobotRun(Printing):
     """Largest error at the end of a turn, in degrees, that is not corrected."""
     give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
     """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
-    default 0.02 times the squared side of a cell, from 0.0005 to 0.02."""
+    default 0.02 times the squared side of a cell, at least 0.0005 and at most 0.02."""
     noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians per metre."""

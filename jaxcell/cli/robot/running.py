@@ -50,7 +50,6 @@ _LOG, _RECORDING = "run.jsonl", "run.rrd"
 
 
 def run_robot(options: RobotRun) -> int:
-    """Run a task, and return the exit status."""
     out = options.out
     if out is not None and (out / _LOG).exists():
         raise FileExistsError(
@@ -81,7 +80,7 @@ class _Run:
     direction: int | None
 
     def start(self, before: LoggedRun | None, kept: contextlib.ExitStack) -> int:
-        """Run the task, or continue an earlier run, if any, and return the exit status."""
+        """Run the task or continue the run `before`, and return the exit status."""
         options, task, emulation = self.options, self.task, self.emulation
         calibration = self._calibration()
         header, follow = runner_of(task, options, emulation, self.direction, before)
@@ -168,7 +167,7 @@ class _Run:
             )
 
     def _place(self, run: LoggedRun | None) -> Place:
-        """Return the place of the robot after a logged run, or the start if there was no run."""
+        """Return the place of the robot after a logged run, or at its start if there was none."""
         _, follow = runner_of(self.task, self.options, self.emulation, self.direction, run)
         walker = self._walker(Standing(), run)
         with contextlib.suppress(StandingStill):
@@ -186,7 +185,7 @@ class _Run:
         return Calibration.load(path)
 
     def _robot(self, stack: contextlib.ExitStack) -> tuple[Any, list[Listener]]:
-        """Connect to the robot, arm it, and return it with the listeners to its events."""
+        """Connect to the robot, let it drive, and return it with the listeners to its events."""
         if self.options.ros is not None:
             from ...robot import ros
 
@@ -204,7 +203,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Wrap a robot in its source of distances: encoders, calibrated encoders, or a clock."""
+        """Let a robot measure distances by its encoders, calibrated encoders, or a clock."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":
@@ -230,10 +229,9 @@ class _Run:
 def _direction(
     options: RobotRun, task: AnyTask, emulation: Emulation | None, before: LoggedRun | None
 ) -> int | None:
-    """Return the start direction that the robot knows, or `None`.
+    """Return the index of the start direction, or `None` if the robot does not know it.
 
-    Except on a patrol, the direction of an emulated robot is not used, because a real robot would
-    not know its direction either.
+    Except on a patrol, an emulated robot knows it only from the options, like a real one.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

@@ -12,7 +12,7 @@ from ..terminal import status, table
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepIndices(Printing):
-    """Estimate the Sobol indices of a sweep: the share of each parameter in the variance.
+    """Estimate the Sobol indices of a sweep: the shares of parameters in the variance of results.
 
     Exit status: 0 done, 2 bad input, such as another design, or members that are not done."""
 

@@ -27,8 +27,7 @@ class SweepVerify(Printing):
     engine: str = "local"
     """Engine that computes chunks: local, processes, dask, or dask://host:port; see sweep."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default the number of
-    processors."""
+    """Number of processes of the engines processes and dask; by default one per processor."""
 
     def run(self) -> int:
         prepare_tasks()

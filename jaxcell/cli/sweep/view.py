@@ -42,8 +42,7 @@ class SweepView:
     select: tuple[str, ...] = ()
     """Member to compute again and show in detail, as NAME=VALUE for each dimension of the sweep."""
     out: Path | None = None
-    """File of the recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd
-    there."""
+    """File of the recording; by default overview.rrd or members/NAME=VALUE,....rrd in FOLDER."""
 
     def run(self) -> int:
         from ...sweep.storage.store import SweepStore
@@ -89,7 +88,7 @@ class SweepView:
 
 
 def detailed_study(task: str) -> type[Study]:
-    """Return the study of a task, and raise if the task is a function."""
+    """Return the study of a task, or raise `ValueError` if the task is a function."""
     from ...sweep.workers.work import study_of
 
     if (study := study_of(task)) is None:
@@ -103,10 +102,7 @@ def detailed_study(task: str) -> type[Study]:
 def member_detail(
     study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
 ) -> dict[str, Any]:
-    """Run the study of a member again, print its tables, and write its recording.
-
-    Returns a summary.
-    """
+    """Run the study of a member again, print its tables, record it, and return a summary."""
     from ...base.runtime import configure_jax
     from ...sweep.study_task import studies
 
@@ -147,7 +143,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """Return all parameters of a member, including the parameters that all members share."""
+    """Return all parameters of the member with the index `places[name]` along each dimension."""
     return {**spec.fixed, **spec.member(places)}
 
 

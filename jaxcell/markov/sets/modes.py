@@ -44,8 +44,8 @@ def leading_modes(
     **Arguments:**
 
     - `count`: the number of eigenvalues. There is one more if the last two are conjugate.
-    - `steps`, `start`: the number of steps that are taken together as `P`, by default one per phase
-        of a sequence of chains; the phase of the first step.
+    - `steps`: the number of steps that `P` takes, by default one per phase of a sequence.
+    - `start`: the phase of the first step of a sequence of chains.
 
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
@@ -82,7 +82,7 @@ def leading_modes(
 def _residual(
     product: Callable[[np.ndarray], np.ndarray], vectors: np.ndarray, values: np.ndarray
 ) -> float:
-    """Return the largest 2-norm of `A v - value v` over eigenvectors of length 1."""
+    """Return the largest 2-norm of `product(v) - value v` over eigenvectors of length 1."""
     left = product(vectors) - values * vectors
     return float((np.linalg.norm(left, axis=0) / np.linalg.norm(vectors, axis=0)).max())
 

@@ -30,18 +30,17 @@ _TINY = np.finfo(float).tiny
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NearlyClosedSets:
-    """Sets of cells that a chain hardly leaves, in descending order of mass."""
+    """Sets of cells that a chain hardly leaves in several steps, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
-    "The set that contains each cell at the start of the window, or -1 if no set does."
+    "The set that contains each cell before the steps, or -1 if no set does."
     end: Int[np.ndarray, "cells"]
-    """The set of each cell at the end of the window. For almost-invariant sets it equals `begin`; a
-    coherent set has moved; for attracting regions it is the region where the mass of a basin
-    gathers."""
+    """The set that contains each cell after the steps, or -1. It is `begin` for almost-invariant
+    sets. Coherent sets have moved. An attracting region is the part of its basin with most mass."""
     leakage: Float[np.ndarray, "sets"]
-    "The share of the mass of each set that is outside the set after the window."
+    "The share of the mass of each set that is outside the set after the steps."
     steps: int
-    "Number of steps of the window."
+    "Number of steps in which the sets are hardly left."
     value: Float[np.ndarray, "values"]
     """The leading eigenvalues or singular values. The number of values near 1 is the number of
     sets, and a closed set has a value 1."""
@@ -56,8 +55,7 @@ class NearlyClosedSets:
     def time(self) -> Float[np.ndarray, "sets"]:
         """The number of steps after which a share 1/e of the mass of each set remains.
 
-        It is `-steps / log(1 - leakage)`, for a leakage that does not change; `inf` for a closed
-        set.
+        It is `-steps / log(1 - leakage)` for a constant leakage, and `inf` for a closed set.
         """
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
@@ -75,27 +73,27 @@ def almost_invariant_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
 
-    Let `L` be the matrix of the steps of the window, `p` the mass and `q = p L`. The reversible
-    chain `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if
-    `p` is stationary (Froyland 2005). Its leading eigenvectors are rotated to sparse vectors, each
-    of which is large on one set (Froyland, Rock and Sakellariou 2019). A set consists of the cells
-    where its vector is the largest and exceeds a level, which is chosen so that the largest share
-    of the mass stays inside. Mass that leaves the space leaks.
+    Let `L` be the product of the matrices of the steps, `p` the mass and `q = p L`. The reversible
+    chain `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of `L` and its time reversal if `p` is
+    stationary (Froyland 2005). Its leading eigenvectors are rotated to sparse vectors, each of
+    which is large on one set (Froyland, Rock and Sakellariou 2019). A set consists of the cells
+    where its vector is the largest and exceeds a threshold, chosen so that the largest share of the
+    mass stays in the set. Mass that leaves the space counts as leakage.
 
     **Arguments:**
 
     - `count`: largest number of sets. Eigenvalues up to 1e-6 yield no sets, because they are
         rounding errors.
-    - `mass`: the mass of each cell at the start, not negative; by default equal. Cells without mass
-        are in no set.
-    - `steps`, `start`: the number of steps of the window, by default one per phase of a sequence of
-        chains; the phase of the first step.
-    - `blur`: a chain that follows the window in the search, for example of steps to neighbouring
-        cells. Without it, a single cell that is mapped to itself is a set. The leakage is computed
-        without the blur.
+    - `mass`: the mass of each cell at the start, not negative, by default the same for all cells.
+        Cells without mass are in no set.
+    - `steps`: the number of steps, by default one per phase of a sequence of chains.
+    - `start`: the phase of the first step of a sequence of chains.
+    - `blur`: a chain that takes one more step in the search, such as a step to a neighbouring cell.
+        Without it, a single cell that is mapped to itself is a set. The leakage ignores it.
 
-    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
-    2-norm by which the matrix moves a unit vector out of the span of the eigenvectors.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate shows
+    how far the span of the eigenvectors is from invariant: it is the largest 2-norm of the part of
+    an image outside the span, over the vectors of an orthonormal basis.
 
     Two pairs of cells, with a probability of 1/10 to change the pair in a step:
 
@@ -122,13 +120,12 @@ def coherent_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that move and hardly mix with their surroundings, over a finite time.
 
-    Each set is a pair of its cells at the start and at the end. With `L`, `p` and `q` as in
-    [`almost_invariant_sets`][], the pairs follow from the leading singular vectors of the matrix
+    Each set has cells at the start and, in general, other cells at the end. With `L`, `p` and `q`
+    as in [`almost_invariant_sets`][], both follow from the leading singular vectors of the matrix
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010). The left and the
     right singular vectors are rotated by the same matrix, and the same threshold applies to both.
 
-    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the sets and the singular
-    values.
+    **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** sets and singular values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 
@@ -155,10 +152,9 @@ def attracting_regions(
 ) -> NearlyClosedSets:
     """Find regions where mass gathers, and their basins, which mass hardly leaves but may enter.
 
-    On each basin some combination of the leading right eigenvectors of the window is almost
-    constant. The left eigenvectors are large where the mass that stays in the basin gathers
-    (Froyland, Stuart and van Sebille 2014). A region is the fewest cells with nine tenths of this
-    mass.
+    On each basin some combination of the leading right eigenvectors is almost constant. The left
+    eigenvectors are large where the mass that stays in the basin gathers (Froyland, Stuart and van
+    Sebille 2014). A region is the fewest cells with nine tenths of this mass.
 
     **Arguments:** as for [`almost_invariant_sets`][]. **Returns:** the basins as `begin`, and
     the regions in them as `end`.
@@ -177,13 +173,13 @@ def attracting_regions(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Search:
-    """A search for sets: the window and the mass at its start."""
+    """A search for sets that a chain hardly leaves in a window, a number of consecutive steps."""
 
     window: Window
     blurred: Window
-    "The steps of the window, and then a step of the chain `blur`, if there is one."
+    "The window, followed by a step of the chain `blur` if there is one."
     mass: _Mass
-    "The mass at the start, with sum 1."
+    "The mass of each cell at the start of the window, with sum 1."
 
     @classmethod
     def of(
@@ -204,17 +200,17 @@ class _Search:
         return cls(window, Window((*window.matrices, *after)), mass / mass.sum())
 
     def sets(self, count: int, *, moving: bool, throw: bool) -> NearlyClosedSets:
-        """Find almost-invariant sets or, if they may be `moving`, coherent sets.
+        """Find coherent sets if `moving` is true, and almost-invariant sets otherwise.
 
-        Both follow from a reversible chain. Its states are the cells at the start and, for coherent
-        sets, separately the cells at the end of the window.
+        Both follow from a reversible chain. Its states are the cells. For coherent sets, a cell at
+        the start and the same cell at the end of the window are two different states.
         """
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         before, after = self.mass[:, None], blurred.push(self.mass)[:, None]
         weight = np.concatenate([before, after]) if moving else (before + after) / 2
         root = np.sqrt(weight)
-        over = _inverse(root)
+        over = _inverse_or_zero(root)
 
         def product(vectors: np.ndarray) -> np.ndarray:
             values = over * vectors
@@ -235,7 +231,7 @@ class _Search:
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         root = np.sqrt(self.mass[:, None])
-        over = _inverse(root)
+        over = _inverse_or_zero(root)
         functions = leading_subspace(
             lambda v: root * blurred.pull(over * v), cells, count, symmetric=False
         )
@@ -257,10 +253,10 @@ class _Search:
     def _thresholded(
         self, first: _Functions, last: _Functions | None, after: _Mass
     ) -> tuple[_Labels, _Labels, _PerSet]:
-        """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
+        """Choose a threshold for each set; return the sets at the start and end, and the leakage.
 
-        Each column of `first` and `last` is large on one set, at the start and at the end; `last`
-        is `None` if the sets do not move. `after` is the mass at the end, with the blur.
+        Each column of `first` is large on one set at the start, and each column of `last` on one at
+        the end. `last` is `None` if sets do not move. `after` is the mass at the end of `blurred`.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)
@@ -294,7 +290,7 @@ class _Search:
         span: Subspace,
         throw: bool,
     ) -> NearlyClosedSets:
-        """Return the sets with mass, in descending order of mass."""
+        """Return the sets in descending order of mass, without those that have no mass."""
         certificate = Certificate(span.products, span.residual, TOLERANCE)
         certificate.check("nearly closed sets", throw)
         held = np.bincount(begin[begin >= 0], self.mass[begin >= 0], leakage.size)
@@ -312,7 +308,7 @@ class _Search:
 
 
 def _members(values: _Functions, mass: _Mass, level: _PerSet | float) -> _Labels:
-    """Assign each cell to the set with the largest value there, or -1 if it is below `level`."""
+    """Assign each cell to the set with the largest value there, or -1 if none exceeds `level`."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
     return np.where(above & (mass > 0), largest, -1)
@@ -347,7 +343,7 @@ def _rotation(
 
 
 def _densest(mass: _Functions) -> np.ndarray:
-    """Return a mask, for each set, of the fewest cells with a share `_GATHERED` of its mass."""
+    """Return, for each set, a mask of the fewest cells that hold nine tenths of its mass."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)
     # Cells are wanted while the mass of the cells before them is too small.
@@ -357,6 +353,5 @@ def _densest(mass: _Functions) -> np.ndarray:
     return densest
 
 
-def _inverse(root: Float[np.ndarray, "rows 1"]) -> Float[np.ndarray, "rows 1"]:
-    """Invert numbers; the inverse of 0 is 0."""
+def _inverse_or_zero(root: Float[np.ndarray, "rows 1"]) -> Float[np.ndarray, "rows 1"]:
     return np.divide(1, root, out=np.zeros_like(root), where=root > 0)

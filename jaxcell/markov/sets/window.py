@@ -37,7 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Create a window of steps that begins at phase `start`, by default one step per phase."""
+        """Create the window of `steps` steps, by default one per phase, that begins at `start`."""
         period = 1 if isinstance(chain, Chain) else chain.phases
         count = period if steps is None else steps
         if count < 1:
@@ -51,7 +51,6 @@ class Window:
 
     @property
     def cells(self) -> int:
-        """Number of cells."""
         return self.matrices[0].shape[0]
 
     def push(self, mass: _Columns) -> _Columns:
@@ -72,14 +71,14 @@ _Product = Callable[[Float[np.ndarray, "rows columns"]], Float[np.ndarray, "rows
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Subspace:
-    """The span of the eigenvectors of the eigenvalues with the largest real parts."""
+    """The span of the eigenvectors whose eigenvalues have the largest real parts."""
 
     basis: Float[np.ndarray, "rows vectors"]
     "An orthonormal basis."
     block: Float[np.ndarray, "vectors vectors"]
     "The matrix in this basis; its eigenvalues are the leading eigenvalues."
     residual: float
-    "The largest 2-norm by which the matrix moves a vector of the basis out of the subspace."
+    "The largest 2-norm by which the matrix maps a vector of the basis out of the subspace."
     products: int
 
     def above(self, least: float) -> Float[np.ndarray, "rows above"]:
@@ -102,8 +101,8 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     closed. So the eigenvectors that were found are deflated, and the search is repeated until no
     leading eigenvalue is left.
 
-    `product` multiplies the matrix by columns. There is one more vector if the last eigenvalues are
-    conjugate.
+    `product` is a function that multiplies the matrix by columns. The subspace has `count`
+    dimensions, or one more if the last eigenvalues are conjugate.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
         matrix, products = product(np.eye(rows)), rows
@@ -126,7 +125,7 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """Multiply by the matrix with deflation: vectors of the basis get the eigenvalue -1."""
+        """Multiply by the matrix, deflated so that vectors of the basis have the eigenvalue -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)

@@ -24,16 +24,16 @@ _MOST, _DROP = 64, 1e-2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cycle:
-    """A chain whose states form blocks, which the chain visits in a fixed order, round after round.
+    """A chain whose states form blocks that it visits in a fixed order, again and again.
 
-    Every step leads to a later block, except the steps that begin a new round. One backward sweep
-    through the blocks computes the values of all states from the values of the states that begin a
-    round, which are the unknowns of GMRES.
+    Every step leads to a later block, except the steps that begin a new *round* through the blocks.
+    One backward sweep through the blocks computes the values of all states from the values of the
+    states that begin a round, which are the unknowns of GMRES.
 
-    A sweep smooths the error among near states, but hardly changes its mean if drifters stay there
-    for many rounds, as in a closed eddy. So states that begin a round are joined in aggregates if
-    their first steps lead to the same states. The preconditioner of GMRES is the chain between
-    aggregates, from round to round, which is factored.
+    A sweep makes the errors of near states equal, but hardly reduces them if the chain stays there
+    for many rounds, like a drifter in a closed eddy. So states that begin a round are joined in
+    aggregates if their first steps lead to the same states. The preconditioner of GMRES is a
+    factorisation of the chain between aggregates, with a round as its step.
     """
 
     order: Int[np.ndarray, "rows"]
@@ -41,15 +41,13 @@ class Cycle:
     bounds: Int[np.ndarray, "bounds"]
     "The index in `order` of the first state of each block, and the number of states."
     rows: list[scipy.sparse.csr_array]
-    "For each block, the matrix of steps from its states to all states, which are in `order`."
+    "For each block, the matrix of steps from its states to all states in the order `order`."
     again: Int[np.ndarray, "first"]
     "The indices in `order` of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the blocks of a matrix whose states are sorted by blocks, or in reverse order.
-
-        Returns `None` if the matrix is not a cycle."""
+        """Find the blocks of a matrix whose states are sorted by block, forwards or backwards."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -71,8 +69,8 @@ class Cycle:
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
         """Solve `x = right + matrix x` with GMRES.
 
-        Returns the solution and the number of products. GMRES takes about half as many products as
-        BiCGSTAB, and products are expensive here.
+        Returns the solution and the number of matrix products. GMRES takes about half as many of
+        them as BiCGSTAB, and they are expensive here.
 
         **Raises:** `RuntimeError` if the chain between aggregates is singular up to rounding.
         """
@@ -107,10 +105,10 @@ class Cycle:
 
     @functools.cached_property
     def _between(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, linalg.SuperLU]:
-        """Build the chain of the aggregates at the beginnings of rounds.
+        """Build the chain between aggregates of the states that begin a round.
 
-        **Returns:** the aggregate of each state that begins a round, as a matrix of 0 and 1; the
-        probabilities of the aggregates a round later; and the LU factors of the chain."""
+        **Returns:** the aggregate of each state, as a matrix of 0 and 1; the probability of each
+        aggregate one round later; and the LU factors of the chain, with a round as its step."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
         into, first.indices = np.unique(first.indices, return_inverse=True)
@@ -139,7 +137,7 @@ class Cycle:
     def _round(
         self, again: Float[np.ndarray, "first"], right: Float[np.ndarray, "rows"]
     ) -> Float[np.ndarray, "rows"]:
-        """Sweep backwards through a round, from the values `again` at its end."""
+        """Compute the values of all states, backwards from those at the end of a round, `again`."""
         x = np.zeros_like(right)
         x[self.again] = again
         for block in range(len(self.rows) - 1, -1, -1):
@@ -165,7 +163,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Divide states into maximal blocks; `after` is the first later state to which each leads."""
+    """Divide states into maximal blocks; `after` is the first later state that each leads to."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))
@@ -173,7 +171,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Return the end of the block from state `begin`: the first state that the block leads to."""
+    """Find the first state that the block from state `begin` leads to, where the block ends."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

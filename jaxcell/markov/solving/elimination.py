@@ -73,7 +73,7 @@ def eliminate(
     **Arguments:**
 
     - `step`: the matrix `Q`, not negative.
-    - `leaving`: the probability of leaving from each row, with all its digits.
+    - `leaving`: the probability that a step from each state leaves all states, with all digits.
     - `right`: the right-hand side, not negative.
     - `levels`: the levels of the matrix, if they are known.
     """

@@ -1,13 +1,12 @@
-"""Solvers for the matrix of a chain: products first, then a factorisation if products are slow.
+"""Solvers for the matrix of a chain: repeated products or, if these are slow, a factorisation.
 
-If a chain mixes or is absorbed fast, some tens of products suffice, while the factors of its matrix
-are not sparse: for 6,000 cells with 10 random images each, products take 2 ms and a factorisation
-9 s. A slow chain, such as that of a robot between walls, has narrow passages, which keep the
+If a chain mixes or is absorbed fast, tens of products suffice, while the factors of its matrix are
+not sparse. A slow chain, such as that of a robot between walls, has narrow passages, which keep the
 factors sparse: a factorisation takes milliseconds, while 10,000 products would be necessary.
 
-A chain that hardly ever returns to a cell that it has left, such as drifters that gather in gyres,
-is nearly triangular in the order of its strong components. Its factors are sparse, so it is
-factored without a trial of products.
+The matrix of a chain that hardly ever returns to a cell that it has left, such as that of drifters
+that gather in gyres, is nearly triangular in the order of its strongly connected components. Its
+factors are sparse, so it is factored without trying products first.
 
 Matrices with more than 100,000 rows are solved by BiCGSTAB on two levels (`TwoLevel`), in 60 bytes
 per entry. If BiCGSTAB does not converge, a complete factorisation follows; if the matrix has more
@@ -35,18 +34,18 @@ from .two_level import TwoLevel
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Sizes and numbers of products at which another method is used."""
+    """Sizes of matrices and numbers of products above which another method is used."""
 
     small: int = 200
     "Closed classes that together have at most this many cells are eliminated."
     trial: int = 60
-    "Number of products between two decisions on whether to continue with products."
+    "Number of products after which it is decided again whether to continue with products."
     worthwhile: int = 400
     "Number of products that take about as long as a factorisation."
     products: int = 50_000
     "Largest number of products."
     two_level: int = 100_000
-    "A matrix with more rows is solved on two levels."
+    "A matrix with more rows is solved by BiCGSTAB on two levels."
     rough_steps: int = 60
     "Largest number of steps of BiCGSTAB on two levels."
     cycle: int = 20_000
@@ -82,8 +81,8 @@ def solve_transient(
 ) -> tuple[Columns, int]:
     """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, for `step`, the matrix `Q`.
 
-    Its powers must tend to 0, and `right` must not be negative. Returns the solution and the number
-    of products.
+    The powers of `Q` must tend to 0, and `right` must not be negative. Returns the solution and the
+    number of matrix products.
     """
     if not right.any():
         return np.zeros_like(right), 0
@@ -111,16 +110,16 @@ def factor_and_solve(
 ) -> tuple[Columns | None, int, bool]:
     """Solve the equation of [`solve_transient`][] by factoring `I - Q`, or roughly if `Q` is large.
 
-    `leaving` is the probability of leaving from each row, and `order` an order of rows in which the
-    factors are sparse, or `None`. Returns the solution, or `None` if the matrix is singular up to
-    rounding; the number of products; and whether the solution has most of its digits.
+    `leaving` is the probability that a step from each row leaves all rows. `order` is `None` or an
+    order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix is
+    singular up to rounding; the number of products; and whether most digits are correct.
     """
     products = 0
     try:
         if order is None:
             matrix = step.T.tocsr() if adjoint else step
-            if (attempt := _attempt(matrix)) is not None:
-                x, products = _solve_large(matrix, right, attempt)
+            if (roughly := _rough_solver(matrix)) is not None:
+                x, products = _solve_large(matrix, right, roughly)
                 if x is not None:
                     # A rough solve would leave mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
@@ -146,10 +145,7 @@ def eliminate_unless_large(
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
-    """Return the rows in the order of their strong components.
-
-    In this order `I - Q` is nearly triangular. The result is `None` if the components are too
-    large."""
+    """Order rows by strongly connected components, or return `None` if these are too large."""
     _, label = csgraph.connected_components(step, connection="strong")
     # If a row has a step into a component, the row of the factor has at most all its entries.
     most = np.bincount(label)[label[step.indices]].sum()
@@ -157,7 +153,7 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of products; return the sum, its number of terms, and whether it converged."""
+    """Sum the series of `matrix^n right`; return the sum, its length, and whether it converged."""
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
@@ -205,10 +201,10 @@ def _factored(
 
 
 # A function that solves `x = right + matrix x` roughly. Returns the number of products too.
-_Attempt = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
+_RoughSolver = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
 
 
-def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
+def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
     """Return the rough solver of a large matrix, or `None` if it should be factored completely."""
     rows = matrix.shape[0]
     if rows > LIMITS.cycle and (cycle := Cycle.of(matrix)) is not None:
@@ -217,21 +213,21 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
 
 
 def _solve_large(
-    matrix: scipy.sparse.csr_array, right: Columns, attempt: _Attempt
+    matrix: scipy.sparse.csr_array, right: Columns, roughly: _RoughSolver
 ) -> tuple[Columns | None, int]:
-    """Solve with repeated rough solves. If they do not converge, solve with products.
+    """Solve by repeated rough solves for the residual or, if they do not converge, by products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the
     number of products.
     """
     products, columns = 0, []
-    cycle = isinstance(attempt, Cycle)
+    cycle = isinstance(roughly, Cycle)
     # Products do not help for a cycle, because each moves by only one block.
     most = 0 if cycle else LIMITS.products
     for wanted in right.T:
         x, left = np.zeros_like(wanted), wanted
         for _ in range(_ROUNDS):
-            change, more = attempt(left)
+            change, more = roughly(left)
             products += more
             now = wanted - (x + change - matrix @ (x + change))
             better = np.abs(now).max() < np.abs(left).max() / 2
@@ -253,7 +249,7 @@ def _solve_large(
 def factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:
     """Decide whether a factorisation will be faster than more products.
 
-    The residual fell from `first` to `now`. At this rate it may reach the goal too late.
+    The residual fell from `first` to `now` in these `products`, and must fall to `goal`.
     """
     if products % LIMITS.trial or rows > LIMITS.factored:
         return False

@@ -1,11 +1,11 @@
 """The stationary distributions of closed classes.
 
-Small chains are eliminated without subtractions, so that each share has nearly all its digits, even
-if the cell is rare. Larger chains are solved as described in `solve.py`. Products must converge to
-the same distribution from two starts, because a single start may contain a very slow mode. If
-products are slow, the share of one cell of each class, its *root*, is set to 1, and a solve gives
-the other shares. The root must be a likely cell, because the matrix without a rare cell is still
-singular up to rounding.
+Small chains are eliminated without subtractions, so that the probability of each cell has nearly
+all its digits, even if it is tiny. Larger chains are solved as described in `solve.py`. Products
+must converge to the same distribution from two starts, because the error of a very slow mode looks
+converged. If products are slow, the value of one cell of each class, its *root*, is set to 1, and a
+linear system gives the values of the other cells. The root must be a likely cell, because the
+matrix without an unlikely cell is still singular up to rounding.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
     """Compute the stationary distribution of each closed class: `x = P' x` with sum 1.
 
     `step` is the matrix `P`, without steps between classes, and `group` the class of each cell,
-    numbered from 0. Returns the distributions, in one array, and the number of products.
+    numbered from 0. Returns the distributions, in one array, and the number of matrix products.
     """
     size = np.bincount(group)
     x = 1 / size[group]
@@ -82,18 +82,18 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rooted:
-    """The classes without their roots, whose shares are set to 1."""
+    """Equations for the cells of closed classes, relative to one cell of each class, its root."""
 
     group: _Classes
     "The class of each cell."
     others: Int[np.ndarray, "others"]
     "The cells that are not roots."
     step: scipy.sparse.csr_array
-    "The probabilities of steps among the other cells."
+    "The probabilities of steps between cells that are not roots."
     leaving: Float[np.ndarray, "others 1"]
-    "The probability of a step from each other cell to its root."
+    "The probability of a step from each cell in `others` to the root of its class."
     entering: Float[np.ndarray, "others 1"]
-    "The probability of a step to each other cell from its root."
+    "The probability of a step to each cell in `others` from the root of its class."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":
@@ -109,16 +109,15 @@ class Rooted:
         return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
 
     def shares(self, others: Float[np.ndarray, "others 1"]) -> _Shares:
-        """Return the distribution, from the shares of the other cells relative to their roots."""
+        """Return the distribution of each class from the values of `others` relative to roots."""
         x = np.ones(self.group.size)
         x[self.others] = others[:, 0]
         return x / np.bincount(self.group, x)[self.group]
 
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
-        """Compute the expected visits to each cell, for each start, before the chain is at a root.
+        """Compute the expected visits to each cell, for each start, before a root is reached.
 
-        The matrix is inverted or, if it has at most `small` rows or rounding spoils the inverse,
-        eliminated.
+        The matrix is inverted, or eliminated up to `small` rows or if rounding spoils the inverse.
         """
         identity = np.eye(self.others.size)
         if self.others.size > small:
@@ -131,7 +130,7 @@ class Rooted:
 
 
 def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int, bool]:
-    """Apply products until they converge, to a uniform and to a random start.
+    """Multiply a uniform and a random distribution by the matrix until both converge.
 
     Returns the distribution, the number of products, and whether both starts converge to it.
     """
@@ -151,10 +150,10 @@ def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares
 def _converge(
     matrix: scipy.sparse.csr_array, x: _Shares, goal: float, *, limit: _Shares | None = None
 ) -> tuple[_Shares, int, bool]:
-    """Apply products until they converge, or until a factorisation will be faster.
+    """Multiply a distribution by the matrix until it converges or a factorisation will be faster.
 
-    They have converged if the 1-norm of the last change, or the distance to `limit`, is at most
-    `goal`. Returns the distribution, the number of products, and whether the goal is reached.
+    It converges if the 1-norm of the last change, or the distance to `limit`, is at most `goal`.
+    Returns the distribution, the number of products, and whether the goal is reached.
     """
     first = 0.0
     for products in range(1, solve.LIMITS.products + 1):

@@ -87,10 +87,10 @@ class TwoLevel:
 def aggregates(
     matrix: scipy.sparse.csr_array, *, states: int | None = None, size: int = _SIZE
 ) -> scipy.sparse.csr_array:
-    """Join states in aggregates: each state joins the nearest of some random states, the middles.
+    """Join states in aggregates: each state joins the nearest of some randomly chosen states.
 
     The length of a step, in either direction, is the inverse of its probability. A state that is
-    connected to no middle is in no aggregate.
+    not connected to a chosen state is in no aggregate.
 
     Only the first `states` states are assigned, by default all. `size` is the mean number of states
     per aggregate. Returns a matrix with an entry 1 if the state of the row is in the aggregate of
