@@ -29,7 +29,10 @@ USES = {
         1,
         "A moment in which nothing may happen, and a slow machine only makes that easier.",
     ),
-    "robot/ros/test_ros.py": (1, "A process that waits to be killed ends by itself if the test fails."),
+    "robot/ros/test_ros.py": (
+        1,
+        "A process that waits to be killed ends by itself if the test fails.",
+    ),
     "robot/emulation/test_simulated.py": (4, "Seconds of the simulated robot."),
     "ros_stub.py": (1, "The pause of the stub between two turns."),
     "sweep/test_engines.py": (
