@@ -178,8 +178,11 @@ def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 def _scan(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
     params = step.params
-    carries = params["num_carry"]
-    fixed, varying = values[: params["num_consts"]], values[params["num_consts"] :]
+    if "ft_in" in params:  # JAX 0.12 and newer
+        constants, carries, _ = map(len, params["ft_in"].unpack())
+    else:
+        constants, carries = params["num_consts"], params["num_carry"]
+    fixed, varying = values[:constants], values[constants:]
     first, rows = varying[:carries], varying[carries:]
 
     def body(state, row):  # type: ignore[no-untyped-def]
@@ -306,6 +309,7 @@ _PLAIN: dict[str, Callable[..., Interval]] = {
     "ne": lambda a, b: _not(_equal(a, b)),
     "neg": interval.neg,
     "not": _not,
+    "one_minus_square": lambda a: interval.sub(ONE, interval.square(a)),
     "pow": functions.power,
     "rsqrt": lambda a: interval.div(ONE, interval.sqrt(a)),
     "sin": functions.sin,
@@ -335,6 +339,7 @@ _ENDS = _STEPS | {
     *("and", "broadcast_in_dim", "concatenate", "copy", "copy_p", "dynamic_slice"),
     *("dynamic_update_slice", "expand_dims", "gather", "max", "min", "or", "pad", "reshape"),
     *("rev", "scatter", "slice", "split", "squeeze", "stack", "stop_gradient", "transpose"),
+    "unstack",
 }
 # Primitives whose floating-point results are exact for whole numbers.
 _EXACT = {"convert_element_type", "iota"}
