@@ -114,7 +114,7 @@ class Body:
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
         """Put a body at the centre of a cell, with the `bumper_give` of the cells.
 
-        `error` is the value of `distance`, `rotation` and `veer` in its [`Noise`][].
+        `error` is the value of `distance`, `rotation` and `veer` in its `Noise`.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
