@@ -31,7 +31,7 @@ class Patrol:
 
     A random walk draws the next goal, and wave routing leads the robot to it. After a bump, the
     step counts as blocked, and the robot takes another path. Because the obstacle may have been
-    another robot, no step counts as blocked any more when none of the possible goals can be
+    another robot, all these steps count as free again when none of the possible goals can be
     reached. The number of bumps is limited, because many bumps mean a wrong map or a lost robot.
     """
 
