@@ -78,7 +78,7 @@ def stream() -> "mapping.Chain":
 
 
 def line_model() -> "markov.DecisionModel":
-    """Build the model of a robot that moves on a line of three cells, and gains 1 in the last."""
+    """Build the decision model of a robot on a line of three cells, which gains 1 in the last."""
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
     return markov.DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
 
@@ -97,7 +97,7 @@ def sea() -> "drift.Sea":
 
 
 def water(wet: npt.ArrayLike, depth: float = 0.0) -> "drift.Water":
-    """Build the water of a grid of squares of 1 km from an array: 1 for water, 0 for land."""
+    """Build a layer of water at a depth in metres: squares of 1 km, 1 for water and 0 for land."""
     wet = np.asarray(wet, bool)
     number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
     side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)

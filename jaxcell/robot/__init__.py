@@ -1,4 +1,4 @@
-"""Filters, plans and policies on an iRobot Create 2 or Roomba, over a serial line. Imports no JAX.
+"""Filters, plans and policies on an iRobot Create 2 or Roomba, over a serial line, without JAX.
 
 **The robot** speaks the *Open Interface*: the host sends commands of a few bytes, and every 15 ms
 the robot sends a *frame* of sensor *packets*. It has four *modes* (`Mode`). In Off and Passive it
@@ -8,7 +8,7 @@ angles in radians counter-clockwise, times in seconds.
 
 **Safety.** The Open Interface has no timeout: the wheels keep their last speed until the next
 command. Therefore a `Driver`, such as `Create`, stops them when its `with` block ends, when the
-robot is in danger or silent, when the caller does not renew its speeds, and when the driving
+robot is in danger or silent, when the caller does not send speeds again, and when the driving
 process hangs or is killed. It cannot stop a robot whose cable is pulled out, or whose computer
 loses power. On a damaged line, `StreamParser` accepts no wrong values as long as at most one byte
 in three consecutive frames is changed, lost or doubled.
@@ -23,7 +23,7 @@ a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a fil
 | `FilterFollower`: a localization filter | `run_follower` | `replay_follower` | section 2.4 |
 | `PolicyFollower`: a localization policy | `run_follower` | `replay_follower` | chapter 2 |
 | `BeliefFollower`: a belief of a robot that slips | `run_follower` | `replay_follower` | |
-| sets on walls, from an unknown pose | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
+| `AnywhereSettings`: an unknown pose | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -31,20 +31,19 @@ a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a fil
 Each run returns a `RunOutcome`. A `RunLog` writes every observation to the disk before the robot
 continues. `read_log` reads the log, even if it was cut off, and a replay has the same outcome.
 
-A run that was stopped can be resumed: a `Walker` that gets the earlier observations counts these
-steps without driving, which brings the task to its last state. `Calibrated` corrects the encoders
-of a robot with a `Calibration`, which `jaxcell robot calibrate` measures and saves in the
+A run that was stopped can be resumed. A `Walker` that gets the earlier observations counts these
+steps without driving, so that the task returns to its last state. `Calibrated` corrects the
+encoders of a robot with the `Calibration` that `jaxcell robot calibrate` measures, and saves in the
 `calibration_file`.
 
 **Patrols** go from cell to cell with Lee's wave routing. `grid_steps` lists the neighbours of each
 square of a grid, and `wave` counts the steps to a goal, in time proportional to the number of
-cells. A patrol may look for a dummy intruder, a dark cross on a light
-sheet: `draw_cross` draws the sheet, `find_cross` finds it in a frame, and `camera` and `pictures`
-are sources of frames for `CrossLook`. They need OpenCV (`pip install 'jaxcell[vision]'`).
+cells. A patrol may look for a dummy intruder, a dark cross on a light sheet. `draw_cross` draws the
+sheet, and `CrossLook` searches for it with `find_cross` in frames from a `camera` or from
+`pictures`. They need OpenCV (`pip install 'jaxcell[vision]'`).
 
-**Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, as the
-belief and the sets of `jaxcell.automata` do. All three have the methods `start`, `observe` and
-`estimate`.
+**Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, and have
+the same methods `start`, `observe` and `estimate` as `Belief` and `Bounded` of `jaxcell.automata`.
 
 **On ROS 2**, `jaxcell.robot.ros` drives an iRobot Create 3 or TurtleBot 4, or any base with
 `cmd_vel` and `odom`, and publishes the possible places of the robot. It must be imported

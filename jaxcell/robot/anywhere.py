@@ -16,9 +16,9 @@ class AnywhereOutcome(RunOutcome):
     """The outcome of a run that started at an unknown pose."""
 
     place: tuple[float, float] | None = None
-    "The centre of the bounding box of the possible places of the robot, in metres."
+    "The centre of the bounding box of the possible places in metres, or `None` if unknown."
     extent: float = math.inf
-    "The diagonal of the bounding box of the possible places, in metres."
+    "The diagonal of this bounding box in metres, infinite before the first bump."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,12 +33,12 @@ class AnywhereSettings:
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
-    """The criterion for the choice of an angle: the smallest worst or the smallest mean size of the
-    next set of possible places. It has no effect if there is a goal."""
+    """The quantity that the choice of an angle minimizes: the mean or the largest size of the set
+    of possible places after the next bumps. It has no effect if there is a goal."""
     ahead: int = 1
-    "The number of future bumps that the choice of an angle considers."
+    "The number of future bumps that the choice of an angle takes into account."
     seed: int = 0
-    "The seed of the sample of places that is used to compare the angles."
+    "The seed for drawing the possible places from which the angles are compared by simulation."
 
 
 def run_anywhere(
@@ -46,15 +46,15 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of the `displacement` that the
-    errors of the filter allow, and turns. It measures only the lengths of its straight runs.
+    The robot drives straight until it bumps, backs off by half of `filter.errors.displacement`, and
+    turns. The filter uses only the angles of the turns and the lengths of the straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written at once; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], whose result is
-    `"localized"`, `"arrived"` at the goal, or `"refuted"` if no start explains the lengths of the
-    runs.
+    `"localized"`, `"arrived"` at the goal, or `"refuted"` if the lengths of the runs are impossible
+    from every start.
 
     A simulated point robot in an L-shaped room:
 
@@ -116,7 +116,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """The possible places of a robot on walls, updated after its straight runs and its turns."""
+    """The state of a run from an unknown pose: the possible places of the robot on the walls."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
@@ -126,7 +126,7 @@ class SetFollower:
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
-        """Update the possible places after a straight run of `run` metres.
+        """Update the possible places after a straight run of `run` metres to a wall.
 
         `None` means that the robot drove farther than any two walls are apart without a bump, which
         refutes the map.
@@ -156,14 +156,14 @@ class SetFollower:
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
-        """Turn the robot by an angle in radians, at each of its possible places."""
+        """Update the headings at the possible places after a turn by an angle in radians."""
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
-        The possible places are turned only when the caller asks for the next bump. Raises
-        `ValueError` if a length or an angle is not a number.
+        When the two numbers are yielded, `state` contains the possible places before the turn.
+        Raises `ValueError` if a length or an angle is not a number.
         """
         turn: float | None = 0.0
         for number, event in enumerate(run.events):

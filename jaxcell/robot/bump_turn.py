@@ -24,15 +24,16 @@ _FAR = 0.5
 def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     """Estimate the angle by which a bump turns a robot, from a log of `run_anywhere`.
 
-    At each bump of the log where the possible places lie within 1.5 m, starts (places and headings)
-    are drawn from them. From each start, a simulated robot drives the next straight runs, once for
-    each candidate turn. More starts are drawn near the starts whose run lengths have the smallest
-    squared errors, and the candidate with the smallest error is returned.
+    Angles from -2 to 8 degrees are compared by simulation. At each bump where the robot is
+    localized to 1.5 m, starts (places and headings) are drawn from its possible places. From each
+    start, a simulated robot drives the next three straight runs with each of the angles. More
+    starts are drawn near those with the smallest squared errors of the run lengths. The angle with
+    the smallest sum of errors over all bumps is returned.
 
     **Returns:** the angle in radians by which a bump at 45 degrees turns the robot toward the wall;
     see [`jaxcell.space.Slip`][].
 
-    **Raises:** `ValueError` if the robot is never localized to within 1.5 m.
+    **Raises:** `ValueError` if no three runs follow a bump where the robot is localized to 1.5 m.
     """
     follower, filter = SetFollower(settings), settings.filter
     lengths, turns, states = [], [], []
@@ -73,8 +74,8 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Search the starts with the least squared error for each turn; returns it in square metres."""
-    error = _error(boundary, place, heading, turns, lengths, back)
+    """Minimize `_squared_error` over starts near the given ones, for each angle of `_TURNS`."""
+    error = _squared_error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
         place = np.take_along_axis(place, best[:, :, None], axis=1).repeat(_BEST, axis=1)
@@ -82,11 +83,11 @@ def _least_error(
         tangent = boundary.tangent[_wall_at(boundary, place.reshape(-1, 2))].reshape(place.shape)
         place = place + along * rng.standard_normal(heading.shape)[:, :, None] * tangent
         heading = heading + aside * rng.standard_normal(heading.shape)
-        error = _error(boundary, place, heading, turns, lengths, back)
+        error = _squared_error(boundary, place, heading, turns, lengths, back)
     return error.min(axis=1)
 
 
-def _error(
+def _squared_error(
     boundary: Boundary,
     place: Float[np.ndarray, "turns places 2"],
     heading: Float[np.ndarray, "turns places"],
@@ -94,7 +95,10 @@ def _error(
     lengths: list[float],
     back: float,
 ) -> Float[np.ndarray, "turns places"]:
-    """Sum the squared errors of the run lengths for each turn and start, in square metres."""
+    """Sum the squared errors of the run lengths, in m², for each angle of `_TURNS` and each start.
+
+    After a bump, the robot backs off by `back` metres, and turns itself by the next of `turns`.
+    """
     shape = heading.shape
     by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)
@@ -109,7 +113,6 @@ def _error(
 
 
 def _wall_at(boundary: Boundary, place: Float[np.ndarray, "places 2"]) -> Int[np.ndarray, "places"]:
-    """Find the wall on which each place lies."""
     offset = place[:, None] - boundary.begin
     along = (offset * boundary.tangent).sum(axis=2)
     beyond = np.maximum(np.maximum(-along, along - boundary.length), 0.0)

@@ -29,9 +29,9 @@ class Calibration:
     """
 
     distance: float = 1.0
-    "Driven metres per metre that the encoders measure."
+    "The metres that the robot drives per metre that the encoders measure."
     angle: float = 1.0
-    "Turned radians per radian that the encoders measure."
+    "The radians by which the robot turns per radian that the encoders measure."
 
     def __post_init__(self) -> None:
         expected = f"a number from {_LEAST} to {_MOST}"
@@ -40,7 +40,7 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Create a calibration from two measured ratios, rounded to four digits."""
+        """Create a calibration from ratios of true to measured motion, rounded to four digits."""
         return cls(round(distance, 4), round(angle, 4))
 
     @classmethod

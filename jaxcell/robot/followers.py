@@ -10,12 +10,12 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The condition that ends the run of a filter: `"cycle"` for a knowledge cycle, `"known"` for a
-knowledge cycle or a single possible configuration."""
+"""The condition that ends the run of a filter. With `"cycle"` it ends in a knowledge cycle, a cycle
+of states that no observation leaves; with `"known"` also when one configuration is possible."""
 
 
 class Follower(abc.ABC):
-    """The possible cells of a robot from an unknown start, updated with its observations."""
+    """The state of a run that localizes a robot from an unknown start by its observations."""
 
     kind: ClassVar[str]
     _state: Any
@@ -30,7 +30,7 @@ class Follower(abc.ABC):
         self.observations, self.colors, self.result = "", [], None
 
     def observe(self, observation: int) -> None:
-        """Update the cells with the next observation, 0 or 1."""
+        """Update the possible cells with the next observation: 0 for a step, 1 for a bump."""
         self.observations += str(observation)
         self._state = self._state.observe(observation)
         self.colors.append(self._state.color)
@@ -41,7 +41,7 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """True if the run cannot continue, not even until a knowledge cycle."""
+        """True if the run cannot go on. A localized filter can go on to a knowledge cycle."""
         return self.result is not None
 
     @property
@@ -57,7 +57,7 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields that describe the state, which the log contains for each observation."""
+        """The fields of the state that the log contains for each observation, as JSON values."""
 
     @property
     def localized(self) -> str:
@@ -135,7 +135,7 @@ class FilterFollower(Follower):
 
 
 class PolicyFollower(Follower):
-    """The state of a localization policy during a run; it chooses the angle at each bump."""
+    """The state of a localization policy, which chooses the bouncing angle at each bump."""
 
     kind = "policy"
 
@@ -162,8 +162,9 @@ class PolicyFollower(Follower):
 class BeliefFollower(Follower):
     """The belief about the configuration of a slipping robot during a run.
 
-    The robot is localized when the credible set has at most four configurations. The map is refuted
-    when the probability that the robot is nowhere on it exceeds 0.99.
+    The robot is localized when its credible set, the fewest configurations with a total probability
+    of `belief.share`, has at most four configurations. The map is refuted when the probability that
+    the robot is nowhere on it exceeds 0.99.
     """
 
     kind = "belief"
@@ -228,7 +229,7 @@ def run_follower(
     **Arguments:**
 
     - `walker`: a robot at the centre of an unknown cell.
-    - `follower`: a follower without observations.
+    - `follower`: the filter, policy or belief, without observations.
     - `bounces`: the bouncing angles that the follower chooses from, or the angle of a filter, in
         radians counter-clockwise.
     - `log`: the log, to which each observation is written at once.
@@ -264,9 +265,9 @@ def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     **Arguments:** a log, and a follower without observations. **Returns:** the outcome of the run
     so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the colour in the log differs,
-    or if the log continues after the end of the run: then it belongs to another filter, policy or
-    belief.
+    **Raises:** `ValueError`, with the index of the observation, if the log has another colour than
+    the follower, or continues after the end of the run. Then the log belongs to another filter,
+    policy or belief.
 
     The log of a robot that bumped in a room where no robot can bump:
 

@@ -1,7 +1,4 @@
-"""Take frames from a camera, or from pictures in a folder.
-
-This needs OpenCV (`pip install 'jaxcell[vision]'`), which is imported at the first use.
-"""
+"""Take frames from a camera, or from pictures in a folder, with OpenCV."""
 
 import itertools
 import os

@@ -14,10 +14,8 @@ the arms are 2 wide, their ends are 3 from the centre, and the sides of the shee
 
 `draw_cross` draws the marker, which can be printed at any size. A camera with 640 pixels over 62
 degrees sees the cross of a sheet of 20 cm as 24 pixels at a distance of 2.7 m. Every dark cross
-with these proportions on a light ground is found, for example a bold plus sign. A cross that
+with these proportions on a light background is found, for example a bold plus sign. A cross that
 touches something dark is usually missed.
-
-This needs OpenCV (`pip install 'jaxcell[vision]'`), which is imported at the first use.
 """
 
 import functools
@@ -74,7 +72,8 @@ class Marker:
     centre: tuple[float, float]
     "The position of the centre in pixels, right and down from the middle of the top left pixel."
     arm: float
-    "The length of an arm from the centre in pixels; if slanted, of a frontal view of equal area."
+    """The distance in pixels from the centre to the end of an arm. If the marker is seen at an
+    angle, this is the distance in a frontal view with the same area."""
     rotation: float
     "The angle from the x axis to the next arm, clockwise in the frame, from 0 to pi / 2 radians."
     score: float
@@ -84,10 +83,10 @@ class Marker:
 def find_cross(frame: Frame) -> Marker | None:
     """Find the marker with the highest score in a frame.
 
-    At the resolution of the frame, and at repeated halves of it, shapes are cut out that are darker
-    than the mean around them. An affine map fits the moments of each shape to the moments of the
-    cross, and then a homography fits the outline. If the fit is close, and possible for the view of
-    a camera, the frame is rectified by the homography and correlated with the marker.
+    The frame is searched at its full resolution, at half of it, and so on, for shapes that are
+    darker than their surroundings. An affine map fits the moments of each shape to the moments of
+    the cross, and then a homography fits its outline. If the fit is close, and possible for the
+    view of a camera, the frame is rectified by the homography and correlated with the marker.
 
     **Arguments:** a frame; 640 by 480 pixels are enough, and the time is proportional to the number
     of pixels. **Returns:** the marker, or `None`.
@@ -139,13 +138,13 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
 @dataclass(frozen=True)
 class CrossLook:
-    """A `look` for [`jaxcell.robot.run_patrol`][], which searches frames for the marker."""
+    """A callable that finds the marker: the argument `look` of [`jaxcell.robot.run_patrol`][]."""
 
     source: Callable[[], Frame]
     "A function that returns a frame of the view ahead, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Take a frame, and describe the marker in it, if any."""
+        """Take a frame at any `cell`, and describe the marker in it, if there is one."""
         marker = find_cross(self.source())
         if marker is None:
             return None
@@ -156,7 +155,7 @@ class CrossLook:
 
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """Yield the homography to the cross for each shape that may be a marker."""
+    """Yield the homography from a grey frame to the cross, for each shape that may be a marker."""
     cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996). The smoothing leaves
@@ -217,8 +216,9 @@ def _fit(
 ) -> Float[np.ndarray, "3 3"] | None:
     """Fit the homography from an outline to the outline of the cross; `None` if it does not fit.
 
-    Each round assigns each point to its nearest edge. The points are normalized so that the
-    homography is near the identity; a unit has `unit` pixels, and the frame is `width` pixels wide.
+    Each iteration assigns the points to their nearest edges. The points are normalized, so that the
+    homography is near the identity. A normalized distance of 1 is `unit` pixels in the frame, which
+    is `width` pixels wide.
     """
     homography, inset = np.eye(3), 0.0
     for reach in (*_ROUNDS, 0.0):
@@ -254,8 +254,8 @@ def _onto_edges(
 ) -> tuple[Float[np.ndarray, "3 3"], float]:
     """Fit the homography that moves points to the lines of their edges, by linear least squares.
 
-    All edges may be shifted inward by one common length, because the pixels of an outline belong to
-    the shape and depend on the threshold. The second result is this length, in units.
+    All edges may be shifted inward by one common distance, because the pixels of an outline belong
+    to the shape and depend on the threshold. The second result is this normalized distance.
     """
     at, sideways = _AT[edge], _FACING[edge] == 0
     extended = np.column_stack([points, np.ones(len(points))])
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Return the patch of a perfect marker, and an orthonormal basis of linear light gradients."""
+    """Return the pixels of a perfect marker, and an orthonormal basis of linear light gradients."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

@@ -21,15 +21,16 @@ class Cloud:
     observations: int
     "The number of observations so far."
     matched: float
-    "The share of the particles that agreed with the last observation."
+    "The fraction of the particles that agreed with the last observation."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Particles:
     """Monte Carlo localization by particles, which are simulated robots that slip.
 
-    The particles start at the centres of cells, move by [`jaxcell.space.slipping_step`][], and the
-    particles that agree with the observation are resampled. Runs with the same seed are equal.
+    The particles start at the centres of cells, and move by [`jaxcell.space.slipping_step`][].
+    After each step, new particles are drawn from those that agree with the observation. Runs with
+    the same seed are equal.
 
     In a corridor of three cells, after two steps and a bump:
 
@@ -49,12 +50,12 @@ class Particles:
     "The bouncing angle in radians, counter-clockwise."
     slip: Slip
     step: float | None = None
-    "The length of a step in metres, by default one cell."
+    "The length of a step in metres, by default the side of a cell."
     count: int = 10_000
     "The number of particles."
     seed: int = 0
     share: float = 0.95
-    "The least probability of the credible set of an estimate."
+    "The least probability that the credible set of an estimate contains the robot."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -76,7 +77,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles by a step, and resample the particles that match the observation."""
+        """Move the particles by a step, and resample those that agree with the observation."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]
@@ -92,7 +93,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set. `nowhere` is 1 if no particle agreed with the observation."""
+        """Compute the credible set; `nowhere` is 1 if no particle agreed with the observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

@@ -19,7 +19,7 @@ class PatrolOutcome(RunOutcome):
     visited: tuple[int, ...] = ()
     "The positions that were drawn as goals and reached, in order."
     obstacles: tuple[tuple[int, int], ...] = ()
-    "The position and direction, 0 East to 3 South, of each bump where the map has free space."
+    "The position and direction (0 East to 3 South) of each bump where the map has free space."
     position: int = -1
     "The position of the robot at the end."
     intruder: Any = None
@@ -29,10 +29,10 @@ class PatrolOutcome(RunOutcome):
 class Patrol:
     """The state of a robot on its patrol, updated after its steps.
 
-    The policy draws the next cell, and wave routing leads the robot to it. After a bump, the step
-    is closed, and the robot takes another path. Because the obstacle may have been another robot,
-    all steps are opened again when none of the possible next cells can be reached. The number of
-    bumps is limited because many bumps mean that the map is wrong or that the robot is lost.
+    A random walk draws the next goal, and wave routing leads the robot to it. After a bump, the
+    step counts as blocked, and the robot takes another path. Because the obstacle may have been
+    another robot, all these steps count as free again when none of the possible goals can be
+    reached. The number of bumps is limited, because many bumps mean a wrong map or a lost robot.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next state of the walk, whose cell is the goal, among the reachable cells."""
+        """Draw the next goal from the random walk, among the cells that the robot can reach."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0
@@ -166,7 +166,7 @@ def run_patrol(
     **Arguments:**
 
     - `walker`: the robot, at the centre of its first cell, with 4 directions and steps of one cell.
-    - `patrol`: the patrol, which chooses each step.
+    - `patrol`: the state of the patrol, which chooses each step.
     - `look`: a function that is called with each position that the robot reaches. It returns
         `None`, or a JSON value that is reported as an intruder and ends the patrol.
     - `log`: the log, to which each observation is written at once.
@@ -211,8 +211,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
     **Returns:** the outcome of the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the robot went to another cell
-    than the policy: then the log belongs to another policy.
+    **Raises:** `ValueError`, with the index of the observation, if the log has another direction or
+    goal than the patrol. Then the log belongs to another task.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 

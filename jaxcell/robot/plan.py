@@ -13,8 +13,8 @@ def run_plan(
     **Arguments:**
 
     - `walker`: the robot, at the centre and in the direction of the first cell of the plan.
-    - `actions`: 0 for a step without a bump, else the angle of the turn after a bump, in radians,
-        counter-clockwise; as `jaxcell.bounce.Plan.actions`.
+    - `actions`: the `actions` of a `jaxcell.bounce.Plan`: 0 for a step without a bump, else the
+        angle in radians, counter-clockwise, of the turn after a bump.
     - `log`: the log, to which each observation is written at once.
 
     **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that bumps where the plan has free

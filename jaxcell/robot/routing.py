@@ -42,7 +42,7 @@ def grid_steps(
 
 
 def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
-    """Block the step from a position in the direction `way`, and the step back, in place."""
+    """Change `steps` to block the step from a position in the direction `way`, and its reverse."""
     there = int(steps[way, position])
     if there != position:
         steps[way, position], steps[(way + 2) % 4, there] = position, there

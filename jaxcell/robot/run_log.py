@@ -82,9 +82,9 @@ class LoggedRun:
     """The log of a run, as read from its file."""
 
     header: Mapping[str, Any]
-    "The description of the run."
+    "The description of the run, from the first line of the file."
     events: tuple[Mapping[str, Any], ...]
-    "The events in order."
+    "The events in order, from the other lines of the file."
     whole: bool
     "False if the last line is incomplete, for example because the computer lost its power."
 
@@ -95,7 +95,7 @@ class LoggedRun:
 
     @property
     def direction(self) -> int | None:
-        """The number of the direction of the robot at the start, or `None` if it is unknown."""
+        """The number of the robot's direction at the start, or `None` if it is unknown."""
         direction = self.header.get("direction")
         if direction is not None and (type(direction) is not int or direction < 0):
             raise ValueError(f"direction: expected a whole number or null, got {direction!r}")
@@ -129,7 +129,7 @@ def why_stopped(error: BaseException) -> str:
 
 
 def stopped(outcome: _O, run: LoggedRun) -> _O:
-    """Mark the outcome of a replay as stopped if the run was stopped, with the reason."""
+    """Mark the outcome of a replay as stopped, with the reason, if the run was stopped."""
     if run.stopped is None or outcome.result != "unfinished":
         return outcome
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")

@@ -50,16 +50,16 @@ def filter_sketch(
     **Arguments:**
 
     - `task`: the filter, with its cells and bouncing angle.
-    - `direction`: the number of the direction of the robot at the start; `None` if it is unknown.
+    - `direction`: the number of the robot's direction at the start, or `None` if it is unknown.
         See [`jaxcell.robot.Walker`][].
     - `flash`: the flash memory of the board, in bytes.
-    - `machine`: a smaller machine, found by [`jaxcell.automata.fewest_bytes`][] with its default
-        output, that the program runs instead of the filter or policy.
+    - `machine`: a smaller machine for the program to run instead of the filter or policy, found by
+        [`jaxcell.automata.fewest_bytes`][] with its default output.
 
     **Returns:** the text of the program.
 
     **Raises:** `ValueError` if the tables are too large, if the direction does not exist, or if the
-    direction is known and a bouncing angle leads between two directions.
+    direction is known and a bouncing angle is not a multiple of the angle between directions.
 
     The filter of a robot that goes to cell 0 of three cells and stays there:
 
@@ -199,7 +199,6 @@ static inline uint8_t filter_turn(filter_state state) {
 
 
 def _machine_header(source: Filter | Policy, machine: MooreMachine) -> str:
-    """Write the C header of a machine that replaces a filter or policy."""
     whole = MooreMachine.of(source)
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
@@ -220,7 +219,7 @@ def table_bytes(header: str) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise if a known direction does not exist, or an angle leads between two directions."""
+    """Raise if a known direction does not exist, or an angle does not lead to a direction."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:

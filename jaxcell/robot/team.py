@@ -29,7 +29,7 @@ class MemberTask(Task):
 
     kind = "team"
     robot: int
-    "The index of this robot."
+    "The index of this robot in the file."
     robots: int
     "The number of robots in the team."
     start: tuple[float, float, float]
@@ -163,7 +163,7 @@ class Member:
 
     @property
     def waits(self) -> bool:
-        """True if the last step was blocked, so that the robot waits and tries it again."""
+        """True if the last step was blocked, so that the robot must wait and try it again."""
         return self._bumps > 0
 
     def observe(self, bumped: bool) -> None:
@@ -179,7 +179,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state with all observations of a run, and with the turns between them."""
+        """Update the state with the observations of a run, and skip the turns between the steps."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:

@@ -72,7 +72,7 @@ class Walker:
         - `robot`: a robot such as [`jaxcell.robot.Create`][].
         - `step`: the length of a step, in metres.
         - `strides`: the result of [`cell_strides`][], if the heading is known.
-        - `direction`: with `strides`, the number of the direction of the robot at the start.
+        - `direction`: with `strides`, the number of the robot's direction at the start.
         - `recalled`: the observations of the run to resume. The walker counts these steps without
             driving, because the robot already stands at the end of the last step, with the heading
             of the next step.
@@ -112,7 +112,7 @@ class Walker:
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Drive a step, or back to its start after a bump, and return whether the robot bumped."""
+        """Drive a step, go back to its start after a bump, and return whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -162,8 +162,8 @@ class Walker:
     def rotate(self, angle: float) -> None:
         """Turn the heading by an angle in radians, counter-clockwise.
 
-        **Raises:** `ValueError` if the heading is known, and the angle is not a whole number of
-        directions.
+        **Raises:** `ValueError` if the heading is known, and the angle is not a multiple of the
+        angle between two directions.
         """
         if self._strides is not None:
             count = len(self._strides)
@@ -178,7 +178,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Count a step of the earlier run without driving, and use its recorded observation."""
+        """Repeat a step of the earlier run without driving; `target` is its end without a bump."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target
@@ -186,7 +186,7 @@ class Walker:
         return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drive to a point in the frame of the odometry. Returns whether a bump ended the drive."""
+        """Drive to a point, in reverse if `back`, and return whether a bump ended the drive."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False

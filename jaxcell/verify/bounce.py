@@ -24,15 +24,10 @@ def compare_images(
     only: Int[np.ndarray, "cells"] | None = None,
     motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
-    """Compare the images of some cells with steps that shapely computes in the free space.
+    """Compare the images of cells in `simple_map` with steps that shapely computes.
 
-    **Arguments:**
-
-    - `cells`: the cell space of the map.
-    - `simple_map`: the cell map to check.
-    - `bounce`: the bouncing angle of `simple_map`, in radians.
-    - `only`: the cells to compare; by default a sample of 200 cells.
-    - `motion`: how the robot moves.
+    `bounce` is the bouncing angle of `simple_map`, in radians. The compared cells are `only`, by
+    default a sample of 200 cells.
     """
     z = sample(cells.size, _IMAGES) if only is None else only
     target, clear = _targets(cells, z, motion)
@@ -54,8 +49,9 @@ def _targets(
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
     """Find the position after a step from each cell; a robot that bumps keeps its position.
 
-    **Returns:** the positions, and a mask of the clear cases. In other cases the step touches walls
-    on both sides, or ends in a corner, so that rounding decides whether the robot bumps.
+    **Returns:** the positions, and a mask of the cells to compare. From other cells, the step
+    touches walls on both sides or ends in a corner, so that rounding decides whether the robot
+    bumps.
     """
     assert cells.workspace is not None
     near, space = _NEAR * cells.cell, cells.workspace.free_space
@@ -87,7 +83,7 @@ def _targets(
 def compare_straight(
     cells: CellSpace, only: Int[np.ndarray, "cells"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Compute the cell map of the bouncing angle 0, and compare it with [`compare_images`][]."""
+    """Compute the cell map of the bouncing angle 0, and check it with [`compare_images`][]."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 

@@ -15,7 +15,7 @@ class Comparison:
     what: str
     "The compared quantity, and the method of the independent computation."
     count: int
-    "Number of compared numbers; 0 if a comparison was not possible."
+    "The number of compared numbers; 0 if a comparison was not possible."
     difference: float
     "The largest difference; for exact comparisons, the number of unequal numbers."
     limit: float
@@ -37,11 +37,7 @@ class Comparison:
     def exact(cls, what: str, wrong: list[str], count: int) -> "Comparison":
         """Create a comparison that requires equal numbers.
 
-        **Arguments:**
-
-        - `what`: the compared quantity.
-        - `wrong`: a sentence about each unequal number.
-        - `count`: the number of compared numbers.
+        `wrong` describes each number that differs, and `count` is the number of compared numbers.
         """
         return cls(what, count, float(len(wrong)), 0.0, wrong[0] if wrong else "")
 
@@ -55,14 +51,10 @@ class Comparison:
         *,
         relative: bool = False,
     ) -> "Comparison":
-        """Create a comparison within a tolerance.
+        """Create a comparison within the tolerance `limit`.
 
-        **Arguments:**
-
-        - `what`: the compared quantity.
-        - `reported`, `again`: the numbers of the result, and of the independent computation.
-        - `limit`: the tolerance.
-        - `relative`: if true, divide differences by the absolute values of `again`.
+        `reported` are the numbers of the result, and `again` those of the independent computation.
+        If `relative` is true, the differences are divided by the absolute values of `again`.
         """
         reported, again = (np.asarray(values, float).ravel() for values in (reported, again))
         scale = np.abs(again) if relative else 1
@@ -78,12 +70,12 @@ class Comparison:
 
     @classmethod
     def omitted(cls, what: str, why: str) -> "Comparison":
-        """Report that a comparison is not possible, and the reason `why`."""
+        """Create the report that a quantity cannot be compared, with the reason `why`."""
         return cls(what, 0, 0.0, 0.0, why)
 
 
 def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
-    """Draw at most `count` numbers from 0 to `size - 1`, sorted, and equal for equal arguments."""
+    """Draw at most `count` sorted numbers below `size`, which depend only on the arguments."""
     if size <= count:
         return np.arange(size)
     return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))
@@ -94,7 +86,8 @@ def solve_transient(
 ) -> Float[np.ndarray, "transient"]:
     """Compute the expected total gain from each transient cell with a sparse direct solver.
 
-    `P` is the transition matrix, and `gained` the gain at each visit of a transient cell.
+    `P` is the transition matrix of all cells, `transient` are the transient cells, and `gained` is
+    the gain at each visit of a transient cell.
     """
     system = scipy.sparse.eye_array(transient.size) - P[transient][:, transient]
     return np.atleast_1d(scipy.sparse.linalg.spsolve(system.tocsc(), gained))

@@ -26,8 +26,7 @@ def compare_coverage(
 ) -> list[Comparison]:
     """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    The arguments after `policy` are the arguments of [`jaxcell.bounce.coverage_policy`][] that
-    computed the policy.
+    The other arguments are those of [`jaxcell.bounce.coverage_policy`][] that computed `policy`.
     """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
@@ -54,7 +53,10 @@ def compare_coverage(
 def _matrix(
     cells: CellSpace, straight: SimpleMap, bounce: float, error: float, reliability: float
 ) -> scipy.sparse.csr_array:
-    """Build the transition matrix: steps straight ahead, and random turns at walls."""
+    """Build the transition matrix: steps straight ahead, and turns by `bounce` at walls.
+
+    With the probability `1 - reliability`, a turn has an error of up to `error` radians.
+    """
     image, bumped = np.asarray(straight.image), np.asarray(straight.bumped)
     spacing = 2 * np.pi / cells.directions
     turn, bins = round(bounce / spacing), round(error / spacing)

@@ -19,7 +19,7 @@ _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Compare groups, ends and voyages with networkx, direct solves and linear programs."""
+    """Compare persistent groups, the drifters that end in them, and voyages with other solvers."""
     compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return compared
@@ -76,7 +76,6 @@ def _compare_groups(P: scipy.sparse.csr_array, group: np.ndarray, what: str) -> 
 
 
 def _compare_voyage(voyage: SeaVoyage) -> Comparison:
-    """Compare the best probability of arriving with the solution of a linear program."""
     what = "probability of arriving by the surest policy, by a linear program"
     sea, goal = voyage.sea, voyage.policy.goal
     if sea.drift.cells > _MAX_PROGRAM:

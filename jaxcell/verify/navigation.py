@@ -17,8 +17,8 @@ def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
     """Compare a plan of method `"exact"` with geometric steps, and with Dijkstra's algorithm.
 
     The searched graph has a copy of all cells for each bouncing angle, and one more copy for a
-    robot that has not bumped yet. The actions, cells and cost of the plan are not compared here,
-    because the checks of the result compare them with each other.
+    robot that has not bumped yet. The actions, the cells and the cost of the plan are not compared
+    with each other here, because the method `checks` of the plan does so.
     """
     straight, images = compare_straight(plan.cells, np.unique(plan.visited), motion)
     directions, size = plan.cells.directions, plan.cells.size

@@ -17,7 +17,7 @@ _DEVIATIONS = 8.0
 
 
 def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
-    """Compare sight with polygons, captures with sparse matrices, and walks with networkx."""
+    """Compare visible cells, capture probabilities and walks with independent computations."""
     attack, times = patrol.attack, patrol.attack.attack_time
     targets = sample(patrol.cells.positions, _TARGETS).tolist()
     caught = np.array([_caught(patrol, target) for target in targets])
@@ -47,7 +47,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
-    """Compute the probability that a robot sees a cell within each attack time."""
+    """Compute the probability that a robot sees the cell `target` within each attack time."""
     view, times = patrol.visible[:, target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time, which is twice the mean resistance if the weights sum to 1."""
+    """Compute the mean commute time, twice the mean resistance, for weights whose sum is 1."""
     used = policy.weights > 0
     if not used.any():
         return 0.0
@@ -79,7 +79,6 @@ def _commute(patrol: PatrolledMap, policy: Policy) -> float:
 
 
 def _compare_sight(patrol: PatrolledMap) -> Comparison:
-    """Compare the visibility of pairs of cells with polygons; half of the pairs are visible."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
     if patrol.sight == "centre":

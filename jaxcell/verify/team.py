@@ -19,9 +19,9 @@ _PLACES = 200
 def compare_team(
     team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], motion: Motion = CELL_BY_CELL
 ) -> list[Comparison]:
-    """Compare steps of a joint trajectory with the rule of collisions for each pair of robots.
+    """Compare steps of a joint trajectory with the collision rule, applied to each pair of robots.
 
-    The arguments after `team` are the arguments of [`jaxcell.bounce.team_trajectory`][].
+    The other arguments are those of [`jaxcell.bounce.team_trajectory`][] that computed `team`.
     """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
@@ -48,7 +48,10 @@ def _joint_step(
     turns: Int[np.ndarray, "robots"],
     state: Int[np.ndarray, "robots"],
 ) -> tuple[list[int], list[bool], list[bool], int]:
-    """Find the next cells, the robots that bump or collide, and the number of colliding pairs."""
+    """Find the next cells, the robots that bump or collide, and the number of colliding pairs.
+
+    `turns` are the turns of the robots at a bump, as numbers of directions.
+    """
     cells, squares = team.cells, squares_of(team.cells).T
     ahead = np.asarray(straight.image)[state]
     here = squares[state % cells.positions]

@@ -35,10 +35,10 @@ class ByClock:
         """**Arguments:**
 
         - `robot`: an armed robot, such as a [`jaxcell.robot.Create`][].
-        - `speed`, `turning`: the speeds in metres and radians per second, among the speeds that
-            [`jaxcell.robot.Driver.drive`][] does not slow down.
-        - `clock`, `sleep`: functions that return the time and wait, in seconds. An emulated robot
-            has its own time.
+        - `speed`, `turning`: the speeds of drives and turns, in metres and radians per second. They
+            must be speeds that [`jaxcell.robot.Driver.drive`][] does not reduce.
+        - `clock`, `sleep`: a function that returns the time in seconds, and a function that waits
+            for some seconds. An emulated robot has its own time.
         - `pause`: the seconds for which the robot stands still after each motion.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
@@ -49,22 +49,19 @@ class ByClock:
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         wheel = math.copysign(self._speed, distance)
-        seconds, bumped = self._for(abs(distance) / self._speed, wheel, wheel, distance > 0)
+        seconds, bumped = self._roll(abs(distance) / self._speed, wheel, wheel, distance > 0)
         return Moved(wheel * seconds, 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
         rate = math.copysign(self._turning, angle)
         wheel = rate * WHEEL_BASE / 2
-        seconds, _ = self._for(abs(angle) / self._turning, wheel, -wheel, False)
+        seconds, _ = self._roll(abs(angle) / self._turning, wheel, -wheel, False)
         return Moved(0.0, rate * seconds, False)
 
-    def _for(
+    def _roll(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels for some seconds.
-
-        Returns the elapsed time, and whether a bump ended the motion.
-        """
+        """Turn the wheels, and return the elapsed seconds and whether a bump ended the motion."""
         began = self._clock()
         free = True
         try:

@@ -29,7 +29,7 @@ _D = TypeVar("_D", bound="Driver")
 _UNARMED = "it is not armed"
 
 TICK = 0.1
-"""The seconds after which a driver sends the speeds of the wheels again."""
+"""The interval in seconds at which a driver sends the speeds of the wheels again."""
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
@@ -43,18 +43,19 @@ class Driver:
     also stop
 
     - when a wheel drops or is blocked, the robot meets a cliff or a charger, the battery is low,
-      the robot leaves mode Safe, or it sends nothing for `patience`. Then `drive` raises
+      the robot leaves mode Safe, or it sends nothing for `patience` seconds. Then `drive` raises
       [`RobotStopped`][] until the caller arms the robot again;
-    - when the caller does not renew `drive` for `patience`;
+    - when the caller does not call `drive` again within `patience` seconds;
     - when this process is killed or hangs, because a second process watches it.
 
     One thread reads the stream, and stops the wheels without waiting for the caller. Ten times per
-    second, another thread repeats the speeds, because a command can get lost, and checks the times.
+    second, another thread repeats the speeds, because commands can get lost, and checks for
+    silence.
 
     **Arguments:**
 
-    - `port`: the open line at 115200 baud, which the driver closes at its end.
-    - `patience`: the longest silence that is allowed, from 0.2 to 10 seconds.
+    - `port`: an open line at 115200 baud, which `close` closes.
+    - `patience`: the longest silence of the robot or the caller, from 0.2 to 10 seconds.
 
     **Raises:** `ValueError` if `patience` is outside this range. The `with` statement raises
     `OSError` if the line fails, and `ConnectionError` if no robot answers.
@@ -101,7 +102,7 @@ class Driver:
         self.close()
 
     def close(self) -> None:
-        """Stop the wheels, close the interface with Start and Stop, and close the line."""
+        """Stop the wheels, switch the robot to mode Off, and close the line."""
         with self._news:
             self._reason = "it is closed"
             self._halt(self._reason)
@@ -149,14 +150,15 @@ class Driver:
             return reading
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels, -0.5 to 0.5 m/s. They must be renewed within `patience`.
+        """Set the speeds of the wheels, from -0.5 to 0.5 m/s, for at most `patience` seconds.
 
-        If the robot could mistake a byte of the speeds for a command, the next slower speeds on the
-        same arc are sent. Turns on the spot at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight
-        forward drives at up to 0.127 m/s, keep their speeds. With `stop_on_bump`, a bump stops the
-        wheels without waiting for the caller, until a call without `stop_on_bump`, or `stop`.
+        Speeds with a byte that is the opcode of a command are replaced by the next slower speeds on
+        the same arc, because a lost byte can make the robot execute the command. Turns on the spot
+        at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight forward drives at up to 0.127 m/s,
+        keep their speeds. With `stop_on_bump`, a bump stops the wheels without waiting for the
+        caller. They stay still until a call of `stop`, or of `drive` without `stop_on_bump`.
 
-        **Returns:** whether the robot drives: `False` after a bump.
+        **Returns:** `True` if the robot drives, and `False` after a bump.
 
         **Raises:** [`RobotStopped`][] if the robot is not armed.
         """
@@ -181,7 +183,8 @@ class Driver:
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
         """Wait for a reading newer than `reading`.
 
-        A simulation may skip readings for `steady` seconds, in which the speeds need no change.
+        A simulation may skip the readings of the next `steady` seconds, in which the speeds of the
+        wheels need no change.
         """
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()

@@ -57,12 +57,12 @@ class Create(Driver):
     ) -> Moved:
         """Drive straight by a distance in metres, backward if negative. A bump ends the drive.
 
-        `speed` is in metres per second, at most 0.5, by default the speed of the robot. `tolerance`
-        is the largest final error that the encoders may measure, in metres. The default `timeout`
-        is twice the expected duration plus 3 s.
+        `speed` is in metres per second, at most 0.5, by default the speed of the robot. The drive
+        ends within `tolerance` metres of its target, according to the encoders. The default
+        `timeout` is twice the expected duration plus 3 s.
 
-        **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped, or exceeds the
-        timeout.
+        **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped, or needs more than
+        `timeout` seconds.
         """
         cruise = self.speed if speed is None else speed
 
@@ -112,7 +112,8 @@ class Create(Driver):
         """Drive until a quantity of the readings has changed by `target`, and the wheels are still.
 
         `wheels` computes the speeds of the right and the left wheel in m/s, from the remaining
-        change of the quantity and the turn so far in radians.
+        change of the quantity and the turn so far in radians. `what` names the motion in errors,
+        and `most` is the largest allowed `speed`.
         """
         start = now = self.sensors()
         stop_on_bump = quantity == "distance" and target > 0
@@ -166,5 +167,8 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """Compute the velocity at the distance `rest` from the end, from `slowest` to `speed`."""
+    """Compute the signed speed at the distance `rest` before the end of a motion.
+
+    The magnitude is `speed` at first, and decreases to `slowest` near the end.
+    """
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

@@ -1,7 +1,7 @@
 """The commands of the Create 2 Open Interface, and the frames of its sensor stream, as bytes.
 
-This module codes and decodes for the host and for the robot, so that an emulator can use it. It has
-no input or output. Source: *iRobot Create 2 Open Interface*, 2016.
+This module encodes and decodes for the host and for the robot, so that an emulator can use it. It
+neither reads nor writes a line. Source: *iRobot Create 2 Open Interface*, 2016.
 """
 
 import functools
@@ -10,14 +10,14 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from .packets import chosen, layout, members
+from .packets import layout, members, requested_values
 
 
 BAUD = 115200
 """The baud rate of a Create 2 or Roomba 600, with 8N1 and without flow control."""
 
 STREAM_PERIOD = 0.015
-"""The seconds between two frames; the robot reads its sensors once in this time."""
+"""The period of the frames in seconds. The robot reads its sensors once per period."""
 
 MAX_SPEED = 500
 """The largest speed of a wheel, in mm/s."""
@@ -57,7 +57,7 @@ def drive_direct(*, right: int, left: int) -> bytes:
 
 
 def stream(ids: Sequence[int]) -> bytes:
-    """Encode the command that requests a frame with these packets every 15 ms.
+    """Encode the command that requests a frame with the packets `ids` every 15 ms.
 
     **Raises:** `ValueError` for an unknown packet, an empty list, or a frame of more than 172
     bytes, which the line cannot carry in 15 ms.
@@ -67,9 +67,9 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Encode the frame of the stream that a robot sends for these packets."""
+    """Encode the frame with the packets `ids`; `values` maps the names of packets to numbers."""
     layout = _FrameLayout.of(tuple(ids))
-    known, free = layout.empty, layout.values.pack(*chosen(ids, values))
+    known, free = layout.empty, layout.values.pack(*requested_values(ids, values))
     frame = bytes(map(operator.or_, known, free))
     return frame[:-1] + bytes([-sum(frame) % 256])
 
@@ -84,9 +84,9 @@ class StreamParser:
 
     The protection depends on the packets. For `jaxcell.robot.STREAM`, if a single byte of three
     consecutive frames is changed, lost or doubled, at most two of these frames are lost, and only
-    values that the robot sent are returned. This has two reasons. If a frame is read from a wrong
-    position, at least two known bytes disagree. And the last packet has a byte that never equals
-    the header; otherwise this byte could be lost, and the next header be taken for the checksum.
+    values that the robot sent are returned. The reason is that at least two fixed bytes disagree if
+    a frame is read from a wrong position, and that the value of the last packet never equals the
+    header. Otherwise, if this value were lost, the next header could be taken for the checksum.
     Greater damage may remain unnoticed, because an eight-bit checksum accepts one in 256 damaged
     frames whose length and packet numbers are right.
 
@@ -203,7 +203,7 @@ class _FrameLayout:
 
     empty: bytes
     "A frame with the fixed bytes, and 0 for the values and the checksum."
-    known: bytes
+    mask: bytes
     "A mask with 255 for each fixed byte, and 0 for the values and the checksum."
     values: struct.Struct
     "The format of the values, which skips the fixed bytes."
@@ -221,11 +221,11 @@ class _FrameLayout:
                 "expected at least one packet and at most 172 bytes in all"
             )
         body = b"".join(bytes([id_, *[0] * n]) for id_, n in zip(ids, sizes, strict=True))
-        known = b"".join(bytes([255, *[0] * n]) for n in sizes)
+        mask = b"".join(bytes([255, *[0] * n]) for n in sizes)
         values = "".join(f"x{each.format[1:]}" for each in layouts)
         return cls(
             bytes([HEADER, length]) + body + bytes(1),
-            bytes([255, 255]) + known + bytes(1),
+            bytes([255, 255]) + mask + bytes(1),
             struct.Struct(f">2x{values}x"),
         )
 
@@ -234,5 +234,5 @@ class _FrameLayout:
         return len(self.empty)
 
     def fits(self, frame: bytearray) -> bool:
-        """Check whether bytes, perhaps fewer than a frame has, begin like a frame."""
-        return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]
+        """Check whether a frame, whose end may be missing, has the right fixed bytes."""
+        return bytes(map(operator.and_, frame, self.mask)) == self.empty[: len(frame)]

@@ -1,4 +1,4 @@
-"""The sensor packets of the Create 2 Open Interface: their names and their coding."""
+"""The sensor packets of the Create 2 Open Interface: their names and their encoding."""
 
 import enum
 import functools
@@ -12,7 +12,7 @@ WHEEL_BASE = 0.235
 """The distance between the wheels, in metres."""
 
 METRES_PER_COUNT = math.pi * 0.072 / 508.8
-"""The distance that a wheel of 72 mm rolls per encoder count, in metres."""
+"""The distance in metres that a wheel of 72 mm in diameter rolls per encoder count."""
 
 WHEEL_OVERCURRENT = 0b11000
 """The bits of packet 14 (overcurrent) for the two wheels; its other bits are for the brushes."""
@@ -44,15 +44,15 @@ class Packet:
     """A sensor packet: a big-endian integer of one or two bytes."""
 
     id: int
-    "The number that requests the packet."
+    "The number by which a host requests the packet."
     name: str
-    "The name of the packet, which is the key of its value."
+    "The name of the packet, which is the key of its value in a decoded frame."
     size: int
     "The number of bytes of the packet."
     low: int
-    "The smallest value. Packets with negative values use the two's complement."
+    "The smallest valid value. Packets with negative values use the two's complement."
     high: int
-    "The largest value."
+    "The largest valid value."
     unit: str = ""
     "The unit of the value; empty for flags, states and raw signals."
 
@@ -125,7 +125,7 @@ _TABLE = (
 )
 
 PACKETS: Mapping[int, Packet] = {packet.id: packet for packet in _TABLE}
-"""The packets by number."""
+"""The sensor packets by their numbers."""
 
 GROUPS: Mapping[int, range] = {
     0: range(7, 27),
@@ -140,12 +140,12 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The packets of each group, by the number of the group."""
+"""The numbers of the packets in each group, by the number of the group."""
 
 
 @functools.lru_cache
 def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
-    """List the packets that the robot sends, in order, if packets and groups are requested."""
+    """List the requested packets in order; `ids` are the numbers of packets and of groups."""
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -157,7 +157,7 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def layout(ids: Iterable[int]) -> struct.Struct:
-    """Return the binary format of the values that the robot sends for packets and groups."""
+    """Return the binary format of the values that the robot sends for the request `ids`."""
     return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
@@ -169,11 +169,11 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
     **Raises:** `ValueError` for an unknown number, a missing value, or a value out of range.
     """
     ids = tuple(ids)
-    return layout(ids).pack(*chosen(ids, values))
+    return layout(ids).pack(*requested_values(ids, values))
 
 
-def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
-    """List the values that `encode` encodes, in order."""
+def requested_values(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
+    """List the values of the requested packets in order, and check that they are in range."""
     numbers = []
     for packet in members(tuple(ids)):
         if packet.name not in values:
@@ -188,8 +188,8 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 
 
 def encoder_difference(before: int, after: int) -> int:
-    """Subtract two encoder readings, which wrap at 16 bits.
+    """Subtract two encoder counts, which wrap at 16 bits.
 
-    The difference in counts, positive or negative, is correct up to 2**15 counts (14 m).
+    The difference has a sign, and is correct for motions of less than 2**15 counts (14 m).
     """
     return (after - before + 2**15) % 2**16 - 2**15

@@ -21,10 +21,10 @@ STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
 
 @dataclass(frozen=True)
 class Reading:
-    """The content of one frame of the stream, in SI units."""
+    """The content of one frame of the stream, with distances in metres."""
 
     time: float
-    "The time when the frame was complete, in seconds of the clock of the driver."
+    "The time at which the frame was complete, in seconds on the clock of the driver."
     left: float
     "The distance that the left wheel has rolled since the driver connected, in metres."
     right: float
@@ -34,7 +34,7 @@ class Reading:
     cliff: tuple[bool, bool, bool, bool]
     "True if no floor is under a sensor, for the left, front left, front right and right sensor."
     overcurrent: bool
-    "True if the motor of a wheel draws more current than it should."
+    "True if the motor of a wheel draws too much current."
     mode: Mode
     "The mode of the Open Interface."
     charger: bool
@@ -48,7 +48,7 @@ class Reading:
     capacity: float
     "The capacity of the battery, in ampere hours; 0 if the robot does not know it."
     encoders: tuple[int, int]
-    "The counts of the left and the right encoder."
+    "The counts of the left and the right encoder, from 0 to 65535."
     place: complex
     """The position of the centre of the body, in metres from its position when the driver
     connected. The real part is ahead, and the imaginary part to the left."""
@@ -64,12 +64,12 @@ class Reading:
     ) -> "Reading":
         """Create a reading from the values of the packets in `STREAM`, by name.
 
-        Distances are computed from the encoders, because the distances of the robot (packets 19 and
-        20) are wrong in most firmware. The encoders do not sense the direction in which a wheel
+        Distances are computed from the encoders, because the odometry of the robot (packets 19 and
+        20) is wrong in most firmware. The encoders do not sense the direction in which a wheel
         turns. The robot assumes the last commanded direction, so the counts have the wrong sign if
         the robot is pushed by hand against this direction. Since the previous reading, the robot
-        must have moved less than 14 m. `first_mode` is the number of mode Off: 0, or 1 for some
-        robots.
+        must have moved less than 14 m. `first_mode` is the number that the robot reports for mode
+        Off: 0, or 1 for some robots.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0

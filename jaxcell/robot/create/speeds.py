@@ -8,7 +8,7 @@ from .open_interface import MAX_SPEED, RESET, START, STOP
 def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
     """Convert speeds in m/s, from -0.5 to 0.5, to speeds in mm/s that are safe to send.
 
-    If the line loses the opcode of a drive command, the robot reads its data as commands, and might
+    If the line loses the opcode of a drive command, the robot reads speeds as commands, and might
     clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode is
     replaced by the next slower pair on the same arc. A straight drive remains straight, and a turn
     on the spot stays on the spot. On other arcs, rounding to mm/s slightly changes the radius.

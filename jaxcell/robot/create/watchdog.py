@@ -9,7 +9,7 @@ ignores the signals of the terminal, so that these signals do not end it togethe
 The watchdog cannot help if the cable is pulled out, the computer loses its power, or both processes
 are killed at once (a container or `systemd` unit that is killed as a whole).
 
-The child runs this file alone, with a few modules of the standard library, to start quickly.
+The process runs this file alone, with a few modules of the standard library, to start quickly.
 """
 
 import contextlib
@@ -27,9 +27,9 @@ _GOODBYE = b"q"
 
 
 class Watchdog:
-    """The handle by which a driver controls its watchdog process.
+    """A handle with which a driver controls its watchdog process.
 
-    The process runs `command`, which calls `watch`, and inherits the file descriptors `lines`.
+    The process runs `command`, which must call `watch`. It inherits the file descriptors `lines`.
 
     **Raises:** `OSError` if the process does not start.
     """
@@ -67,10 +67,9 @@ class Watchdog:
 
     @classmethod
     def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
-        """Start a watchdog for a robot on a serial line; `line` is its file descriptor.
+        """Start a watchdog for the robot on a serial line, whose file descriptor is `line`.
 
-        The watchdog writes the bytes `pause` whenever the driver is silent for `patience` seconds,
-        and `farewell` when the driver has ended.
+        It writes `pause` or `farewell` to the line when `watch` calls the function of this name.
         """
         command = (sys.executable, "-I", "-S", os.path.abspath(__file__))
         words = (str(line), pause.hex(), farewell.hex(), str(patience))
@@ -82,10 +81,7 @@ class Watchdog:
         return self._process.pid
 
     def beat(self) -> None:
-        """Signal that the driver is alive.
-
-        **Raises:** `OSError` if the watchdog has ended.
-        """
+        """Signal that the driver is alive. Raises `OSError` if the watchdog has ended."""
         os.write(self._beats, _BEAT)
 
     def dismiss(self) -> None:
@@ -102,7 +98,7 @@ class Watchdog:
 def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: float) -> None:
     """Run the loop of the watchdog process.
 
-    `pause` and `farewell` stop the robot. `pause` is called whenever the driver is silent for
+    Both `pause` and `farewell` stop the robot. `pause` is called whenever the driver is silent for
     `patience` seconds, and `farewell` when the driver has ended.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):

@@ -23,7 +23,7 @@ _MIDDLE = math.radians(20.0)
 class Noise:
     """The errors of the motion of an emulated robot; all zero by default.
 
-    As on a real robot, the encoders do not measure the errors of the body.
+    As on a real robot, the encoders count the turns of the wheels, not the true motion of the body.
     """
 
     distance: float = 0.0
@@ -31,7 +31,7 @@ class Noise:
     rotation: float = 0.0
     "The standard deviation of the relative error of a turn in place, drawn once per turn."
     veer: float = 0.0
-    "The standard deviation of the random change of heading over a straight metre, in radians."
+    "The standard deviation of the drift of the heading per metre of a straight drive, in radians."
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
@@ -50,11 +50,11 @@ class Noise:
 def bumper_give(cell: float) -> float:
     """Choose the distance by which the bumper of an emulated robot can be pushed in, in metres.
 
-    If a step enters a wall by less than this distance, the emulated robot does not bump, although
-    the robot of the model does. With a rigid bumper, on the other hand, small errors of position
-    would make the robot bump into corners that the robot of the model grazes. The compromise is 2
-    cm for cells with a side of 1 m, and decreases with the square of the side, down to half a
-    millimetre.
+    If a step would end less than this distance inside a wall, the emulated robot does not bump,
+    although the robot of the model does. With a rigid bumper, on the other hand, small errors of
+    position would make the robot bump into corners that the robot of the model grazes. The
+    compromise is 2 cm for cells with a side of 1 m or more. For smaller cells, it is proportional
+    to the square of the side, but at least half a millimetre.
     """
     return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
@@ -62,10 +62,10 @@ def bumper_give(cell: float) -> float:
 class Body:
     """The body of a robot with two driven wheels and a bumper, among the walls of a map.
 
-    Time advances in steps of any length. In each step the body moves along the chord of the arc of
-    its wheels. At a wall the body and its wheels stop, so that encoders count the true distance.
-    While the body is at the wall, the half of the bumper on this side is pressed. The bumper faces
-    forward, so a body that backs into a wall stops without a bump.
+    Time advances in steps of any length. In each step the body moves straight, along the chord of
+    the arc that its wheels drive. At a wall the body and its wheels stop, so that the encoders
+    count the true distance. While the body is at the wall, the half of the bumper on this side is
+    pressed. The bumper faces forward, so a body that backs into a wall stops without a bump.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Body:
             raise ValueError(f"give: expected a finite number from 0, got {give!r}")
         self.noise = noise or Noise()
         self._rng = rng or np.random.default_rng(0)
-        self._space = _felt(workspace.free_space, give)
+        self._space = _enlarged(workspace.free_space, give)
         if not (
             np.isfinite(pose).all()
             and workspace.free_space.distance(shapely.Point(pose[:2])) < 1e-9
@@ -114,7 +114,7 @@ class Body:
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
         """Put a body at the centre of a cell, with the `bumper_give` of the cells.
 
-        `error` is used for the `distance`, the `rotation` and the `veer` of the noise.
+        `error` is the value of `distance`, `rotation` and `veer` in its `Noise`.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
@@ -158,7 +158,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Move straight as far as the walls allow, and return the completed share of `forward`."""
+        """Move straight by `forward` metres or up to a wall, and return the completed fraction."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)
@@ -175,18 +175,17 @@ class Body:
         self.x, self.y = self.x + share * forward * ux, self.y + share * forward * uy
         return share
 
-    def _free(self, right: float, up: float) -> bool:
-        """Check that the body can go straight by a displacement in metres."""
-        here, end = (self.x, self.y), (self.x + right, self.y + up)
+    def _free(self, dx: float, dy: float) -> bool:
+        """Check that no wall is in the way of a straight move by `dx` and `dy` metres."""
+        here, end = (self.x, self.y), (self.x + dx, self.y + dy)
         if math.dist(self._clear, here) < self._radius > math.dist(self._clear, end):
             return True
         if here != self._clear:
             self._clear, self._radius = here, self._walls.distance(shapely.Point(here))
-            return self._free(right, up)
+            return self._free(dx, dy)
         return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
 
     def _incidence_slope(self) -> float:
-        """Compute the tangent of the angle of incidence of a bump at the current pose."""
         heading = np.array([self.theta])
         ahead = math.cos(self.theta), math.sin(self.theta)
         before = np.array([self.pose[:2]]) - _HELD * np.array([ahead])
@@ -210,8 +209,8 @@ class Body:
 
 # Consecutive bodies are often among the same walls.
 @functools.lru_cache(maxsize=1)
-def _felt(free: shapely.Geometry, give: float) -> shapely.Geometry:
-    """Enlarge the free space of a body by the `give` of its bumper, in metres."""
+def _enlarged(free: shapely.Geometry, give: float) -> shapely.Geometry:
+    """Enlarge the free space by `give`, the metres by which the bumper can be pushed in."""
     space = free.buffer(give, join_style="mitre")
     shapely.prepare(space)
     return space

@@ -13,7 +13,7 @@ class DirectBody:
     """An emulated robot that a walker moves directly, without a driver and its serial commands.
 
     It is faster than [`SimulatedCreate`][jaxcell.robot.emulation.simulated.SimulatedCreate], and
-    its encoders do not round.
+    its encoders measure distances without rounding them to counts.
     """
 
     def __init__(self, body: Body) -> None:

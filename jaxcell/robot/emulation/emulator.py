@@ -59,7 +59,7 @@ class Line:
     latency: float = 0.0
     "The seconds from the arrival of a command to its effect."
     dropped: float = 0.0
-    "The probability that a byte is lost, in both directions."
+    "The probability that a byte is lost, the same in both directions of the line."
     speedup: float = 1.0
     """The emulated seconds per real second. If it is above 1, the emulated time stands still until
     the host has read all bytes, so that a slow host misses no byte."""
@@ -74,30 +74,28 @@ class Line:
 
 
 class Emulator:
-    """A Create 2 on a pseudo-terminal, with a body in a map.
+    """An emulated Create 2 on a pseudo-terminal, whose body moves in a map.
 
     An emulator is a context manager. Within its block, a thread runs the robot, and `port` is the
-    name of a device that a host can open as a serial line. Two runs with one seed are similar but
-    not equal, because the host depends on the real clock.
+    name of a device that a host can open as a serial line. Two runs with the same seed are similar
+    but not equal, because the host depends on the real clock. To emulate a failure, change
+    `contact`, `cliffs`, `charger`, `charge` or `overcurrent` during a run.
 
     The robot has the modes, the drive commands, the stream and the queries of a Create 2, and
     accepts the other commands without effect. Packets that are not emulated are 0, such as the
     odometry of the robot (19 and 20).
-
-    The centre of cell `z` of a map is the pose `CellSpace.centre(z)`. To follow the model, a host
-    must drive from centre to centre; see [`jaxcell.robot.Walker`][].
     """
 
     port: str
-    "The name of the device."
+    "The name of the device that the host opens."
     contact: Contact
-    "The wheels that hang in the air, as bits of packet 7; may be changed."
+    "The wheels that hang in the air, as bits of packet 7."
     cliffs: set[str]
-    "The names of the cliff packets (`cliff_left`, ...) that sense no floor; may be changed."
+    "The names of the cliff packets (`cliff_left`, ...) that sense no floor."
     charger: bool
-    "True if the charger is plugged in; may be changed."
+    "True if the charger is plugged in."
     charge: float
-    "The charge of the battery in mAh, which decreases with time; may be changed."
+    "The charge of the battery in mAh, which decreases with time."
     overcurrent: int
     "The bits of packet 14: 8 for the right wheel, 16 for the left wheel, 1 to 4 for the brushes."
 
@@ -167,7 +165,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Advance the time by at most one period of the stream, then receive bytes from a host.
+        """Advance the time by at most one period of frames, and then receive `data` from a host.
 
         Returns the bytes that the robot has sent.
         """
@@ -251,16 +249,16 @@ class Emulator:
                 self._answer(data[1:])
             case 148, data:
                 self._ids = tuple(data[1:])
-                self._streaming = self._known(self._ids)
+                self._streaming = self._can_stream(self._ids)
             case 150, data:
-                self._streaming = bool(data[0]) and self._known(self._ids)
+                self._streaming = bool(data[0]) and self._can_stream(self._ids)
 
     def _answer(self, ids: bytes) -> None:
         with contextlib.suppress(ValueError):
             self._send(encode(ids, self._values()))
 
-    def _known(self, ids: tuple[int, ...]) -> bool:
-        """Check that a request, which a lost byte may have changed, has a valid frame."""
+    def _can_stream(self, ids: tuple[int, ...]) -> bool:
+        """Check the numbers of requested packets, which a lost byte may have made invalid."""
         try:
             stream_frame(ids, self._values())
         except ValueError:
@@ -329,9 +327,10 @@ def _limited(speed: int) -> int:
 
 
 def _arc(velocity: int, radius: int) -> tuple[int, int]:
-    """Compute the speeds of the left and the right wheel on an arc, in mm/s and mm.
+    """Compute the speeds of the left and the right wheel on an arc, in mm/s.
 
-    The radii -0x8000 and 0x7FFF mean a straight drive, and -1 and 1 a turn on the spot.
+    `radius` is in mm. The radii -0x8000 and 0x7FFF mean a straight drive, and -1 and 1 a turn on
+    the spot.
     """
     velocity = _limited(velocity)
     if radius in (-0x8000, 0x7FFF):

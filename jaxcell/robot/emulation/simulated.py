@@ -23,14 +23,14 @@ class SimulatedCreate(Create):
     The driver, its commands and the frames of the robot are the same as with a serial line. But
     there is no line, no thread and no watchdog process, and time passes only when the driver waits
     for the robot. So runs are reproducible on any machine. While a robot in the physics engine
-    rolls steadily, frames are skipped.
+    rolls steadily, frames are skipped to save time.
     """
 
     robot: Emulator
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Connect to an emulator, or to a body, which is emulated as fast as possible."""
+        """Connect to an emulator, or to a new one that moves a body as fast as possible."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

@@ -30,8 +30,8 @@ class PhysicsBody:
     """A Create 2 that a physics engine moves among the walls of a map.
 
     Its motors bring each wheel to the commanded speed with a limited acceleration. The encoders
-    count the turns of the wheels, even if they slip. A bumper is pressed while its half of the
-    shell is pushed in by the threshold.
+    count the turns of the wheels, even if they slip. Half of the bumper counts as pressed while it
+    is pushed in by at least `physics.threshold`.
 
     A robot in a room of 8 m:
 
@@ -86,7 +86,7 @@ class PhysicsBody:
         boxes = self._model.geom_type == self._engine.mjtGeom.mjGEOM_BOX
         self._boxes = np.flatnonzero(boxes)
         self._leaps, self._turned = leaps, pose[2]
-        self._look()
+        self._survey()
         self._speeds, self._owed, self._steady = (0.0, 0.0), 0.0, 0.0
         self.touches: list[tuple[float, float, float]] = []
         "The time in seconds, x and y of the contact with a wall at the end of each tick, if any."
@@ -131,7 +131,7 @@ class PhysicsBody:
             # The left wheel has two motors, and so has the right one.
             self._data.ctrl[:] = [speed / WHEEL for speed in self._speeds for _ in range(2)]
             if math.dist(self._looked, self.pose[:2]) > _AGAIN:
-                self._look()
+                self._survey()
             taken = self._leap(steps) if ramped else 0
             if not taken:
                 taken = min(steps, _TOGETHER) if ramped else 1
@@ -143,7 +143,7 @@ class PhysicsBody:
             self._touch()
 
     def _leap(self, most: int) -> int:
-        """Roll in closed form for at most `most` steps, and return the number of steps."""
+        """Compute up to `most` steps of steady rolling in closed form, and return their number."""
         step, rate = self.physics.time_step, self._rate
         if rate is None:
             return 0
@@ -157,21 +157,21 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The result of `lag_rate`; `None` if the commanded speeds have changed recently."""
+        """The rate of the wheels by `lag_rate`; `None` if the speeds have changed recently."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 
     @property
     def _free_seconds(self) -> float:
-        """The seconds during which the body cannot touch a wall."""
-        self._look()
+        """A lower bound of the seconds until the body can touch a wall."""
+        self._survey()
         speed = math.hypot(*self._data.qvel[:2].tolist())
         return max(0.0, self._room - _CLEAR) / max(speed, 0.01)
 
-    def _look(self) -> None:
-        """Measure the free space around the shell, and keep only the near walls in the engine.
+    def _survey(self) -> None:
+        """Find the distance to the nearest wall, and make the engine ignore the far walls.
 
-        The far walls would take a third of the time of the engine.
+        Otherwise the far walls would take a third of the time of the engine.
         """
         self._looked = self.pose[:2]
         begin, end = self._walls[:, 0], self._walls[:, 1]

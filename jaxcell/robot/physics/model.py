@@ -39,8 +39,8 @@ class Physics:
     stiffness: float = 500.0
     "The stiffness of the springs of the bumper, in N/m."
     threshold: float = 0.004
-    """The distance by which the bumper must be pushed in at 45 degrees to the left or to the right
-    until a switch closes, in metres. With the default stiffness, this takes a force of 2 N."""
+    """The distance in metres by which the bumper must be pushed in, at 45 degrees to the left or to
+    the right, to close a switch. With the default stiffness, this takes a force of 2 N."""
     acceleration: float = 1.8
     "The largest acceleration of the wheels, in m/s²."
     wheels: float = 0.0
@@ -74,12 +74,8 @@ def robot_model(
     contacts with walls and corners are exact. The wheels are ellipsoids with one contact with the
     floor each, because cylinders have two contacts and slip in turns.
 
-    **Arguments:**
-
-    - `workspace`: the map, whose walls are used without an offset for the robot.
-    - `physics`: the assumed friction, stiffness and thresholds.
-    - `pose`: x and y in metres, and the heading in radians.
-    - `wheels`: the radii of the left and the right wheel, in metres.
+    The walls are those of `workspace` without an offset for the robot. `pose` is x and y in metres
+    and the heading in radians. `wheels` are the radii of the left and the right wheel in metres.
     """
     x, y, heading = pose
     axle, axles = max(wheels), ("left", "right")
@@ -129,7 +125,7 @@ def robot_model(
 
 
 def _wall(ends: Float[np.ndarray, "2 2"]) -> str:
-    """Write a wall for MuJoCo, from its two ends in metres; the free space lies to the left."""
+    """Write a wall from `ends[0]` to `ends[1]` for MuJoCo, with the free space to its left."""
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
     length, angle = float(np.hypot(*way)), math.atan2(way[1], way[0])
     x, y = middle + _THIN * np.array([math.sin(angle), -math.cos(angle)])

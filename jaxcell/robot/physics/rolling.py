@@ -26,15 +26,11 @@ _TIMES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
-    """Find the rate at which the wheels approach their commanded speeds.
+    """Find the rate per second at which the wheels approach their commanded speeds.
 
-    **Arguments:**
-
-    - `data`: the state of the engine.
-    - `speeds`: the speeds of the left and the right wheel, in m/s, commanded for at least 0.1 s.
-
-    **Returns:** the rate per second, 0 for wheels at their speeds; `None` if the wheels do not roll
-    freely, straight or on the spot.
+    `data` is the state of the engine. `speeds` are the speeds of the left and the right wheel in
+    m/s, commanded for at least 0.1 s. The rate is 0 if the wheels have these speeds. It is `None`
+    if the robot neither rolls straight nor turns on the spot, or if it does not roll freely.
     """
     left, right = speeds
     if abs(abs(left) - abs(right)) > 0.1 * max(abs(left), abs(right)):
@@ -54,20 +50,14 @@ def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
 def roll_on(
     data: Any, speeds: tuple[float, float], seconds: float, *, rate: float, stiffness: float
 ) -> float:
-    """Advance a robot that rolls straight or turns on the spot, with no wall in its reach.
+    """Advance a robot that rolls straight or turns on the spot, and cannot touch a wall.
 
     The lags of both wheels behind their motors decay at one common rate, which determines the turns
     of the wheels. The body has the velocity of its wheels, plus a small slip proportional to it.
 
-    **Arguments:**
-
-    - `data`: the state of the engine, which is changed.
-    - `speeds`: the commanded speeds of the left and the right wheel, in m/s.
-    - `seconds`: the time to advance.
-    - `rate`: the result of `lag_rate`.
-    - `stiffness`: the stiffness in N/m of the springs that push the bumper back.
-
-    **Returns:** the turn of the body, in radians.
+    `data` is the state of the engine, which is changed. `speeds` are the commanded speeds of the
+    left and the right wheel in m/s, `rate` is the result of `lag_rate`, and `stiffness` is that of
+    the springs of the bumper, in N/m. Returns the turn of the body in radians.
     """
     wanted, before = np.array(speeds) / WHEEL, data.qvel[SPIN].copy()
     times = seconds * np.append((_TIMES + 1) / 2, 1.0)[:, None]

@@ -23,8 +23,6 @@ class Base(RosRobot):
     subscribes. The bumper is a `std_msgs/Bool` on `bumper`, published continuously, and true while
     the bumper is pressed. A short node can publish it from a contact sensor, or from a laser that
     sees a wall close ahead.
-
-    [`jaxcell.robot.ros`][] describes the events that stop the base.
     """
 
     kind, contact = "base", "bumper"
@@ -68,7 +66,7 @@ class Base(RosRobot):
         tolerance: float,
         speed: float,
     ) -> Moved:
-        """Drive until a quantity of the motion has reached `target`.
+        """Drive until a quantity of the motion has reached `target`; errors call the motion `what`.
 
         At each odometry message, `roll` sends speeds that depend on the remaining change of the
         quantity and on the turn so far, in radians.

@@ -25,7 +25,7 @@ class Candidates:
     - `candidate_squares`, a `nav_msgs/OccupancyGrid` in the frame `map`: 100 on possible squares of
         the map, 0 on the other free squares, and -1 elsewhere.
 
-    Both are omitted if the map of a filter is missing.
+    Without a map, nothing is published for a filter, policy or belief.
     """
 
     def __init__(self, robot: RosRobot, task: AnyTask, cells: CellSpace | None) -> None:
@@ -44,7 +44,7 @@ class Candidates:
         self._cells = task.cells if isinstance(task, PatrolTask) else cells
 
     def event(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Publish the places after an event of the run; see [`jaxcell.robot.RunLog`][]."""
+        """Publish the places after an observation; see `on_event` of [`jaxcell.robot.RunLog`][]."""
         if name != "observation":
             return
         if self._follower is not None:

@@ -70,18 +70,18 @@ class Create3(RosRobot):
         return self._act(self._rotating, goal, what, abs(angle) / _TURNING, False)
 
     def _act(self, client: Any, goal: Any, what: str, seconds: float, stop_on_bump: bool) -> Moved:
-        """Send an action goal and wait for its end; cancel the goal at a bump."""
+        """Send an action goal, wait about `seconds` for its end, and cancel it at a bump."""
         start = self._begin()
         if stop_on_bump and self._bumped:
             return Moved(0.0, 0.0, True)
         result = None
         try:
-            sent = self._known(client.send_goal_async(goal))
+            sent = self._watched(client.send_goal_async(goal))
             self._wait(sent.done, time.monotonic() + _ANSWER, f"{what}: the goal")
             handle = sent.result()
             if not handle.accepted:
                 raise RobotStopped(f"{what}: the robot refuses the goal")
-            result = self._known(handle.get_result_async())
+            result = self._watched(handle.get_result_async())
             end = time.monotonic() + 2 * seconds + 5
             self._wait(lambda: result.done() or (stop_on_bump and self._bumped), end, what)
             bumped = stop_on_bump and self._bumped
@@ -98,7 +98,7 @@ class Create3(RosRobot):
             raise RobotStopped(f"{what}: the robot has given up the goal")
         return moved(start, now, bumped)
 
-    def _known(self, future: Any) -> Any:
+    def _watched(self, future: Any) -> Any:
         """Add a callback to a future that wakes the waiting thread, and return the future."""
         future.add_done_callback(self._notice)
         return future
@@ -110,7 +110,7 @@ class Create3(RosRobot):
     def _halt(self) -> None:
         self._cancel_all()
 
-    def _leave(self) -> None:
+    def _stop_at_end(self) -> None:
         answers, end = self._cancel_all(), time.monotonic() + _FAREWELL
         while not all(answer.done() for answer in answers) and time.monotonic() < end:
             time.sleep(0.01)

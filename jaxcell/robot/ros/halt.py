@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """Return a function that cancels all goals of a Create 3, and returns the future answers."""
+    """Return a function that cancels all goals of a Create 3 and returns futures of the answers."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 
@@ -22,10 +22,7 @@ def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
 
 
 def speed_type(node: Any) -> str | None:
-    """Find the message type of speeds to which a robot subscribes, or `None`.
-
-    Returns `"Twist"`, which is preferred, or `"TwistStamped"`.
-    """
+    """Find the type of speeds to which a robot subscribes, `"Twist"` or else `"TwistStamped"`."""
     topic = node.resolve_topic_name("cmd_vel")
     types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
     names = ("Twist", "TwistStamped")

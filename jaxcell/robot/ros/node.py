@@ -43,9 +43,8 @@ class RosRobot(Drivable, abc.ABC):
 
     A robot is a context manager. Within its block, the node `jaxcell` receives messages in a
     thread, and the robot can drive after `arm`. The wheels stop at the end of the block, even if
-    SIGINT, SIGTERM or SIGHUP ends it. They also stop when the robot reports a danger, a low battery
-    or a charger, and when its odometry or its bumper sends no message for `patience`. Then motions
-    raise [`jaxcell.robot.RobotStopped`][] until the robot is armed again.
+    SIGINT, SIGTERM or SIGHUP ends it. They also stop at the events that [`jaxcell.robot.ros`][]
+    describes. Then motions raise [`jaxcell.robot.RobotStopped`][] until the robot is armed again.
     """
 
     kind: ClassVar[str]
@@ -124,11 +123,11 @@ class RosRobot(Drivable, abc.ABC):
         beats.start()
         self._stack.callback(beats.join)
         self._stack.callback(beating.set)
-        self._stack.callback(self._leave)
+        self._stack.callback(self._stop_at_end)
 
     @abc.abstractmethod
     def _connect(self) -> None:
-        """Create the publishers and the other subscriptions of the node."""
+        """Create the publishers and subscriptions that only this kind of robot has."""
 
     def _connect_speeds(self) -> str:
         """Prepare to send speeds, and return their message type, `Twist` or `TwistStamped`."""
@@ -137,8 +136,7 @@ class RosRobot(Drivable, abc.ABC):
     @abc.abstractmethod
     def _halt(self) -> None: ...
 
-    def _leave(self) -> None:
-        """Stop the wheels at the end of the block."""
+    def _stop_at_end(self) -> None:
         self._halt()
 
     def arm(self) -> None:
@@ -190,7 +188,6 @@ class RosRobot(Drivable, abc.ABC):
             self._news.notify_all()
 
     def _hear(self, *, pressed: bool, danger: str | None = None) -> None:
-        """Record a message of the bumper."""
         with self._news:
             self._heard[self.contact] = time.monotonic()
             self._pressed = pressed
@@ -198,7 +195,6 @@ class RosRobot(Drivable, abc.ABC):
             self._hear_danger(self.contact, danger)
 
     def _hear_danger(self, source: str, danger: str | None) -> None:
-        """Record the danger that a sensor reports, or `None`."""
         with self._news:
             self._dangers[source] = danger
             if danger is not None:
@@ -239,7 +235,7 @@ class RosRobot(Drivable, abc.ABC):
             return self._odometry
 
     def _wait(self, condition: Callable[[], bool], end: float, what: str) -> None:
-        """Wait for a condition. Raises if the robot must not drive, or after the time `end`."""
+        """Wait for a condition; raise if the robot must not drive, or `what` lasts beyond `end`."""
         with self._news:
             while not condition():
                 self._check()
@@ -247,7 +243,7 @@ class RosRobot(Drivable, abc.ABC):
                 self._news.wait(TICK)
 
     def _in_time(self, end: float, what: str) -> None:
-        """Stop the wheels and raise if the time `end` of a motion has passed."""
+        """Stop the wheels and raise if the motion `what` has not ended by the time `end`."""
         if time.monotonic() > end:
             with self._news:
                 self._stop(f"{what}: it takes too long")

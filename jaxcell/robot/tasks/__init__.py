@@ -1,1 +1,1 @@
-"""The tasks of robots, as files: filters, plans, policies and patrols."""
+"""The tasks of robots that are stored in files: filters, plans, policies and patrols."""

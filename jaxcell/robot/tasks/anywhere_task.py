@@ -36,9 +36,9 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     """Write the task of a robot that starts at an unknown pose to a file.
 
     The file contains the map and all `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`,
-    `headings`, `slices`, `errors`, `counted_m` (the step of the clock) and `known_m` (the radius of
-    [`AnywhereSettings`][]); besides, `goal_m` and `goal_radius_m` if the robot drives to a goal, or
-    `aim` and `ahead` if it localizes itself.
+    `headings`, `slices`, `errors`, `counted_m` (the `step` of the `WallFilter`) and `known_m` (the
+    `radius` of [`AnywhereSettings`][]). It also contains `goal_m` and `goal_radius_m` if the robot
+    drives to a goal, or `aim` and `ahead` if it localizes itself.
     """
     write_task(
         path,
@@ -52,7 +52,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts at an unknown pose from the parsed file."""
+    """Read the task of a robot that starts at an unknown pose from the parsed file `values`."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")

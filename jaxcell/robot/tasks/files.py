@@ -33,14 +33,12 @@ class FilterTask(Task):
         return {**super().header, "bounce_deg": math.degrees(self.bounce)}
 
     def follower(self, until: Until = "known") -> Follower:
-        """Create a follower of the filter, without observations."""
+        """Create the state of the filter at the start of a run."""
         return FilterFollower(self.filter, until)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Choice(Task):
-    """A task in which the robot chooses among bouncing angles."""
-
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians."
 
@@ -57,7 +55,7 @@ class PolicyTask(_Choice):
     policy: Policy
 
     def follower(self) -> Follower:
-        """Create a follower of the policy, without observations."""
+        """Create the state of the policy at the start of a run."""
         return PolicyFollower(self.policy)
 
 
@@ -69,7 +67,7 @@ class BeliefTask(_Choice):
     belief: Belief
 
     def follower(self) -> Follower:
-        """Create a follower of the belief, without observations."""
+        """Create the state of the belief at the start of a run."""
         return BeliefFollower(self.belief)
 
 

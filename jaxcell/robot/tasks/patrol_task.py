@@ -20,7 +20,7 @@ class PatrolTask(Task):
 
     kind = "patrol"
     robot: int
-    "The index of this robot."
+    "The index of this robot in the file."
     robots: int
     "The number of robots on patrol."
     cells: CellSpace
@@ -36,7 +36,7 @@ class PatrolTask(Task):
     start: int
     "The position at the start."
     reach: float
-    "The range of sight, in metres."
+    "The distance up to which the robot sees, in metres."
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
@@ -65,7 +65,7 @@ def save_patrols(
     - `walks`: the `image` and `probability` of the walk of each robot, as in
         [`PatrolTask`][jaxcell.robot.PatrolTask].
     - `starts`: the position of each robot at the start.
-    - `reach`: the range of sight of a robot, in metres.
+    - `reach`: the distance up to which a robot sees, in metres.
     - `about`: further fields of the file.
 
     A robot that patrols between the ends of a corridor:

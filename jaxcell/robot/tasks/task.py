@@ -19,14 +19,14 @@ _MAX_DIRECTIONS = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """Base class of the tasks of robots, which are read from files."""
+    """The base class of the tasks that robots read from files."""
 
     kind: ClassVar[str]
     path: Path
     cell: float
     "The side of a cell, in metres."
     directions: int
-    "The number of directions."
+    "The number of directions in which the robot can face."
     step: float
     "The length of a step, in metres."
     radius: float
@@ -34,18 +34,18 @@ class Task:
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
-        """The [`jaxcell.robot.cell_strides`][] of the map; `None` for a task without cells."""
+        """The result of [`jaxcell.robot.cell_strides`][]; `None` for a task without cells."""
         return cell_strides(self.directions, self.cell, self.step)
 
     @property
     def needs_heading(self) -> bool:
-        """True if the strides of different directions differ."""
+        """True if steps depend on the direction, so that the robot must know its heading."""
         strides = self.strides
         return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
 
     @property
     def start_direction(self) -> int | None:
-        """The number of the direction of the robot at the start; `None` for any direction."""
+        """The number of the robot's direction at the start; `None` for any direction."""
         return None
 
     @property
@@ -62,7 +62,7 @@ class Task:
 
 
 def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
-    """Write a task as JSON. An existing file is replaced."""
+    """Write a task with its kind and fields as JSON. An existing file is replaced."""
     text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -82,7 +82,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
     """Read at least `count` angles in degrees from a file, and return them in radians.
 
-    `source` is the command that writes such files, for the error.
+    An error names `source`, the command of `jaxcell` that writes such files.
     """
     values = fields.get(name)
     least = f"at least {count} " if count else ""
@@ -95,7 +95,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Return the fields of the robot with the index `robot` in the file of several robots."""
+    """Return the fields of the robot with the index `robot` in the file of a team or patrol."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")
