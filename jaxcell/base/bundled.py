@@ -17,11 +17,11 @@ _KINDS = {
 
 
 def bundled(name: str) -> Path:
-    """Find a file of the bundled data by its name, or by its path in the folder of the data.
+    """Find a bundled file by its name, or by its path in the data folder.
 
     Examples are `lab_a`, `@lab_a` and `maps/lab_a.json`; `jaxcell maps` lists the names. On the
     command line and in specifications of sweeps, names begin with `@`. The folder is `data` in a
-    checkout, or inside an installed package. **Raises:** `FileNotFoundError` for another name.
+    checkout or in an installed package. **Raises:** `FileNotFoundError` for an unknown name.
 
         >>> from jaxcell import bundled
         >>> bundled("lab_a") == bundled("maps/lab_a.json")

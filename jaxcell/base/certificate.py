@@ -1,4 +1,4 @@
-"""Certificates, which record the error of a solution as computed from the solution itself."""
+"""Certificates: the error of a solution, computed from the solution itself."""
 
 import dataclasses
 import enum
@@ -26,7 +26,7 @@ class Certificate:
 
     @property
     def outcome(self) -> Outcome:
-        """`CONVERGED` if the residual is at most the tolerance; `STALLED` otherwise, or for NaN."""
+        """`STALLED` if the residual is NaN or above the tolerance; otherwise `CONVERGED`."""
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:

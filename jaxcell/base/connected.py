@@ -11,7 +11,7 @@ _MAX_LISTED = 8
 def vertices_apart(
     vertices: int, edges: Int[np.ndarray, "edges 2"]
 ) -> tuple[Int[np.ndarray, "some"], int] | None:
-    """Find the smallest connected component of a graph that is not connected.
+    """Find the smallest connected component of a graph, if the graph is not connected.
 
     **Returns:** the vertices of this component, and the first vertex outside it; `None` if the
     graph is connected.

@@ -63,14 +63,14 @@ def refused(field: str, expected: str, value: Any) -> ValueError:
 
 
 def checked_list(field: str, value: Any) -> list[Any]:
-    """Return a value that is a list; raise `ValueError` for other values."""
+    """Return `value` if it is a list; otherwise raise `ValueError`."""
     if not isinstance(value, list):
         raise refused(field, "a list", value)
     return value
 
 
 def checked_pair(field: str, value: Any) -> list[Any]:
-    """Return a value that is a list with two elements; raise `ValueError` for other values."""
+    """Return `value` if it is a list of two elements; otherwise raise `ValueError`."""
     if not isinstance(value, list) or len(value) != 2:
         raise refused(field, "a pair [x, y]", value)
     return value
@@ -85,7 +85,7 @@ def checked_number(
     most: float = MAX_NUMBER,
     text: bool = False,
 ) -> float:
-    """Convert a value to a finite number from `least`, with a magnitude of at most `most`.
+    """Convert a value to a finite number, at least `least` and of magnitude at most `most`.
 
     If `text` is true, a string with a number is accepted too. Other values raise a `ValueError`
     that contains the text `expected`.
@@ -130,7 +130,7 @@ class Fields:
         return value
 
     def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
-        """Get an array of finite numbers, of integers if `whole`; -1 in `shape` is any length."""
+        """Get an array of finite numbers (integers if `whole`); -1 in `shape` means any length."""
         # Imported here because pages of help do not need NumPy.
         import numpy as np
 
@@ -150,7 +150,7 @@ class Fields:
         return array.astype(np.int32 if whole else float)
 
     def parts(self, name: str) -> "list[Fields]":
-        """Get a field that is a list of objects, as the fields of each object."""
+        """Get a field that is a list of objects; return the `Fields` of each object."""
         parts = []
         for i, part in enumerate(checked_list(self.where + name, self.get(name))):
             place = f"{self.where}{name}[{i}]"

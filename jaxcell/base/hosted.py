@@ -31,7 +31,7 @@ def attach(
 
 
 def hosted(package: str, name: str, value: Any) -> Any:
-    """Wrap a public function so that its error for traced arrays says that it runs on the host.
+    """Wrap a public function so that a call with traced arrays raises an error with a remedy.
 
     The wrapper also replaces the function in its own module, where `pickle` looks it up.
     """

@@ -7,7 +7,7 @@ MAX_VERTICES = 2_000
 "Largest number of vertices of a graph whose random walks are optimised and analysed."
 
 MAX_CELLS = 5_000
-"Largest number of cells of a patrolled map. More than `MAX_VERTICES` need first-order methods."
+"Largest number of cells of a patrolled map; above `MAX_VERTICES`, the solver is first-order."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

@@ -9,11 +9,11 @@ from pathlib import Path
 
 
 PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
-"""Folders in which Linux reports the free memory, and the limits of control groups."""
+"""Folders in which Linux reports free memory (`PROC`) and limits of control groups (`GROUPS`)."""
 # Limits above this mean no limit: control groups of version 1 then have a number near 2^63.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
-"""Least number of bytes that Python, JAX and other loaded libraries are assumed to use."""
+"""Assumed minimum number of bytes that Python, JAX and other loaded libraries use."""
 NEGLIGIBLE = 20_000_000
 """Requests of at most this number of bytes are accepted without measuring the free memory."""
 LIMIT = "JAXCELL_MEMORY"
@@ -81,7 +81,7 @@ def _limits_left() -> list[tuple[int, str]]:
 
 
 def _user_limit() -> Iterator[tuple[int, str]]:
-    """Yield the bytes left under `JAXCELL_MEMORY`; at least `LIBRARIES` count as already used."""
+    """Yield the bytes left of `JAXCELL_MEMORY`, assuming that at least `LIBRARIES` are in use."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0

@@ -30,7 +30,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Return the error for a missing module: what needs it, how to install it, and `reason`."""
+    """Return an error that says what needs a module, how to install it, and the `reason`."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 

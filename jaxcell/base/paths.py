@@ -14,7 +14,7 @@ from .bundled import bundled_names
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
-"""Start of the address of an OPeNDAP server, with one slash if it was converted to a `Path`."""
+"""Pattern for the start of an OPeNDAP address; a `Path` has one slash instead of `//`."""
 _WILD = re.compile(r"[*?\[]")
 
 
@@ -65,7 +65,7 @@ def digest(path: Path) -> str:
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
-    """Return the name of a file for results: its path below the working directory, or its name.
+    """Return the name of a file for results, with folders only below the working directory.
 
     Bundled data have names such as `@lab_a`. Other folders are left out because results may be
     shared, and a path may contain the name of a person.

@@ -21,7 +21,7 @@ def has_display() -> bool:
 
 @contextlib.contextmanager
 def output_to(descriptor: int) -> Iterator[None]:
-    """Redirect standard output, also of compiled code, to a file descriptor in a `with` block."""
+    """Redirect standard output of Python and compiled code to `descriptor` in a `with` block."""
     _flush()
     kept = os.dup(1)
     os.dup2(descriptor, 1)

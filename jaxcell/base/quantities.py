@@ -61,8 +61,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    """If true, the summary includes the array: as a list if it has one dimension, and as a column
-    of the table of its first dimension, without the padding -1, if it has two dimensions."""
+    """If true, the summary includes the array. With one dimension it is a list; with two it is a
+    column of the table of its first dimension, whose entries are lists without the padding -1."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 
@@ -128,10 +128,10 @@ class Result:
     """The base class of results of studies: dataclasses with described quantities.
 
     A field may itself be a result, which is called a part. In the summary, a part is an object. In
-    datasets, the names of its variables begin with the name of the field, but the names of its
-    coordinates do not. A tuple of results, such as the field `layers`, is a list in the summary;
-    in datasets it is a set of variables `layer_...` with a dimension `layer`. If a field `cells` is
-    a cell space, datasets have its coordinates.
+    datasets, the names of the part's variables begin with the name of the field, but the names of
+    its coordinates do not. A tuple of results, such as the field `layers`, is a list in the
+    summary; in datasets it is a set of variables `layer_...` with a dimension `layer`. If a field
+    `cells` is a cell space, datasets have its coordinates.
     """
 
     title: ClassVar[str] = ""
@@ -139,7 +139,7 @@ class Result:
     leading: ClassVar[tuple[str, ...]] = ()
     "Names of the quantities that answer the question of the study; summaries begin with them."
     brief: ClassVar[tuple[str, ...]] = ()
-    "Names of the quantities, and dimensions of the tables, that a terminal shows; if empty, all."
+    "Names of quantities, and dimensions of tables, that a terminal shows; if empty, it shows all."
     tables: ClassVar[Mapping[str, str]] = {}
     """Names of the tables in the summary, keyed by the dimension of their quantities. In a table
     `deployment` the column of a quantity `deployment_lon` is named `lon`."""
@@ -183,7 +183,7 @@ class Result:
 
     @property
     def quiet(self) -> tuple[str, ...]:
-        """Names of fields whose results a terminal does not show; files and JSON include them."""
+        """Names of the parts that a terminal does not show; files and JSON include them."""
         return ()
 
     @property
@@ -198,7 +198,7 @@ class Result:
 
     @property
     def attributes(self) -> Mapping[str, Any]:
-        """Attributes of the datasets, in addition to the provenance."""
+        """Attributes of the dataset of this result, in addition to the provenance."""
         return {}
 
     def checks(self) -> "Checks":
@@ -207,7 +207,7 @@ class Result:
 
 
 def _figures(module: str) -> ModuleType:
-    """Import a module of `jaxcell.record.figures` late, because it imports this module."""
+    """Import a module of `jaxcell.record.figures`, which imports this module, only when needed."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
@@ -220,7 +220,7 @@ If this limit is `inf`, the value is only reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
-    """Find the descriptions of the quantities of a class of results, keyed by name.
+    """Find the description of each quantity of a result class, keyed by name.
 
     Coordinates come first, then the leading quantities, then the other quantities in the order of
     their definition.
@@ -285,7 +285,7 @@ def unsigned(value: Any) -> Any:
 
 
 def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities in a summary: single numbers, listed arrays, and columns of tables."""
+    """Compute the quantities in a result's summary: single numbers, lists, and table columns."""
     return values(
         result,
         lambda one: (

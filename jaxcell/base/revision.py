@@ -7,7 +7,7 @@ from pathlib import Path
 
 @functools.cache
 def git_revision() -> str | None:
-    """Return the Git commit of this checkout, with `-dirty` if files differ; `None` if unknown."""
+    """Return this checkout's commit, with `-dirty` for uncommitted changes; `None` if unknown."""
 
     def git(*arguments: str) -> str:
         command = ["git", "--no-optional-locks", *arguments]

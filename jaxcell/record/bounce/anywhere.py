@@ -30,7 +30,7 @@ _LEGEND: Legend = (
 
 
 def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> None:
-    """Record robots that start anywhere on a map; only the first robot is drawn there."""
+    """Record robots that start anywhere on a map. The map shows only the first robot."""
     map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
     if isinstance(result, HomeFromAnywhere):
         _log_goal(map, result)
@@ -55,7 +55,7 @@ def stretches(result: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the segments of walls where the first robot may be; `possible` has those of each bump."""
+    """Log `possible`, the wall segments where the first robot may be after each bump."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
     # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
@@ -88,7 +88,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
-    """Log the first robot until the bump `last`: an arrow with its tip at the wall, and a trail."""
+    """Log the first robot up to bump `last`, as an arrow that ends at the wall, and its trail."""
     place = np.concatenate([result.trial.start[:1], result.trial.place[0, :last]])
     theta = np.append(result.theta[0, 0], result.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)

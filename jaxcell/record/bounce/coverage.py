@@ -53,10 +53,10 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Return a logarithmic scale for the time in a cell, up to `most` even shares.
+    """Return a logarithmic colour scale for the time in a cell; `most` is the longest time.
 
-    The unit, an even share, is the time in each cell if the time in all cells is equal. The bounds
-    of the levels increase by a factor of the square root of 2.
+    The unit of time is an even share: the time in each cell if the time in all cells is equal. The
+    upper bound of a level is its lower bound times the square root of 2.
     """
     fours = max(1, math.ceil(math.log(max(most, 1), 4)))
     special: dict[str, Color] = {_LITTLE: _PALE, _NONE: FREE}
@@ -65,7 +65,7 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each time, in even shares, on a scale from [`heat_scale`][]."""
+    """Return the class of each time in `heat` on a scale; the unit is that of [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
@@ -114,7 +114,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """Return the classes of a picture: not free, transient, and each of `count` groups."""
+    """Return the classes of a picture of `count` groups: not free, transient, and the groups."""
     colors = len(palette.CATEGORIES)
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, colors + 1)]

@@ -108,7 +108,7 @@ def _rows(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle of the last visited state, and more cycles up to `_MAX_ON_CYCLES` states."""
+    """Choose the last visited state's cycle, then others, up to `_MAX_ON_CYCLES` states in all."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))

@@ -46,7 +46,7 @@ def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec:
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
-    """Log the start or the goal, with a frame around its square, its heading and its name."""
+    """Log the start or goal: a frame around the square, an arrow for the heading, and a name."""
     place, half = map.xy(np.array([cell])), map.frame
     theta = float(map.cells.centre(cell)[2])
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
@@ -114,7 +114,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log, below the entity `path`, a tab that shows the cells from which the goal is reachable."""
+    """Log a tab, below the entity `path`, that shows the cells from which the goal is reachable."""
     cells, below = map.cells, f"{path}/" if path else ""
     reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format

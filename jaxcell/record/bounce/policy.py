@@ -115,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log a tab that shows the bumps until localization, from the worst and from each heading."""
+    """Log a tab with the bumps until localization: for the worst heading, and for each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

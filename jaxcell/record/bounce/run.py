@@ -66,8 +66,8 @@ def log_localized(
 ) -> rrb.Container:
     """Log a robot that is localized, the cells where it may be, and curves over its steps.
 
-    The curves are logged below the entity `path`. The map also shows the entities `also`, and the
-    views `curves` follow the other curves.
+    The curves of possible cells are logged below the entity `path`. The map also shows the entities
+    in `also`. The views in `curves` are to the right of the other curves.
     """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)

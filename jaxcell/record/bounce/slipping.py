@@ -14,7 +14,7 @@ from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
 def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
-    """Record a robot that slips, and that is localized with a belief."""
+    """Record a robot that slips and is localized with a belief."""
     cells, last = slipped.cells, slipped.observations.size
     steps = np.arange(last + 1)
     map = CellMap(stream, cells)

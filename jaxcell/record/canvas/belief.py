@@ -58,7 +58,7 @@ def shades(
 ) -> UInt8[np.ndarray, "positions"]:
     """Return the shade of each position, from the share of its directions that are in `where`.
 
-    All shades are 0 if there are few cells, because arrows show them.
+    All shades are 0 if `where` has at most `MAX_ARROWS` cells, because arrows show these cells.
     """
     if where.size <= MAX_ARROWS:
         return np.zeros(cells.positions, np.uint8)

@@ -23,7 +23,7 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> None:
-    """Log numbers over a timeline as a curve; `style` has arguments of [`log_curve_style`][]."""
+    """Log numbers over a timeline as a curve; `style` is passed to [`log_curve_style`][]."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
@@ -41,7 +41,7 @@ def curve(
 ) -> rrb.TimeSeriesView:
     """Log a curve over the timeline `step`, and return a view of the curve.
 
-    `most` is explained in [`curve_view`][]; `style` has arguments of [`log_curve_style`][].
+    For `most` see [`curve_view`][]; `style` is passed to [`log_curve_style`][].
     """
     log_curve(stream, path, values, times=times, **style)
     return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)
@@ -72,8 +72,8 @@ def curve_view(
     """Create a view of the curves at a path, over the whole timeline.
 
     `first` and `last` are the ends of the timeline; `last` is `None` while the recording grows.
-    `most` is the largest number of the curves, whose axis begins at 0. If it is an `int`, the axis
-    is long enough for the viewer to place ticks only at whole numbers.
+    `most` is the largest value of the curves. If it is given, their axis begins at 0. If it is an
+    `int`, the axis is also long enough for the viewer to place ticks only at whole numbers.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

@@ -74,7 +74,7 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return the point `gap` metres below `place` for a label, and the colour behind it."""
+        """Return a label's point, `gap` metres below `place`, and the colour behind the label."""
         at = place - np.array([0, gap])
         # The viewer draws a label below its place.
         under = at - np.array([0, 0.25 * self.cells.cell])
@@ -106,7 +106,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log `kind`, the class of each cell, as a picture of one direction per time in `shown`."""
+        """Log `kind`, the class of each cell; at each time, draw the direction in `shown`."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -125,11 +125,11 @@ class CellMap:
         width: float = 2.5,
         order: float = 30.0,
     ) -> None:
-        """Log frames around squares.
+        """Log frames around the squares of cells.
 
-        With `times`, the frames change over the timeline `step`, and `lengths` is the number of
-        frames from each time on. `half` is half the side of a frame, by default
-        [`CellMap.frame`][].
+        With `times`, the frames change over the timeline `step`: `cells` contains the cells of the
+        first time, then those of the next time, and so on; `lengths` is their number at each time.
+        `half` is half the side of a frame, by default [`CellMap.frame`][].
         """
         path, centers = f"map/{name}", self.xy(cells)
         sizes = np.full(centers.shape, self.frame if half is None else half)
@@ -227,7 +227,7 @@ class CellMap:
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
         """Divide the map into fine squares, and find the fine squares beyond the walls.
 
-        If the map is an image, fine squares divide each of its pixels evenly.
+        In a map from an image, a pixel consists of whole fine squares, unless these are too many.
 
         **Returns:** the side of a fine square in metres, and a picture with 1 beyond the walls.
         """
@@ -289,7 +289,7 @@ def log_pictures(
 def log_classes(
     stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
 ) -> None:
-    """Log the labels and colours of the classes of a picture; a higher `order` lies on top."""
+    """Log the labels and colours of the classes of a picture, and its drawing order."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
@@ -302,7 +302,7 @@ def send_pictures(
     timeline: str | Dated,
     times: Int[np.ndarray, "pictures"],
 ) -> None:
-    """Log one picture per time of a timeline; [`log_classes`][] logs the classes."""
+    """Log one picture per time. The pixels are indices of classes, which [`log_classes`][] logs."""
     count, rows, columns = pictures.shape
     layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
     stream.send_columns(

@@ -19,7 +19,7 @@ MAX_CORNERS = 100
 """Largest number of corners of a trail. Without a limit, n steps would need n^2 corners in all."""
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""Style of a label on black; the point to which Rerun attaches a label is too small to be seen."""
+"""Style of a label on a black background; Rerun attaches it to a point too small to be seen."""
 
 
 def points(width: float) -> float:
@@ -57,7 +57,7 @@ def send_labels(
 ) -> None:
     """Log texts that change over the timeline `step`; `ground` is the colour behind them.
 
-    The other arguments are explained in [`send_changing`][].
+    The other arguments are those of [`send_changing`][].
     """
     style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
@@ -128,7 +128,7 @@ def log_walker(
 ) -> None:
     """Log a dot that is at `place[t]` in step t, and a line along its last steps.
 
-    `width` is the width of the line, and `rim` that of a light rim, in points of the screen.
+    `width` is the width of the line, and `rim` the width with its light rim, in screen points.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

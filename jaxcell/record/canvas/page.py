@@ -22,7 +22,7 @@ _STRIPES = 8
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""The text and the colour of each row of a legend, also as a `PictureClass` or a `Level`."""
+"""The rows of a legend, each a text and a colour: a pair, a `PictureClass` or a `Level`."""
 
 
 def log_tab(
@@ -41,7 +41,7 @@ def log_tab(
     **Arguments:**
 
     - `path`: the parent entity of the text and the legend; empty for the root.
-    - `views`: the views on the left. Several views form a grid; a free place gets the legend.
+    - `views`: the views on the left. Several views form a grid; the legend fills a gap, if any.
     - `text`: the text in Markdown; it may be empty if there is a legend.
     - `legend`: the meanings of the colours, or an empty list; or the number of rows of a legend
         that changes over time, which [`log_legends`][] logs.
@@ -118,9 +118,9 @@ def _swatches(
 ) -> tuple[
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
-    """Return the ends, colours and radii of the lines that draw the colours of a legend.
+    """Return the ends, colours and radii of the lines that are the swatches of a legend.
 
-    A colour is one line. A level of a colour bar consists of several lines of gradual shades.
+    The swatch of a colour is one line, and that of a level several lines of gradual shades.
     """
     # Transparent colours get the colour of the ground, because they would be drawn black.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]

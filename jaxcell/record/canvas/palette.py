@@ -134,7 +134,7 @@ NOT_FREE = PictureClass("not free", CLEAR)
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
-    """Return the name and the colour of a cycle of a filter, which are numbered from 2."""
+    """Return the name and the colour of a cycle of a filter; `color` is its number, from 2."""
     named = list(CATEGORIES.items())
     return named[(color - 2) % len(named)]
 
@@ -142,7 +142,7 @@ def cycle_color(color: int) -> tuple[str, Color]:
 RANKED: list[Color] = [
     mix(color, (255, 255, 255), pale) for pale in (0.0, 0.6) for color in CATEGORIES.values()
 ]
-"""The colours of the largest groups, by rank, and then the pale colours of all other groups."""
+"""Colours of groups by rank: strong colours for the largest groups, pale ones for the others."""
 
 
 def _group_classes() -> list[PictureClass]:
@@ -168,5 +168,5 @@ def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
-    """Return the class of cells that lead to each group; the next class is for its own cells."""
+    """Return the class of cells that lead to each group; cells on the group have the next class."""
     return (1 + 2 * ranked(rank)).astype(np.uint8)

@@ -39,7 +39,7 @@ def bouncing(bounce: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Format an angle, which is given in radians, in degrees."""
+    """Convert an angle in radians to a text in degrees."""
     return f"{math.degrees(angle):.6g}°"
 
 

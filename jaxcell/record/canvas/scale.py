@@ -1,4 +1,4 @@
-"""Colour scales, which determine the class of each number in a picture, and the legend."""
+"""Colour scales, which convert numbers to classes of a picture, with their legends."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +20,8 @@ _LEGEND_ROWS = 5
 class Scale:
     """A scale of colours for numbers, which are divided into levels.
 
-    In a picture, class 0 is the background. The next classes are the special classes, which have
-    their own colours, in their order. Then follows one class per level.
+    In a picture, class 0 is the background. Next come the special classes, in the order of
+    `special` and with the colours given there, and then one class per level.
     """
 
     bounds: Float[np.ndarray, "bounds"]
@@ -35,7 +35,7 @@ class Scale:
     open: bool = False
     "If true, the legend shows that the last level includes all larger numbers."
     whole: bool = False
-    "If true, all numbers are whole, so the text of a level ends with its upper bound minus 1."
+    "If true, all numbers are whole, so a level with the bounds 2 and 5 has the label `2 to 4`."
 
     @classmethod
     def over(
@@ -49,7 +49,7 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """Create a scale over the range of some numbers, except infinite numbers and NaN.
+        """Create a scale over the range of the finite values.
 
         `least` and `most` replace the ends of the range. `spaced` is a function that computes the
         bounds of the levels, such as `numpy.geomspace`. Further keywords are fields of the scale.

@@ -50,7 +50,7 @@ def new_stream(kind: str) -> rr.RecordingStream:
 
 
 def recording_name(path: str | os.PathLike[str]) -> str:
-    """Return the name of a recording in the list of the viewer: its folder and its file name."""
+    """Return the name that the viewer lists for a recording: its folder and its file name."""
     path = Path(path).absolute()
     return f"{path.parent.name}/{path.stem}"
 
@@ -89,7 +89,7 @@ def send_changing(
 ) -> None:
     """Log marks of one archetype, such as `rerun.Points2D`, that change at `times` of a timeline.
 
-    `lengths` is the number of marks from each time on, by default one mark. `style` contains the
+    `lengths` is the number of marks at each of the `times`, by default 1. `style` contains the
     components that do not change, and `columns` the other components, concatenated over all times.
     """
     index = time_columns(timeline, times)
@@ -102,7 +102,7 @@ def send_changing(
 def send_blueprint(
     stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str | Dated, speed: float
 ) -> None:
-    """Send the layout of the viewer: tabs, and a timeline that plays `speed` times per second."""
+    """Send the layout of the viewer: tabs, and a timeline that plays `speed` units per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(
         timeline=timeline.name if isinstance(timeline, Dated) else timeline,
@@ -142,7 +142,7 @@ def plane(
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """Create a blueprint with a layout and a time panel, to which the viewer adds no views."""
+    """Create a blueprint of a layout and a time panel; the viewer adds no views of its own."""
     return rrb.Blueprint(
         layout,
         time,

@@ -40,7 +40,7 @@ def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Scale values by a power of ten to whole numbers, and return the numbers and the exponent.
 
     The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the fewest
-    decimals that keep the values different, and the largest value has at least five digits. If that
+    decimals that keep the values different and give the largest value at least five digits. If that
     is impossible, the exponent is `None`.
     """
     largest = float(np.abs(values).max())

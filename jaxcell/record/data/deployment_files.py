@@ -16,9 +16,9 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     The columns, or properties of the points, are
 
     - `number`: the number of the drifter, from 1;
-    - `lon`, `lat`, `cell`: its cell, with the position in degrees;
-    - `purpose`: `reach` for a cell of the deployment, or `view` for a cell from which the drifter
-        sees the sea bed;
+    - `lon`, `lat`, `cell`: the position in degrees, and the index of the cell there;
+    - `purpose`: `reach` if the drifter is dropped to reach the cells of its group, or `view` if to
+        see the sea bed;
     - `group`, `transient_group`: the persistent or the transient group of the cell; the other
         column is empty;
     - `gained`: the number of cells of the group that no earlier drifter reaches.

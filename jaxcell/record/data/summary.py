@@ -10,7 +10,7 @@ from ...space import CellSpace
 def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     """Summarize a result as a JSON object, for people and scripts.
 
-    The object has the single numbers and texts, the arrays that are described as `listed`, a list
+    The object has the single numbers and texts, the arrays of quantities with `listed=True`, a list
     of rows for each of `result.tables`, and an object for each field that is itself a result.
     Infinity and NaN become `None`.
 

@@ -70,7 +70,7 @@ their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
 
 
 def _log_arrows(map: CurrentMap, layers: int) -> None:
-    """Log the current as arrows at some cells, at fewer times if there are more `layers`."""
+    """Log the current as arrows at some cells; with more `layers`, fewer times are shown."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
     since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)

@@ -15,7 +15,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log a tab that shows the share of drifters from each cell with a wrong prediction."""
+    """Log a tab that shows the share of drifters predicted in a wrong place, by cell of release."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

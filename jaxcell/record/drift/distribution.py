@@ -23,8 +23,8 @@ def log_distribution(
 ) -> rrb.Container:
     """Log a tab that shows the distribution of drifters over the cells after each step.
 
-    The tab also shows the views `more`, whose colours are those of [`density`][], and a text
-    `about` them.
+    The tab also shows the views in `more`, which have the colours of [`density`][], and the text
+    `about`, which explains them.
     """
     drift, clock = maps[0].drift, maps[0].clock
     steps = int(clock.last * clock.seconds / drift.step)
@@ -61,7 +61,7 @@ def levels(share: np.ndarray) -> np.ndarray:
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the classes of cells at every `every`-th of `steps` steps, and their times."""
+    """Return the classes of cells once per `every` steps, up to `steps` steps, and the times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)

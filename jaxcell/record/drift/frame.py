@@ -61,8 +61,8 @@ def on_the_grid(
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
     """Convert positions in degrees, on or off a grid, to columns and rows of the grid.
 
-    The offset from the nearest centre of a square is measured along the axes of the grid, in sides
-    of this square.
+    The offset from the centre of the nearest square is measured along the axes of the grid, in
+    multiples of the width and height of this square.
 
     **Returns:** the columns and rows, and the index of the nearest square in the flattened grid.
     """

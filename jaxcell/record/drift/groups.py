@@ -15,7 +15,7 @@ from .map import DRIFTER, SeaMap
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
-"""The colours of persistent groups by rank; that of rank 0 has the largest basin in layer 0."""
+"""Colours of persistent groups by rank; the group of rank 0 has the largest basin in layer 0."""
 _SEVERAL: Color = FREE
 _AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
@@ -164,7 +164,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Describe the period of a periodic current and the time of release; "" for others."""
+    """Describe the period and the time of release; return an empty text if there is no period."""
     if drift.phases is None:
         return ""
     return (

@@ -1,7 +1,7 @@
 """The maps of a sea, with its land and the sea without data.
 
 Maps are drawn along the axes of the grid, in kilometres, as if all cells had the mean size. So each
-cell is a pixel of a picture even if the grid is turned; an arrow points to the North.
+cell is a pixel of a picture even if the grid is rotated; an arrow points north.
 """
 
 import functools
@@ -43,7 +43,7 @@ M = TypeVar("M", bound="SeaMap")
 
 
 class Clock:
-    """The timeline of a recording, which counts a unit of time, such as hours, from the start.
+    """The timeline of a recording, which counts time from the start in a unit such as hours.
 
     The unit is short enough to show each step of the Markov chain, and the timeline is long
     enough to show all times of the currents.
@@ -122,7 +122,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select every n-th cell of rows and columns, so that roughly `most` cells remain."""
+        """Select every n-th cell along rows and columns, with n for about `most` cells in all."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -136,7 +136,7 @@ class SeaMap:
         order: float = -10.0,
         times: Int[np.ndarray, "times"] | None = None,
     ) -> str:
-        """Log `kind`, the class of each cell, as a picture or a picture per time; class 0 is land.
+        """Log `kind`, the class of each cell, as one picture or one per time; class 0 is land.
 
         Sea without data gets an additional class. Returns the entity for [`SeaMap.view`][].
         """
@@ -190,7 +190,7 @@ class CurrentMap(SeaMap):
         return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
 
     def log_key(self, spacing: float) -> None:
-        """Log an arrow and its speed below the map; arrows on the map are `spacing` cells apart."""
+        """Log the key of the arrows, which are `spacing` cells apart: an arrow and its speed."""
         # An arrow of one cell per second, in kilometres per m/s.
         length = self.arrow * spacing / 1000
         margin, width = 0.04 * self.extent, float(self.size[0])

@@ -20,7 +20,7 @@ _CLASSES = [
 
 
 def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log a tab that shows the cells of each layer that a drifter from the start may reach."""
+    """Log a tab that shows, in each layer, the cells that a drifter from the start may reach."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None
     assert drift.start is not None

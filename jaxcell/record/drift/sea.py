@@ -24,7 +24,7 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     predicted distribution of drifters, and drifters that follow the policy to a goal. Static tabs
     show persistent groups, nearly closed sets, absorption times, the deployment, the error of the
     prediction, the exchange between regions, beaches, the cells that a drifter from the start
-    reaches, and in three dimensions the value function and the policy.
+    reaches, and a view of the value function and the policy in three dimensions.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)

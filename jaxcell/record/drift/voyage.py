@@ -38,7 +38,7 @@ class _Space:
         "The distance between layers, in kilometres of the map."
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """Return the centres of cells in space; cells are numbered from layer to layer."""
+        """Return the centres of cells in space; cells are numbered layer by layer."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -136,7 +136,7 @@ def _log_squares(
 
 
 def _log_value(space: _Space, policy: Voyage) -> Scale:
-    """Log squares of water, and squares coloured by the value function; return their scale."""
+    """Log squares of water, and squares coloured by the value function; return the colour scale."""
     drift, value = space.surface.drift, np.asarray(policy.value).copy()
     outside = ~np.asarray(policy.goal)
     # The value in the goal is 0; the goal is shown with the largest value of other cells.

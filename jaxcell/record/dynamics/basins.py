@@ -29,8 +29,8 @@ axes; their labels are the two attractors."""
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     """Record the attractors of a system and their basins.
 
-    The pictures show a plane of the first two axes. The timeline `slice` moves the plane along the
-    third axis, if any. The plane is in the middle of all other axes.
+    The pictures show a plane along the first two axes. The timeline `slice` moves the plane along
+    the third axis, if any. The plane cuts each further axis in the middle.
     """
     names = np.arange(basins.attractors)
     count = basins.box.cells[2] if basins.box.dimensions > 2 else 1
@@ -118,10 +118,10 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
 def _slices(
     basins: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Cut planes of the first two axes out of the box, with rows along the second axis.
+    """Return the classes in planes along the first two axes, with rows along the second axis.
 
     `classes` contains the class of each cell. The planes are at the indices `thirds` along the
-    third axis, and in the middle of all other axes.
+    third axis, and cut each further axis in the middle.
     """
     box = basins.box
     rest = [n // 2 for n in box.cells[3:]]
@@ -131,7 +131,7 @@ def _slices(
 
 
 def _cut(basins: Basins, timeline: str = "") -> str:
-    """Describe where the planes of [`_slices`][] cut a box with more than two axes."""
+    """Describe where the planes of [`_slices`][] cut a box; a timeline `timeline` may move them."""
     if not _deep(basins):
         return ""
     cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
@@ -152,7 +152,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells in the planes of `_slices`; attractor k has number `names[k]`."""
+    """Return pictures at indices `thirds` of the third axis; attractor k has number `names[k]`."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):

@@ -37,7 +37,7 @@ class Drawn:
         """Draw the numbers as colours, and add a colour bar or a legend.
 
         `draw` is called with an array and with options of matplotlib for its colours. Indices and
-        flags are replaced by ranks; their legend begins with the most frequent value.
+        flags are replaced by ranks of frequency; the legend begins with the most frequent value.
         """
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch

@@ -95,7 +95,7 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 def _plane(
     box: Box, labels: tuple[str, ...], ax: "Axes", drawn: Drawn, options: dict[str, Any]
 ) -> None:
-    """Draw the plane of the first two axes of a box, in the middle of all other axes."""
+    """Draw the plane along the first two axes of a box; it cuts each further axis in the middle."""
 
     def draw(values: np.ndarray, style: dict[str, Any]) -> Any:
         squares = values.reshape(box.cells)

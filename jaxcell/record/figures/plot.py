@@ -26,14 +26,13 @@ def plot(
 
     A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
     as a map, and cells over time as a path. Other arrays are drawn as a curve or bars (one
-    dimension), or as lines or an image (two dimensions). Along each other dimension, the values at
-    one index are drawn.
+    dimension), or as lines or an image (two dimensions). Other dimensions are fixed at an index.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default that in
-        `result.picture`, or the first quantity on a map.
+    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default
+        `result.picture` or, if that is empty, the first quantity on a map.
     - `ax`: the axes to draw in; by default the axes of a new figure.
     - `options`: the index along a dimension, such as `direction=3`; by default the last index of
         `bump`, `step` and `time`, otherwise the first. Other options are for matplotlib.
@@ -96,7 +95,7 @@ def picture(result: Result) -> str | None:
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
     """Find the arrays of a result and of the results in its fields, keyed by their dataset names.
 
-    The value for each array is the result that has it, its name there, and its description.
+    Each value is a result, the name of an array in this result, and the array's description.
     """
     arrays = {
         prefix + name: (result, name, about)

@@ -16,7 +16,7 @@ _STRIDE = 20
 
 
 def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log a tab that shows the cover of each robot: cells from which all its cells are seen."""
+    """Log a tab that shows each robot's cover: cells from which it sees every cell it patrols."""
     views = []
     for robot, policy in enumerate(patrol.policies[:MAX_MAPS]):
         name, color, stops = f"cover_{robot}", robot_color(robot)[1], policy.cover

@@ -37,11 +37,11 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
 
     The timeline `step` shows walking patrollers, which start from the stationary distribution, and
     the time since the last visit to each vertex. Static views show the share of steps along each
-    edge, the times between visits, the ages of news at a base, the steps between charges, the
-    probabilities of the next step from each vertex, a heat map of the hitting times, and the
+    edge, the times between visits, the ages of news that reach a base, the steps between charges,
+    the probabilities of the next step from each vertex, a heat map of the hitting times, and the
     payoffs and the mixture of a game.
 
-    Vertices without positions are placed by a model of springs along edges.
+    Vertices without positions are placed as if each edge were a spring.
     """
     xy = patrol.graph.xy
     if xy is None:
@@ -140,7 +140,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
 
 
 def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the share of steps from each vertex to each other, of all robots together."""
+    """Compute the share of all robots' steps that lead from each vertex to each vertex."""
     vertices, walks = patrol.stationary.size, patrol.walks
     flow = (long_run(walks)[:, :, None] * walks).mean(axis=0)
     return flow.reshape(-1, vertices, flow.shape[0] // vertices, vertices).sum(axis=(0, 2))
@@ -158,7 +158,7 @@ def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
-    """Log the steps since the last visit to each vertex; return the path of the maximum's curve."""
+    """Log the steps since the last visit to each vertex; return the entity of their maximum."""
     stream, vertices = drawing.stream, len(drawing.xy)
     # Before the first visit, use the time since the beginning.
     idle, now = np.empty((len(walks), vertices), np.int64), np.zeros(vertices, np.int64)
@@ -224,7 +224,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log the probability of leaving a vertex along an edge, at the half of the edge near it."""
+    """Log the probability of leaving a vertex along each edge, on the half next to the vertex."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
     # Both halves of each edge, with a gap in the middle between them.
@@ -298,7 +298,7 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 
 
 def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
-    """Describe the strategy of the walk, its value, and the least probability of capture."""
+    """Describe the strategy and the goal of the walk, and the least probability of capture."""
     parts = []
     if spec.get("strategy"):
         parts.append(f"The strategy is **{spec['strategy']}**.")
@@ -321,7 +321,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """Compose the sections on constraints, times, division, news, charging and memory, if any."""
+    """Compose the sections on options of the patrol, such as constraints, news and charging."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:

@@ -17,11 +17,11 @@ def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec)
     """Record robots that patrol a map with limited visibility.
 
     The timeline `step` shows the robots and the cells in view, and an adversary that repeatedly
-    attacks one cell. The timeline `cover` and, more slowly, `step` show the cells of each cover one
-    by one. Static views show the share of steps of each robot along each edge, the base station and
-    the regions around it, the simulated, exact and fitted distributions of the time until a robot
-    sees the attacked cell, the probability of capture at each cell, and the trade-off between
-    capture and unpredictability, if it was computed.
+    attacks one cell. The cells of each cover appear one by one on the timeline `cover`, and more
+    slowly on `step`. Static views show the share of steps of each robot along each edge, the base
+    station and the regions around it, the simulated, exact and fitted distributions of the time
+    until a robot sees the attacked cell, the probability of capture at each cell, and the trade-off
+    between capture and unpredictability, if it was computed.
     """
     map = CellMap(stream, patrol.cells)
     tabs = [

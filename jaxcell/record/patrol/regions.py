@@ -44,7 +44,7 @@ def base_legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
 
 
 def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Container:
-    """Log a tab that shows the regions around a base station, also after the loss of a robot."""
+    """Log a tab that shows the regions around a base station, before and after a robot is lost."""
     after, robots = patrol.reassignment, list(range(patrol.robots))
     maps = [("Regions", "regions", regions, robots, patrol.policies)]
     if after is not None:

@@ -50,7 +50,7 @@ def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 
 
 def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
-    """Log the simulated, exact and fitted distribution of the time until the target is seen."""
+    """Log the simulated, exact and fitted distributions of the time until the target is seen."""
     time = attack.arrival
     last = float(np.quantile(time, _SHOWN, method="lower"))
     if not np.isfinite(last):
@@ -76,7 +76,7 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
 
 
 def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
-    """Log the simulated, exact and fitted probability of capture as a function of attack time."""
+    """Log the simulated, exact and fitted probabilities of capture, by duration of the attack."""
     most = int(attack.attack_time.max())
     plot = Plot(stream, "target/captures", float(most), 1.0)
     steps_taken = "steps that the attack takes (upright lines: the attack times)"

@@ -35,8 +35,8 @@ _DONE = ("localized", "arrived", "patrolled")
 class RobotRecording:
     """A Rerun recording of robots, written while they drive.
 
-    This is a context manager. If the run is interrupted, even by a loss of power, the file has all
-    data except the last moments. The timelines `seconds` and `observation` show the true pose, the
+    This is a context manager. If the run is interrupted, even by a loss of power, the file lacks
+    only the last moments. The timelines `seconds` and `observation` show the true pose, the
     trail, the position from odometry and the observations of each robot, and the possible cells
     according to its filter.
 
@@ -71,8 +71,8 @@ class RobotRecording:
         - `cells`: the cell space of their map, or `None`.
         - `filter`: the localization filter or policy of the robot, or `None`.
         - `belief`: the belief of the robot, or `None`.
-        - `filter_of_cells`: `True` if `cells` are those of the filter or belief, so that the map
-            can show its cells.
+        - `filter_of_cells`: `True` if the filter or the belief is for `cells`; then the map shows
+            where the robot may be.
         - `viewer`: a viewer that shows the run; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: the parameters, which the text shows.
 
@@ -223,7 +223,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of a filter with its `size` in cells; `None` if the filter is refuted."""
+        """Log a state of a filter, `None` if observations refute it, and its `size` in cells."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -298,7 +298,7 @@ class RobotRecording:
         return 0.3 if self._map is None else robot_length(self._map)
 
     def _frame(self, robot: Track) -> str:
-        """Return the parent entity of the estimates of a robot: the map if the start is known."""
+        """Return the parent entity of estimates: `map` for a known start, otherwise `odometry`."""
         known = self._cells is not None and robot.about.start is not None
         return "map" if known else "odometry"
 

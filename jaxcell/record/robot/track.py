@@ -50,7 +50,7 @@ class Track:
     logged: float = -math.inf
     "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
-    "The position of the last observation; `None` after the robot has left it."
+    "The position at the last observation; `None` once the robot has moved on from there."
     scalars: dict[str, int | float] = dataclasses.field(default_factory=dict)
     "The last logged number of each curve."
     trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
@@ -90,9 +90,9 @@ class Track:
     def touched(
         self, times: Float[np.ndarray, "poses"]
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
-        """Find the last touch of a wall in the tenth of a second before each time, if any.
+        """Find, for each time, the last touch of a wall in the tenth of a second before it, if any.
 
-        **Returns:** the positions of these touches, and the number of touches at each time, 0 or 1.
+        **Returns:** the positions of these touches, and 1 for each time with a touch, 0 for others.
         """
         touches = np.array(self.about.touches or (), float).reshape(-1, 3)
         last = np.searchsorted(touches[:, 0], times, side="right") - 1
@@ -118,7 +118,7 @@ class Track:
 def longer_trail(
     old: Float[np.ndarray, "old 2"], new: Float[np.ndarray, "new 2"]
 ) -> Float[np.ndarray, "corners 2"]:
-    """Add positions to a trail, and return its corners, at most the last `MAX_CORNERS`."""
+    """Add positions to a trail, and return the last corners of the trail, at most `MAX_CORNERS`."""
     trail = np.concatenate([old, new])
     if len(trail) < 2:
         return trail

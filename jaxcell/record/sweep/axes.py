@@ -37,7 +37,7 @@ class Axis:
 
     @property
     def number(self) -> bool:
-        """True if the values are only indices of members or samples, and no parameter."""
+        """True if the axis is the index of members or samples, not a parameter."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
@@ -63,8 +63,8 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
     """List at most `most` pairs of axes for pictures; the first axis of a pair has more steps.
 
-    Both axes have at least two steps. Indices of samples are not paired with a parameter of the
-    samples, because both have the same dimension. Pairs with indices of samples are last.
+    Both axes have at least two steps. The index of members or samples is not paired with a
+    parameter along the same dimension. Other pairs with this index come last.
     """
     spanned = [
         (a, b)
@@ -96,7 +96,7 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """Compute the mean of the values in the mask `known` at each pair of steps, NaN for none.
+    """Compute the mean of the values in the mask `known` at each pair of steps; NaN without values.
 
     The axes of the pair are the dimensions `places` of the arrays.
     """

@@ -49,10 +49,10 @@ def log_sweep(
 ) -> None:
     """Write a Rerun recording of the result of a sweep, in which every parameter is a timeline.
 
-    For each numeric variable, curves show the least value, the quartiles and the greatest value of
-    the members at each value of a parameter, and heat maps show the mean over pairs of parameters.
-    If a parameter has more than 1,000 values, adjacent values share a time of the timeline; with
-    many heat maps this limit is lower.
+    For each numeric variable, curves show the minimum, the quartiles and the maximum over the
+    members at each value of a parameter, and heat maps show the mean over pairs of parameters. If a
+    parameter has more than 1,000 values, adjacent values share a step of its timeline; with many
+    heat maps this limit is lower.
 
     **Arguments:**
 
@@ -222,7 +222,7 @@ One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE`""",
 
 
 def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
-    """Return the least value, the greatest value and the meaning of each variable."""
+    """Return a table row per variable: its name, its least and largest value, and its meaning."""
     rows: list[Sequence[str]] = []
     for name in shown:
         values = dataset[name].values[dataset["status"].values == 1].astype(float)
