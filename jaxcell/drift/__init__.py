@@ -1,11 +1,11 @@
 """Drifters: objects that float in the water of an ocean current (Alam 2018, chapter 5).
 
 The sea is divided into cells, in one or more layers. A drifter moves with the current of its layer;
-it can control only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
+it controls only its depth. `open_currents` reads currents: velocities towards the East (`u`) and
 North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
 `Water` numbers the cells of a layer from 0, row by row, and `Flow` has the velocities in cells per
-second. If the grid goes round the Earth, the last column is beside the first. Squares without a
-velocity are land, or sea without data, which is an open edge. At coasts drifters stay or strand.
+second. If the grid goes round the Earth, the last column is beside the first. Grid squares without
+a velocity are land, or sea without data, which is an open edge. At coasts drifters stay or strand.
 
 **The map.** The *flow map* sends a point to its position after a time `dt`. With one step of
 Euler's method (Eq. 5.3), and `F` the flow,
@@ -13,9 +13,9 @@ Euler's method (Eq. 5.3), and `F` the flow,
     z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
 
 or with the Runge-Kutta method. The *image* of a cell is the water cell nearest to the position of
-its centre after `dt`, by default the `crossing_time`. In the dissertation the current is uncertain:
-with probability `rho` the drifter goes to the image, and otherwise to one of the other cells of a
-bounded *disturbance set* `A(z)`,
+its centre after `dt`; the default of `dt` is the `crossing_time`. In the dissertation the current
+is uncertain: with probability `rho` the drifter goes to the image, and otherwise to one of the
+other cells of a bounded *disturbance set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 
@@ -23,7 +23,7 @@ which makes the sea a finite Markov chain over cells, a generalized cell map `p(
 (Eq. 5.5). A `DriftStep` has the duration and the rules of a step; `METHODS` has the rules of the
 dissertation, and rules that agree better with simulated drifters. `exit_shares` computes the
 probability of each exit. `drift_maps` computes a map for each phase of a periodic current
-(`Flow.repeated`). The phase is the time of the period at which a step begins.
+(`Flow.repeated`). The phase is the point in the period at which a step begins.
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters, and `distances_by_cell` shows for which cells the map is wrong.

@@ -71,7 +71,7 @@ def advect(
 def carried(
     flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
 ) -> tuple[_Points, _Points]:
-    """Move points like [`advect`][], but compile once for many numbers of points and steps."""
+    """Move points as [`advect`][] does, but compile once for many numbers of points or steps."""
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
@@ -83,8 +83,8 @@ def in_chunks(
 ) -> tuple[_Points, _Points]:
     """Apply `move` to chunks of points that fit into the cache of a processor, for speed.
 
-    `move` gets the index of the first point, and `x` and `y` of the points. It returns the new
-    `x` and `y`.
+    The arguments of `move` are the index of the first point of a chunk, and `x` and `y` of the
+    points in the chunk. It returns their new `x` and `y`.
     """
     begin, ends = np.stack([x.ravel(), y.ravel()]), np.empty((2, x.size))
     for first in range(0, x.size, _CHUNK):

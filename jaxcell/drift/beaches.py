@@ -127,9 +127,9 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Compute the drifters that are stranded after `seconds`, rounded to whole steps.
+        """Compute the share of drifters that are stranded after `seconds`, rounded to whole steps.
 
-        `behaviour` has the map of the layer; `afloat` and `stranded` are as for [`beaching`][].
+        The drift map is that of `behaviour`; `afloat` and `stranded` are as for [`beaching`][].
         """
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)

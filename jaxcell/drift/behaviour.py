@@ -56,7 +56,7 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        Each group takes a linear solve, and 8 bytes per cell.
+        Each group requires a linear solve, and 8 bytes of memory per cell.
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
@@ -64,7 +64,7 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid if it is certainly 0 or 1; otherwise NaN.
+        """The probability of ending off the grid: 0 if no drifter can, 1 if all must, or else NaN.
 
         It follows from the possible moves alone, without a linear solve.
         """
@@ -107,8 +107,8 @@ def long_term_behaviour(
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `throw`: whether to raise an error if absorption times, probabilities or the limiting
-        distribution are not accurate enough, which their `certificate` reports in any case. They
-        are inaccurate if times exceed some 10^9 steps, in an eddy that almost traps drifters.
+        distribution are inaccurate; each `certificate` reports this in any case. They are
+        inaccurate if times exceed some 10^9 steps, as in an eddy that almost traps drifters.
 
     **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
     when they are first read.

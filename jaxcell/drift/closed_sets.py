@@ -33,9 +33,9 @@ def nearly_closed_sets(
 
     A set is not a persistent group if even one drifter can leave it, so persistent groups depend on
     the duration of a step. The share of the drifters that leave a set in a day hardly depends on
-    it. Drifters are released with uniform density in space, and spread over the neighbouring cells
-    at the end, because otherwise single cells in the middles of eddies would be found. Connected
-    pieces of water with less than a hundredth of the cells are left out.
+    this duration. Drifters are released with uniform density in space, and spread over the
+    neighbouring cells at the end, because otherwise single cells in the middles of eddies would be
+    found. Connected pieces of water with less than a hundredth of the cells are left out.
 
     **Arguments:**
 
@@ -203,7 +203,7 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """For each layer, the number of each set on maps; matching sets share a number."""
+        """Numbers of sets in pictures, by layer; sets matched between layers share a number."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property

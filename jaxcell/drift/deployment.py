@@ -29,7 +29,7 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "For each cell, the number of cells of its group that it is the first to reach."
+    "For each drifter, the number of cells in its group that it can reach and no earlier one can."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     from the longest absorption time to the shortest, and in the order of their numbers if times are
     equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
     the dissertation chooses the cell that leads to the most other cells; in a map without
-    disturbances these cells lead to equal numbers of cells.
+    disturbances, cells with equal times lead to equally many cells.
 
     Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
@@ -118,10 +118,10 @@ def _first_ancestor(
     """For each cell in `order`, find the first source that leads to it within its transient group.
 
     `sources` and the result are positions in `order`; a result beyond the end of `order` means that
-    no source leads to the cell. The paths are found by Dijkstra's algorithm from an additional
-    node, whose edge to each source has the position of the source as its weight. The edges of
-    `within` stay in a group, and have weight 0. A path to a cell counts only at the phases at which
-    `same` is true: the cell is then in the same group as at phase 0.
+    no source leads to the cell. Only phases count at which `same` is true: the cell is then in the
+    same group as at phase 0. Dijkstra's algorithm begins at an additional node with an edge to each
+    source, whose weight grows with the position of the source. The edges of `within` stay in a
+    group and have weight 0, so the distance to a cell shows its first source.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])

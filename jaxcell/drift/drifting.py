@@ -1,4 +1,4 @@
-"""Drifters at points instead of cells: they follow the flow, diffuse, and stop where they leave."""
+"""Drifters at points instead of cells: they follow the flow, diffuse, and stop off the map."""
 
 import math
 
@@ -76,7 +76,7 @@ def diffuse(
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
     """Move points in a random walk with the diffusivity of the flow.
 
-    `sides` are the lengths of squares in metres. A point stays if it would enter one not in `wet`.
+    `sides` are the sides of the squares in metres. A point does not enter squares outside `wet`.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))

@@ -19,8 +19,8 @@ class Flow:
 
     The point `(x, y)` lies in column `x` and row `y` of the grid; integers are the centres of
     cells. On land the flow is 0, so that a drifter slows down towards a coast and does not cross
-    it. With the coast `"slip"`, land has the flow along the coast instead. Sea without data has the
-    flow of the nearest cell, so that drifters leave through it.
+    it. If the coast is `"slip"`, the flow along the coast continues onto the land instead. Sea
+    without data has the flow of the nearest cell, so that drifters leave through it.
 
     The surface of the bundled sea at its first record:
 
@@ -100,8 +100,8 @@ class Flow:
         """Reverse the flow in time, from the last record to the first.
 
         Drifters go back along the paths that brought them, so they end where they came from.
-        Diffusion still spreads them, because in incompressible water the probability of coming from
-        a place equals the probability of going there in the reversed flow.
+        Diffusion spreads them in the reversed flow, too: in incompressible water the probability of
+        coming from a place equals the probability of going there in the reversed flow.
         """
         rate, time = np.asarray(self.rate), np.asarray(self.time)
         rate, time = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
@@ -110,7 +110,7 @@ class Flow:
     def repeated(self) -> "Flow":
         """Repeat the flow periodically after its last record; a steady flow is returned unchanged.
 
-        The first record follows the last one after the time between the last two records.
+        The time from the last record to the first equals the time between the last two records.
         """
         rate, time = np.asarray(self.rate), np.asarray(self.time)
         if time.size < 2:
@@ -134,14 +134,14 @@ class Flow:
         return length * steps_in(duration, length)
 
     def phases(self, duration: float | int) -> int:
-        """Count the steps of a duration in a period; 1 if the flow is not periodic."""
+        """Count the steps of length `duration` in a period; 1 if the flow is not periodic."""
         return 1 if self.period is None else steps_in(float(self.period), duration)
 
 
 def _extended(
     water: Water, rate: Float[np.ndarray, "records axes rows columns"]
 ) -> Float[np.ndarray, "records axes rows columns"]:
-    """Extend a flow from the water to sea without data, and along coasts where drifters slip."""
+    """Extend a flow from water to sea without data and, if drifters slip, to land at the coast."""
     wet = water.number >= 0
     if (gaps := water.gaps).any():
         turns = 3 if water.wraps else 1
@@ -165,7 +165,7 @@ def _extended(
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
-    """Interpolate the flow in every square linearly to a time.
+    """Compute the flow in every square at a time, by linear interpolation between records.
 
     A flow that is not periodic is constant before the first record and after the last record.
     """

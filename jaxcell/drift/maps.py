@@ -79,10 +79,10 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Returns:** the chain over the cells.
 
-    **Raises:** `ValueError` if the flow is on another grid than the water, if the coast is
+    **Raises:** `ValueError` if the flow and the water are on different grids, if the coast is
     `"strand"` but the edge is not `"exit"`, if the diffusivity is too large, or if there is a
     diffusivity but the spread is not `"sampled"`; `RuntimeError` if JAX is set to 32 bits;
-    `MemoryError` if the map exceeds the free memory.
+    `MemoryError` if the map does not fit into the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -142,8 +142,8 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
     - `water`: the cells.
     - `flow`: the flow of the same layer; [`Flow.repeated`][] makes a flow periodic.
     - `step`: a step whose duration divides the period or is a multiple of it, as from
-        [`Flow.fitted`][]. Runge-Kutta substeps are halved until they are no longer than the time
-        between records, and drifters move by at most half a cell in a substep on average.
+        [`Flow.fitted`][]. Runge-Kutta substeps are halved until each is at most as long as the time
+        between records, and moves drifters by at most half a cell on average.
 
     **Returns:** the sequence of the chains of the phases; or a single chain, if the flow is not
     periodic or a step lasts whole periods.
@@ -175,7 +175,7 @@ def exit_shares(
     **Returns:** the probability from each cell at each phase, for each of `EXITS`: sea without
     data, stranding on land, and the edge of the grid in the east, north, west and south.
 
-    One cell with an open edge, whose water moves by half a cell to the East in a step:
+    One cell, whose water moves East by half a cell in a step, so that 3 of 5 points leave the map:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import drift, examples
@@ -218,7 +218,7 @@ def _exit_shares(
 
 
 def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
-    """Return the index in `EDGES` of the edge that drifters from `origin` cross to each square."""
+    """Find which of the `EDGES`, by index, drifters from `origin` cross to reach each square."""
     up, right = (
         at - at.clip(0, size - 1)
         for at, size in zip((row, column), water.number.shape, strict=True)
@@ -229,7 +229,7 @@ def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Sq
 
 
 def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:
-    """Return the step with its duration and enough substeps, and the start of each phase."""
+    """Set the duration and substeps of a step; return it, and the time when each phase begins."""
     duration = step.seconds(water, flow)
     needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
     if flow.period is None:
@@ -327,7 +327,7 @@ def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points,
 
 
 def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
-    """Find each cell's image and the image's neighbours; with `exits`, -1 for those off the map."""
+    """Find each cell's image and the image's neighbours; if `exits` is true, -1 is off the map."""
     image = water.landing(x, y, exits=exits)
     row, column = _squares_around(water, image, x, y)
     cell, land = water.at(row[1:], column[1:])

@@ -153,7 +153,7 @@ class Exchange(Result):
 
     @functools.cached_property
     def after(self) -> Float[np.ndarray, "regions cells"]:
-        """The share of the drifters of each region in each cell at the time of arrival."""
+        """The share of each region's drifters in each cell, `steps` steps after the release."""
         begin = self.inside / self.inside.sum(axis=1, keepdims=True)
         return np.stack([push_on_host(self.chain, share, self.steps) for share in begin])
 

@@ -42,7 +42,7 @@ class Sea:
     below: Int[np.ndarray, "cells"]
     "The cell directly below, or -1 at the sea bed and in the last layer."
     number: Int[np.ndarray, "layers rows columns"]
-    "The number of the cell in each square of each layer; -1 without water."
+    "The number of the cell in each square of each layer; -1 where there is no water."
     phases: int = 1
     "Number of phases of the current."
 
@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells that a mask over all phases and cells contains at any phase."""
+        """Mark the cells for which `mask`, over phases and cells, is true at one phase or more."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

@@ -18,7 +18,7 @@ _LONGEST = 1000
 class DriftStep:
     """A step of a drift map: its duration, and the rules for the images of each cell.
 
-    The *image* of a cell is the cell to which the flow takes its centre,
+    The *image* of a cell is the cell to which the flow takes its centre; see
     [`jaxcell.drift.Water.landing`][]. Disturbances may bring the drifter to other cells; the image
     and these cells are the set `A(z)`. The image has probability `rho`, and each other cell of the
     set `(1 - rho) / (|A(z)| - 1)`. A cell that is reached in several ways counts once, and an image
@@ -37,12 +37,12 @@ class DriftStep:
     """The duration in seconds, negative for a step backward in time; by default the
     [`jaxcell.drift.crossing_time`][]."""
     spread: str = "turned"
-    """The rule for disturbances. With `"turned"`, they are the displacement turned by 45 degrees to
-    either side. With `"all"`, they are the eight neighbours of the image; then connected water
-    tends to be one persistent group. With `"sampled"`, `samples` x `samples` points of the cell
-    drift instead of the centre; the probability of a cell is the share of the points that end in it
-    (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires `"sampled"`, and spreads
-    the points at the end of the step."""
+    """The rule for disturbances. With `"turned"`, they lead to the ends of the displacement turned
+    by 45 degrees to either side. With `"all"`, they lead to the eight neighbours of the image; then
+    connected water tends to be one persistent group. With `"sampled"`, `samples` x `samples` points
+    of the cell drift instead of the centre; the probability of a cell is the share of the points
+    that end in it (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires
+    `"sampled"`, and spreads the points at the end of the step."""
     rho: float | int = 0.8
     "The probability of the image, from 0 to 1."
     samples: int = 5

@@ -29,8 +29,8 @@ class Voyage:
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. Arrays
-    without phases are for drifters that begin at phase 0."""
+    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. The
+    probabilities, times and values below are for drifters that begin at phase 0."""
     chain: Chain
     """The chain of a drifter that follows the actions and stays in the goal. Its states are the
     cells at each phase, phase after phase."""
@@ -39,7 +39,7 @@ class Voyage:
     time: Float[Array, "cells"]
     "The expected number of steps to arrive; `inf` for cells from which the drifter may fail."
     conditional_time: Float[Array, "cells"]
-    "The expected number of steps of the drifters that arrive; `inf` if none from the cell arrives."
+    "The expected number of steps of drifters that arrive; `inf` for cells from which none arrives."
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
@@ -73,7 +73,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     """Build the decision model of a drifter with a goal (Alam 2018, section 5.4.7).
 
     The actions are, in this order, drift (0), up (-1) and down (1). A move up or down takes one
-    step, in which the drifter does not drift, and needs a cell above or below.
+    step, in which the drifter does not drift; there must be a cell above or below.
 
     The reward is 100 for a step that leads to the goal, and -1 otherwise (Eq. 5.10); so its mean is
     `101 p - 1` for a step that leads to the goal with probability `p`. The dissertation defines no
@@ -85,7 +85,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
     - `sea`: the layers.
     - `goal`: a cell, several cells, or a mask over the cells.
-    - `discount`: the discount factor per step; to leave the map costs `1 / (1 - discount)`.
+    - `discount`: the discount factor per step; leaving the map costs `1 / (1 - discount)`.
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
 
@@ -224,7 +224,6 @@ def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]
 
 
 def _at_goal(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
-    """Return a mask of the goal, with an entry per phase and cell."""
     return np.tile(cell_mask(sea.cells, goal, "goal"), sea.phases)
 
 

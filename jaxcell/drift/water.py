@@ -147,7 +147,7 @@ class Water:
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
-        """The eight neighbours of each cell, in the order of `NEIGHBORS`; -1 without water."""
+        """The eight neighbours of each cell, in the order of `NEIGHBORS`, -1 if it is not water."""
         around = np.pad(self.number, ((1, 1), (0, 0)), constant_values=-1)
         beside = {"mode": "wrap"} if self.wraps else {"constant_values": -1}
         around = np.pad(around, ((0, 0), (1, 1)), **beside)
@@ -174,7 +174,7 @@ class Water:
     def cell(self, lon: float | int, lat: float | int) -> int:
         """Find the cell whose centre is nearest to a point in degrees.
 
-        Longitudes may differ by whole turns.
+        The longitude may be in any range, such as -180 to 180 or 0 to 360 degrees.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
@@ -207,7 +207,7 @@ class Water:
     def at(
         self, row: Int[np.ndarray, "*points"], column: Int[np.ndarray, "*points"]
     ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
-        """Look up the cell of each square, -1 without water, and mark the squares of land."""
+        """Return the cell of each square, -1 if it is not water, and the mask of land squares."""
         rows, columns = self.number.shape
         if self.wraps:
             column = column % columns
@@ -237,9 +237,9 @@ class Water:
         **Arguments:**
 
         - `x`, `y`: end points in cells.
-        - `origin`: the cell where the drifters of each column began; by default every cell.
+        - `origin`: the cell where drifters in a column of `x` and `y` began; by default every cell.
         - `exits`: whether a drifter that ends off the grid or in sea without data leaves the map,
-            so that its cell is -1. With the coast `"strand"`, so does a drifter that ends on land.
+            so that its cell is -1. With the coast `"strand"`, drifters that end on land leave too.
         """
         origin = np.arange(self.cells) if origin is None else origin
         cell, land = self.at(*square(x, y))
@@ -284,7 +284,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points on a grid of `shape`, which goes round the Earth if `wraps` is true."""
+    """Mark the points inside a grid of `shape`, which goes round the Earth if `wraps` is true."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
@@ -295,7 +295,7 @@ def square(
 ) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
     """Find the row and column of the square of each point.
 
-    A point on an edge belongs to the upper or right square.
+    A point on the edge between two squares belongs to the later row or column.
     """
     row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column

@@ -38,10 +38,10 @@ class Component:
     "The indices of the levels to read, or `None` if there is only one level."
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    """The rows and columns of the values to read. Values on cell faces are averaged, so they extend
-    one cell beyond the block, except at the edges of the file."""
+    """The rows and columns of the values to read. For values on cell faces they extend beyond the
+    block, so that both faces of each cell are read, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The indices of the block's cells among the centres that are averaged from cell faces."
+    "The indices of the block's cells among all cells to whose centres face values are averaged."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float

@@ -30,9 +30,9 @@ class Convention:
     units: tuple[str, ...] = ()
     "Units that identify the variable, because no other role has them."
     along: Along = "dims"
-    """The directions of a velocity: East and North (`"earth"`), x and y of the grid (`"grid"`), or
-    those of its dimensions (`"dims"`): x and y for cell faces, East and North for longitude and
-    latitude. A velocity on cell faces that is found only by its name is along x and y."""
+    """The directions of a velocity: East and North (`"earth"`), or x and y of the grid (`"grid"`).
+    With `"dims"` the dimensions decide: x and y for cell faces, East and North for longitude and
+    latitude. A velocity on cell faces without a known standard name is always along x and y."""
     point: Literal["t", "u", "v", ""] = ""
     """The points at which a variable of NEMO is given: cell centres (`"t"`), or eastern (`"u"`) or
     northern (`"v"`) cell faces; empty for other models."""
@@ -130,7 +130,7 @@ def table(role: Role) -> Iterator[Convention]:
 
 
 def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
-    """Find the variable with a role in the names `among`: by name, standard name, or unit."""
+    """Find which variable in the list `among` has a role, by its name, standard name or unit."""
     among = list(among)
     by_name = {name.lower(): name for name in reversed(among)}
     for row in table(role):

@@ -32,11 +32,11 @@ class Field:
     "The depth of each layer, in metres."
     u: Float[np.ndarray, "kept layers y x"]
     v: Float[np.ndarray, "kept layers y x"]
-    "The components of the velocity in m/s, at each record or averaged; NaN without water."
+    "The components of the velocity in m/s, per record or averaged; NaN where there is no water."
     water: Bool[np.ndarray, "layers y x"]
     "The cells with a velocity at every record, read or interpolated in time."
     land: Bool[np.ndarray, "layers y x"]
-    "True on land and the sea bed; squares that are neither land nor water are sea without data."
+    "True on land and sea bed. A grid square that is neither land nor water is sea without data."
     notes: tuple[str, ...]
 
 
@@ -98,7 +98,7 @@ class FieldReader:
     def read(self, mean: bool = False) -> Field:
         """Read the velocity at the cell centres, without rotating it to East and North.
 
-        With `mean`, the records are averaged one by one, so that only one of them is in memory.
+        With `mean`, records are added to an average one by one, so that only one is in memory.
         """
         layers, records = self.layers, len(self.records)
         shape = (1 if mean else records, len(layers.depth), *self.grid.lon.shape)
@@ -167,12 +167,12 @@ class FieldReader:
         return Field(layers.depth[kept], u, v, water[kept], land[kept], tuple(notes))
 
     def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
-        """Mark land and the sea bed among the squares that are not water, with notes.
+        """Mark the squares of land and of the sea bed, and return notes on their number.
 
         Squares with a velocity at any record (`seen`) are sea. Squares below the bed (`deep`), or
         below a square of sea, are sea bed. For all other squares the mask of the file decides.
-        Without a mask, the depth of the sea bed decides, which is not positive on land; and without
-        this depth a coastline.
+        Without a mask, the depth of the sea bed decides, which is not positive on land. Without
+        this depth, a coastline decides.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -273,7 +273,7 @@ class FieldReader:
     ) -> Bool[np.ndarray, " layers"]:
         """Mark the layers that have water.
 
-        Raise for a layer without water if the caller chose it, or if it ever has a velocity.
+        Raise for a layer without water if the caller chose it, or some record has a velocity there.
         """
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
@@ -282,7 +282,6 @@ class FieldReader:
         return kept
 
     def _no_water(self, depth: float, has_velocity: Bool[np.ndarray, " records"]) -> ValueError:
-        """Return the error for a layer without water, with the cause."""
         if has_velocity.all():
             why = f"no cell has a velocity at each of the {len(has_velocity)} records; choose fewer"
             return self.file.error("time", why)

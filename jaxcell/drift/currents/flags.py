@@ -72,7 +72,7 @@ def fill_gaps(
     times: Shaped[np.ndarray, " records"],
     cells: Bool[np.ndarray, "*cells"],
 ) -> None:
-    """Interpolate the values of the marked `cells` that are not `present` in time, in place.
+    """Fill in, by interpolation in time, the values of the marked `cells` that are not `present`.
 
     A gap at the beginning or at the end gets the nearest known value of the cell.
     """

@@ -31,7 +31,7 @@ class OceanGrid:
     wraps: bool
     "True if the last column is beside the first, because the grid goes round the Earth."
     angle_from: str
-    "The source of the angle, in words; empty on a grid of latitude and longitude."
+    "A phrase that names the source of `angle`; empty on a grid of latitude and longitude."
     notes: tuple[str, ...] = ()
     "Changes that were made to the grid of the file, in words."
 
@@ -167,11 +167,11 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
 def _angle(
     file: OceanFile, axes: Axes, angle: Float[np.ndarray, "y x"], computed: Float[np.ndarray, "y x"]
 ) -> tuple[Float[np.ndarray, "y x"], str]:
-    """Convert the variable `angle` to radians, and describe its source in words.
+    """Convert the variable `angle` to radians; return it, and a phrase that names its source.
 
     The angle is in radians if the file declares radians and its angle agrees with the angle
     `computed` from the positions. Otherwise the unit with the better agreement is chosen, because
-    some files omit the unit, and some files of CROCO declare degrees for radians.
+    some files omit the unit, and some files of CROCO have radians but declare degrees.
     """
     known = np.isfinite(angle + computed)
     if not known.any():

@@ -31,7 +31,7 @@ class Land:
 
     name: str
     polygons: np.ndarray
-    "The polygons, as objects of shapely, in degrees."
+    "The polygons in degrees, as shapely objects."
 
     def within(self, grid: OceanGrid, chosen: Bool[np.ndarray, "y x"]) -> Bool[np.ndarray, "y x"]:
         """Mark the squares of a grid that contain land, among the `chosen` squares.
@@ -60,9 +60,9 @@ class Land:
     def coasts(
         self, west: float, south: float, east: float, north: float
     ) -> Iterator[Float[np.ndarray, "points 2"]]:
-        """Yield the lines of the coast within a box of longitude and latitude, in degrees.
+        """Yield the coastlines within a box of longitude and latitude, in degrees.
 
-        Longitudes of the box may exceed 180 degrees.
+        The longitudes of the box may exceed 180 degrees.
         """
         for turn in (-360.0, 0.0, 360.0):
             box = west - turn, south, east - turn, north
@@ -94,7 +94,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read land from a file, once for each `version` of it, which is its time and size."""
+    """Read land from a file. By `version`, its time and size, the cache notices a changed file."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any

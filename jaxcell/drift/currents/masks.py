@@ -23,7 +23,7 @@ class Mask:
     water: Bool[np.ndarray, "#levels y x"]
     "True for water: a mask per level, or a single mask for all levels."
     why: str
-    "A description of the value that means water or land, and of the source of this meaning."
+    "A phrase on the value that means water or land, such as `1 is water, by its name`."
 
 
 def read_mask(
@@ -36,10 +36,10 @@ def read_mask(
 ) -> Mask | None:
     """Read the mask of a file at `rows` and `columns`; return `None` if it has no mask.
 
-    The mask is a variable with a name of ROMS, CROCO or NEMO, in which 1 is water; or else a
-    variable whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
-    and water; or else a variable with a standard name of CF. `dims` are the dimensions of y and x,
-    and `places` the levels to read along a dimension `depth`.
+    The mask is, in this order of preference, a variable with a name that ROMS, CROCO or NEMO uses,
+    in which 1 is water; a variable whose `flag_values` and `flag_meanings`, or attributes such as
+    `option_0`, name land and water; or a variable with a CF standard name. `dims` are the
+    dimensions of y and x, and `places` the levels to read along a dimension `depth`.
     """
     candidates = {
         str(name): variable
@@ -86,7 +86,7 @@ def _as_named(
 
 
 def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """Select indices of a variable, by dimension; its other dimensions must have length 1."""
+    """Select a `block` of indices of a variable; dimensions not in the block must have length 1."""
     array = file.dataset[name]
     others = {str(dim): 0 for dim in array.dims if dim not in block}
     for dim in others:

@@ -18,7 +18,7 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""The largest size of an array to read; a larger one is usually a whole ocean, by mistake."""
+"""The largest size of an array to read; a larger one is usually a whole ocean, read by mistake."""
 
 _MAX_READ = 10_000_000
 
@@ -119,7 +119,7 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
 
 
 def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
-    """Open a dataset with a backend of xarray, without reading values or decoding times."""
+    """Open a dataset with an xarray backend, without reading values or decoding times."""
     return xr.open_dataset(
         path, engine=engine, decode_times=False, decode_coords=False, cache=False
     )
@@ -137,7 +137,7 @@ def unwarned() -> Iterator[None]:
 
 
 def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
-    """Choose the backend for a file by its first four bytes.
+    """Choose the xarray backend for a file from its first four bytes.
 
     The NetCDF library reads the missing end of a truncated classic file as zeros, which look like
     slack water. Scipy refuses such a file, but it cannot read version 5 of the classic format.
@@ -168,6 +168,6 @@ def error_line(error: Exception) -> str:
 
 
 def one_line(text: str) -> str:
-    """Put a text in one line of bounded length."""
+    """Join the lines of a text, and cut it after 500 characters."""
     words = " ".join(text.split())
     return words[:500] + "..." * (len(words) > 500)

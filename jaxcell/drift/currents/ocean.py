@@ -68,15 +68,15 @@ def open_currents(
     - `grid`: a second source of positions, masks and depths, if `path` lacks them.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
         its midnight), a slice of indices, or a pair of the first and the last record, as indices or
-        moments, both included; by default all records. A moment selects the nearest record, or
-        the later of two equally near records, within half the time between records. Moments are
-        dates of the calendar of the file. If its years have 360 days, or no leap days, days are
+        moments, both included; by default all records. A moment selects the nearest record (the
+        later of two equally near ones), which must be within half the time between records. Moments
+        are dates of the calendar of the file. If its years have 360 days, or no leap days, days are
         counted from the beginning of the year of the first record, which `notes` mentions.
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
-        levels follow the sea bed, any depth is possible, by default 0. Above the highest and below
-        the lowest level, the velocity is that of this level. If the file lacks levels, a depth
-        farther from its levels than the thickness of a layer is an error.
+        levels follow the sea bed, any depth is possible, by default 0. Above the highest level and
+        below the lowest, the velocity is that of the nearest level. If the file lacks levels, a
+        depth farther from its levels than the thickness of a layer is an error.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
@@ -93,7 +93,7 @@ def open_currents(
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
 
-    - `u`, `v`: velocity towards the East and North in m/s, NaN without water;
+    - `u`, `v`: velocity towards the East and North in m/s, NaN where there is no water;
     - `water`: the mask of the squares of each layer that are water;
     - `land`: the mask of land or the sea bed; squares in neither mask are sea without data;
     - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
@@ -105,7 +105,7 @@ def open_currents(
 
     **Raises:** `FileNotFoundError`; `ValueError`, with the file, the field and the value, for
     damaged or contradictory files, choices that do not exist in the file, and more data than 4 GiB;
-    `MemoryError` if the data exceed the free memory.
+    `MemoryError` if the data do not fit into the free memory.
 
     The surface of the bundled sea at its first record:
 

@@ -94,7 +94,7 @@ def _joined(
     dim: str,
     parts: list[tuple[Shaped[np.ndarray, " _records"], xr.Variable]],
 ) -> xr.Variable:
-    """Join the parts of a variable, each with its times, in the order of time."""
+    """Join the parts of a variable, each with its times, in chronological order."""
     parts = sorted(parts, key=lambda part: part[0][0])
     times = np.concatenate([part[0] for part in parts])
     again = times[1:] <= times[:-1]

@@ -24,9 +24,9 @@ Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | 
 def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFile]:
     """Open all files of a source as one, as a context manager.
 
-    Records of several files are joined in the order of time, and variables of different names are
+    Records of several files are joined in chronological order, and variables of different names are
     combined. The variables of `grid`, which do not change in time, replace variables of the source.
-    Only positions and times are read.
+    Velocities are not read yet, only positions and times.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(unwarned())
@@ -37,7 +37,7 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
 
 
 def source_name(source: Source) -> str:
-    """Return the name of a source for results, without its folders."""
+    """Return the name by which results mention a source: its file names, without folders."""
     if isinstance(source, xr.Dataset):
         return Path(str(source.encoding.get("source", "dataset"))).name
     return _joined([Path(path).name for path in _paths(source)])

@@ -59,7 +59,7 @@ def folded_rows(lon: _Cells, lat: _Cells) -> int:
     """Count the rows at the end of a grid that repeat other rows, because the grid is folded there.
 
     If the fold is between two rows, the last row repeats the previous row, reversed. If the fold is
-    on a row, this row repeats itself, and the last row repeats the row before the fold.
+    on a row, this row is its own mirror image, and the last row repeats the row before the fold.
     """
     rows, columns = lon.shape
     if rows < 6 or columns < 3:
@@ -99,12 +99,12 @@ def goes_round(lon: _Cells, lat: _Cells) -> bool:
 
 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
-    """Return the order in which longitudes ascend to the East, from the western end of the grid.
+    """Return the indices that sort longitudes from West to East, from the western end of the grid.
 
-    The longitudes must run to the East, or to the West, over less than 360 degrees, and may jump by
-    360 degrees anywhere. If they ascend or descend without such a jump, they may have a gap of any
-    width. A grid that goes round the Earth begins at -180 degrees; other grids begin after their
-    widest gap, so that a grid across the antimeridian stays whole.
+    The longitudes must ascend, or descend, over less than 360 degrees. They may also jump by 360
+    degrees anywhere; then all gaps between columns must be less than 180 degrees. A grid that goes
+    round the Earth begins at -180 degrees; other grids begin after their widest gap, so that a grid
+    across the antimeridian stays whole.
     """
     steps = np.diff(lon)
     if not (((steps > 0).all() or (steps < 0).all()) and np.ptp(lon) < 360):
@@ -120,7 +120,7 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
 
 
 def northward_order(lat: Float[np.ndarray, " y"]) -> Int[np.ndarray, " y"]:
-    """Return the order in which latitudes ascend to the North."""
+    """Return the indices that sort latitudes from South to North."""
     steps = np.diff(lat)
     if not (np.isfinite(lat).all() and ((steps > 0).all() or (steps < 0).all())):
         raise ValueError(f"expected latitudes in order, got {_around_break(lat, steps)}")
@@ -174,8 +174,8 @@ def curvilinear_sides(
 ) -> tuple[_Cells, _Cells, _Cells, _Cells]:
     """Compute the sides and directions of the cells of any grid of at least 2 x 2 centres.
 
-    Along each axis, a side is half the straight line between the two neighbours of a cell; at the
-    edge of the grid, a side is the line between the cell and its only neighbour.
+    Along each axis, a side is half the straight-line distance between the two neighbours of a cell;
+    at the edge of the grid, it is the distance between the cell and its only neighbour.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the
@@ -212,8 +212,8 @@ def turned(
 ) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
     """Turn vectors counter-clockwise by an angle in radians, for example from a grid to the Earth.
 
-    If the angle is that of the x axis from East, vectors along the axes of the grid become vectors
-    to East and North."""
+    With the angle from East to the x axis, components along the axes of the grid become components
+    to the East and North."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 

@@ -114,7 +114,7 @@ def _by_name(file: OceanFile) -> _Pair:
 
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
-    """Decide on the directions of a velocity, and return them with the reason in words."""
+    """Decide on the directions of a velocity; return them, and a phrase that gives the reason."""
     dims = f"by their dimensions ({axes.y}, {axes.x})"
     if axes.staggered and (pair.why is None or pair.along == "dims"):
         return "grid", pair.why or f"{dims}, the sides of the cells of a C-grid"

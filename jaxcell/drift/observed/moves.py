@@ -72,7 +72,7 @@ class CountedMoves:
 
     @functools.cached_property
     def _images(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of the chain; and, for each move into a cell, the index of its image in them.
+        """The images of cells and, for each move into a cell, the flat index of its end among them.
 
         All resampled chains have the same images, so that programs are compiled only once.
         """
@@ -191,7 +191,7 @@ def count_moves(
     **Arguments:**
 
     - `seen`: the trajectories.
-    - `water`: the cells, from [`boxes`][], or of a model, from [`jaxcell.drift.Water.of`][].
+    - `water`: the cells: [`boxes`][], or those of a model, from [`jaxcell.drift.Water.of`][].
     - `lag`: seconds per move.
     - `least`: the least number of moves from a cell. Cells with fewer moves are left out, and moves
         to them go to the sink.
@@ -248,7 +248,7 @@ def bootstrap(
 
     - `moves`: the moves.
     - `quantity`: a function of the chain, whose result has the same shape for every sample.
-    - `samples`: the number of samples; each draws as many drifters, with replacement.
+    - `samples`: the number of samples; each draws as many drifters as observed, with replacement.
     - `seed`: seed of the draws.
 
     **Returns:** [`Spread`][].

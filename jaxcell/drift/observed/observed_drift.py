@@ -28,7 +28,7 @@ _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Build a quantity from the estimates of the whole map in the field `name` of [`Spread`][]."""
+    """Build a property: the field `name` of [`Spread`][] for the estimates not made per cell."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -87,8 +87,8 @@ class ObservedDrift(SeaLayers):
         **Arguments:**
 
         - `seen`, `moves`: the trajectories, and their moves from [`jaxcell.drift.count_moves`][].
-        - `after`: the time for which the distribution of drifters that are released uniformly is
-            estimated, in seconds; by default the long run.
+        - `after`: the seconds from a uniform release of drifters until their distribution is
+            estimated; by default the distribution is that in the long run.
         - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
         - `say`: a function that is called with the name of each stage of the computation.
@@ -172,7 +172,10 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the estimates from a chain: those of the whole map, of sets, and three per cell."""
+    """Compute the estimates from a chain whose steps last `lag` seconds, as one array.
+
+    They are those of `_OF_ALL`, the leakage and hours of each set, and for each cell whether it is
+    persistent, its absorption time, and its share of the drifters after the seconds `after`."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600

@@ -1,4 +1,4 @@
-"""Trajectories of drifters, from observations and from models of particles."""
+"""Trajectories of observed drifters, and of particles in models."""
 
 import dataclasses
 import os
@@ -97,7 +97,7 @@ class Trajectories:
         return cls(*places, source, since, drogued)
 
     def with_drogue(self, kept: bool) -> "Trajectories":
-        """Select the observations of drifters that still had their drogue, or had lost it.
+        """Select the observations of drifters with a drogue if `kept` is true, otherwise without.
 
         **Raises:** `ValueError` if `drogued` is unknown, or no observation is left.
         """
@@ -172,7 +172,7 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or any CF files.
+    """Read trajectories from the Global Drifter Program, OpenDrift, Parcels, or any CF file.
 
     A file has a matrix of drifters by observations, with common or separate times; or the
     concatenated observations of the drifters, with the number of observations per drifter (a ragged
@@ -180,7 +180,7 @@ def open_trajectories(path: Source) -> Trajectories:
 
     **Arguments:**
 
-    - `path`: one or more files, a pattern, a Zarr store, an OPeNDAP address, a table of Parcels 4
+    - `path`: one or more files, a pattern, a Zarr store, an OPeNDAP address, a Parcels 4 table
         whose name ends in `.parquet`, or an open dataset with encoded times.
 
     **Returns:** [`Trajectories`][].

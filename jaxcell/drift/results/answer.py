@@ -28,7 +28,7 @@ def answer(drift: "SeaDrift") -> tuple[str, ...]:
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Explain which current is assumed after the last record; `None` if none is needed."""
+    """Explain the current assumed after the last record; `None` if records cover the time asked."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -69,7 +69,7 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Describe the shares of drifters that left the map, in simulation and according to the map."""
+    """Describe the shares of drifters that left the map, as simulated and as the chain predicts."""
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
         f"{1 - of.replay.share(hour, cells).sum():.0%} after {in_time(hour)}"
@@ -101,7 +101,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Describe the number of groups and the time to reach them, for several steps."""
+    """Describe the number of groups and the time to reach them, by the duration of a step."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"
@@ -121,7 +121,7 @@ def _groups(drift: "SeaDrift") -> str:
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Describe the shares of the cells that 1, 2, 5, ... drifters may visit; `None` if unknown."""
+    """Describe the shares of cells that 1, 2, 5, ... drifters may visit; `None` for large maps."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size

@@ -27,8 +27,8 @@ ALMOST_FOREVER = 10_000
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
-"""Above `LARGE` cells at all phases a linear solve takes seconds. Probabilities of such maps are
-computed only if cells times ends (groups or exits) are at most `LARGEST_SOLVE`."""
+"""On maps above `LARGE` states (cells times phases) a linear solve takes seconds. Probabilities of
+such maps are computed only if states times ends (groups or exits) are at most `LARGEST_SOLVE`."""
 
 _probability = functools.partial(derived, kind="share", padding="NaN: not known")
 _time = functools.partial(derived, units="h", kind="time")
@@ -136,7 +136,7 @@ class Ends(Result):
         return None if by_way is None else float(by_way[ways].sum())
 
     def _mean(self, of_layers: npt.ArrayLike) -> Any:
-        """Average a number per layer, weighted by the number of its cells."""
+        """Average the values `of_layers`, each weighted by the number of cells of its layer."""
         return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
 
 
@@ -173,8 +173,8 @@ class LayerEnds(Ends):
     def ends(self) -> Absorption | None:
         """The probabilities of ending in each group, at each phase of a periodic current.
 
-        The result is `None` if it would take more than 256 MiB, or minutes, or is not accurate
-        enough: if transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
+        The result is `None` if it would take more than 256 MiB or minutes to compute, or if it is
+        not accurate enough: 64-bit numbers may not suffice if transient cells almost trap drifters.
         """
         behaviour, count = self.behaviour, self.behaviour.groups.count
         if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):
@@ -322,8 +322,7 @@ class LayerEnds(Ends):
     def checks(self) -> Checks:
         """Return checks that groups, probabilities and absorption times agree with the chain.
 
-        The residual of the times has no limit, because no solve is accurate if cells almost trap
-        drifters.
+        Any residual of times passes, because no solve is accurate if cells almost trap drifters.
         """
         P = self.behaviour.chain.to_scipy()
         entries, total = P.tocoo(), np.asarray(P.sum(axis=1)).ravel()

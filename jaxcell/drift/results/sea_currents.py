@@ -23,7 +23,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def _by_time(name: str, meaning: str) -> Any:
-    """Build a quantity per layer and time from the field `name` of [`Distance`][]."""
+    """Build a property: the field `name` of the [`Distance`][] of each layer, at each time."""
     return derived("layer compared", meaning, "1", kind="share")(
         lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
@@ -111,7 +111,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _by_other_steps(self) -> list[LayerEnds] | None:
-        """The groups and times of the surface with `_other_steps`; `None` for large maps."""
+        """The ends of surface drifters for each step in `_other_steps`; `None` for large maps."""
         surface = self.layers[0]
         if surface.cells * surface.by.phases(self._other_steps[0]) > MOST_CELLS:
             return None
@@ -126,7 +126,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups with `_other_steps`, by the maps and by centres of cells alone."""
+        """The numbers of groups by duration: in row 0 by maps, in row 1 by cell centres alone."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:

@@ -38,7 +38,7 @@ from .sea_layers import positions
 from .sea_voyage import SeaVoyage
 
 
-# The largest number of cells at all phases for which the coverage curve takes seconds.
+# The largest number of cells times phases for which the coverage curve takes seconds.
 _MAX_FOR_CURVE = 20_000
 # The largest number of remarks that are shown.
 _MAX_REMARKS = 4
@@ -76,14 +76,14 @@ class SeaDrift(SeaCurrents):
         *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
     largest: ClassVar[int] = 2_500_000
-    "The number of cells at all phases above which solves would take minutes."
+    "The number of cells times phases above which solves would take minutes."
 
     start: int | None = None
-    "The cell of the surface where a drifter is dropped, or `None`."
+    "The cell of the surface where a drifter is dropped; `None` if there is no start."
     reach: float | None = None
     "The radius of the disc of the sea bed that a camera sees, in metres."
     seconds: float | int | None = None
-    "The time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` if greedy."
+    "Time limit of [`jaxcell.drift.visible_deployment`][], in seconds; `None` for a greedy cover."
     voyage: SeaVoyage | None = None
     "The voyage to a goal with the discounted policy."
     surest: SeaVoyage | None = None
@@ -136,23 +136,23 @@ class SeaDrift(SeaCurrents):
 
         A current of several records changes from record to record, and repeats itself after the
         last one. There is a map for each phase of the period, and groups and times are for drifters
-        that are released at the first record. If the maps exceed the free memory, or 2.5 million
-        cells at all phases, the mean of the records is used instead, and `remarks` say so.
+        that are released at the first record. If the maps do not fit into memory, or cells times
+        phases exceed 2.5 million, the mean of the records is used instead, and `remarks` say so.
 
         **Arguments:**
 
         - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
         - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration must be 0.001 to
             1000 times the [`jaxcell.drift.crossing_time`][] of the slowest layer, and is changed to
-            fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
-            for sampled maps, and is the crossing time for others.
+            fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][] if
+            the spread is `"sampled"`, and otherwise is the crossing time.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the radius of the disc of the sea bed that a camera sees, in metres.
         - `seconds`: the time limit of [`jaxcell.drift.visible_deployment`][], in seconds.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
-        - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
-        - `until`: the time of interest, in hours; by default [`jaxcell.drift.asked_hours`][].
+        - `diffusivity`: the diffusivity of unresolved motion, in m²/s, for the spread `"sampled"`.
+        - `until`: the hours up to which results matter; by default [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: a function that is called with the name of each stage of the computation.
         """
@@ -173,7 +173,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Return the step with its duration, and its maps and distances if they are known."""
+            """Choose the step's duration; return the step, and maps and distances if computed."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -211,7 +211,7 @@ class SeaDrift(SeaCurrents):
         return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
-        """Add two voyages to a goal: with a discount factor per step, and by the surest policy."""
+        """Add two voyages to a goal: one with a `discount` per step, one with the surest policy."""
 
         def on_sea(policy: Voyage) -> SeaVoyage:
             place = self.place(int(np.flatnonzero(policy.goal)[0]))
@@ -279,7 +279,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """The masks of the cells that drifters from the start may visit, or `None`.
+        """The masks of the cells that drifters from the start may visit; `None` without a start.
 
         In the first mask they change their layer only at the start; in the second, at any time.
         """
@@ -294,9 +294,9 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """The fewest cells from which all cells of the surface may be visited.
+        """Few cells from which all cells of the surface may be visited.
 
-        In a periodic current they are found by a greedy search, and may not be the fewest.
+        In a steady current they are the fewest, in a periodic current those of a greedy search.
         """
         chain = self.layers[0].behaviour.chain
         if isinstance(chain, Chain):

@@ -21,7 +21,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Build two quantities: the longitude and latitude of each cell in the quantity `cells`."""
+    """Build two properties: the longitude and the latitude of each cell in the property `cells`."""
 
     def along(axis: int) -> Callable[[Any], Any]:
         def value(drift: Any) -> Any:
@@ -96,7 +96,7 @@ class SeaLayers(Ends):
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """For each layer, the number of each group on maps; matching groups share a number."""
+        """Numbers of groups in pictures, by layer; groups matched between layers share a number."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )

@@ -28,7 +28,7 @@ class SeaVoyage(Result):
         quantity("place", "longitude, latitude and depth of the goal", listed=True),
     ]
     start: int | None = None
-    "The cell where a drifter is dropped, or `None`."
+    "The cell where a drifter is dropped; `None` if there is no start."
 
     @property
     def arrives(self) -> bool:

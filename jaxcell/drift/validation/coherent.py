@@ -139,7 +139,7 @@ def agreement(
     - `water`: the cells.
     - `label`: the number of the group of each cell, such as `LongTermBehaviour.basin`.
     - `ridge`: the cells on ridges.
-    - `within`: the largest distance, in rows and columns, at which a ridge is near.
+    - `within`: the largest distance, in rows and columns, at which a ridge counts as near.
 
     **Returns:** [`Agreement`][], two shares from 0 to 1.
 

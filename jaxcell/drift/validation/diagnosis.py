@@ -33,7 +33,7 @@ class Diagnosis:
     whole_pieces: int
     "Number of persistent groups that fill a whole connected piece of water."
     locked: int
-    "Number of persistent groups of a single cell, not a whole piece, that water flows out of."
+    "Number of persistent groups of one cell in a larger piece, although water flows out of it."
     ashore: int
     "Number of persistent groups that are a single cell from which water flows onto land only."
     groups: int
@@ -64,8 +64,8 @@ class Diagnosis:
     def remedies(self, spread: str) -> tuple[str, ...]:
         """Return the names of the parameters of a step that may remove the warning, if any.
 
-        A longer `duration` may help if the mean drift is less than two cells, and the `spread`
-        `"sampled"` if it is not the spread already.
+        A longer `duration` may help if the mean drift is less than two cells, and `"sampled"` may
+        help if it is not the `spread` already.
         """
         if self.warning is None:
             return ()

@@ -24,7 +24,7 @@ HOURS = (6.0, 24.0)
 FAR = 0.2
 """The total variation above which a map is said to differ from simulated drifters."""
 MOST_CELLS = 100_000
-"""The number of cells at all phases above which no other durations are tried."""
+"""The largest number of cells times phases for which several durations are tried."""
 # The longest default time of interest, in hours.
 _MONTH = 30 * 24.0
 # The least number of steps in the time of interest: the agreement of one step proves nothing.
@@ -38,7 +38,7 @@ _PARTS = 6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distance:
-    """The total variation between the distributions of drifters by a map and by simulation."""
+    """The total variation between the distributions of drifters in a map and in a simulation."""
 
     hours: Float[np.ndarray, "times"]
     "The times of the comparison, in hours."
@@ -196,8 +196,8 @@ def nearest_step(
     tried are 1, 2, 4 ... times the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a
     quarter of the time of interest. The choice minimizes the largest total variation after 6 hours,
     24 hours and the time of interest. In a periodic flow there is a map per phase, and durations
-    are changed to fit the period; otherwise the map is made from the mean of the records. For more
-    than 100,000 cells at all phases the duration is twice the crossing time, without a search.
+    are changed to fit the period; otherwise the map is made from the mean of the records. If cells
+    times phases exceed 100,000, the duration is twice the crossing time, without a search.
 
     **Arguments:**
 
@@ -220,7 +220,7 @@ def nearest_step(
 
 
 def mapped(flow: Flow) -> Flow:
-    """Return the flow from which maps are made: a periodic flow itself, or else its mean."""
+    """Return the flow from which maps are made: the flow if it is periodic, otherwise its mean."""
     return flow if flow.period is not None else flow.mean()
 
 
@@ -246,7 +246,7 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
-    """Return the median of `hours` in hours, rounded up to whole days from 1 to 30."""
+    """Return the median of `hours`, rounded up to whole days from 1 to 30, in hours."""
     median = float(np.median(hours)) if hours.size else 0.0
     return 24.0 * min(max(1, math.ceil(median / 24 - 1e-6)), round(_MONTH / 24))
 
@@ -265,8 +265,8 @@ def nearest_maps(
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
     """Choose the step as [`nearest_step`][] does; return it with maps and distances of the layers.
 
-    Maps are made from the flows in `by`, and drifters move with the flows in `flows`. For more than
-    `MOST_CELLS` cells at all phases no duration is tried, and `None` is returned for the maps.
+    Maps are made from the flows in `by`, and drifters move with the flows in `flows`. If cells
+    times phases exceed `MOST_CELLS`, no durations are tried, and `None` is returned for the maps.
     """
     crossing = max(map(crossing_time, waters, by))
     usual = by[0].fitted(2 * crossing)

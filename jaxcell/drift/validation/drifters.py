@@ -21,8 +21,8 @@ class Drifters:
     """The positions of simulated drifters, step by step."""
 
     x: Float[Array, "steps drifters"]
-    """Column of each drifter after each step, in cells. A drifter that left the map stays where it
-    left. On a grid that goes round the Earth, x grows beyond the last column with each turn."""
+    """Column of each drifter after each step, in cells. Drifters stop where they leave the map. On
+    a grid that goes round the Earth, x grows beyond the last column with each turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
     "The cell of each drifter, or the nearest cell if it ran ashore; -1 off the map."
@@ -171,14 +171,14 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation of two distributions, in which leaving the map is an outcome."""
+    """Compute the total variation between two distributions; leaving the map is an outcome, too."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 
 def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the larger Wasserstein distance of the distributions over columns and over rows.
+    """Compute the larger of two Wasserstein distances: that over columns and that over rows.
 
-    It is a lower bound of the distance over cells, and needs no linear program. Drifters off the
+    It is a lower bound on the distance over cells, and needs no linear program. Drifters off the
     grid are left out. On a grid that goes round the Earth, distances are measured along the shorter
     path.
     """

@@ -15,7 +15,7 @@ from ...mapping.sequence import as_sequence
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MarkovTest(Result):
-    """The share of the drifters from each set that are in it later, by a map and by simulation.
+    """The share of each set's drifters that are in the set later, by a map and by simulation.
 
     If the drifters are a Markov chain, the `n`-th power of the map predicts the shares after `n`
     steps (Prinz et al. 2011). A *case* is a set and a time. According to the map, half of the
@@ -64,10 +64,10 @@ class MarkovTest(Result):
         - `chain`: the drift map, or the sequence of maps of a periodic current.
         - `sets`: the number of the set that contains each cell, or -1.
         - `seconds`: the duration of a step.
-        - `seen`: for each time, the number of steps, and the cells in which simulated drifters
-            began at phase 0 and ended; -1 for drifters that have left.
+        - `seen`: for each time, three items: the number of steps, the cells in which simulated
+            drifters began at phase 0, and the cells in which they ended (-1 off the map).
         - `depth`: depth of the cells, in metres.
-        - `first`: the number of set 0 in the result.
+        - `first`: the number that set 0 has in the result; the numbers of the other sets follow.
         """
         steps = as_sequence(chain)
         rows = []

@@ -20,7 +20,7 @@ class Sampling:
     drifters: int = 1_000_000
     "The largest number of drifters."
     least: int = 3
-    "The least number of points per side of a cell; on large maps only some cells are sampled."
+    "The least number of points per side of a cell; rather than fewer points, fewer cells are used."
     most: int = 6
     "The largest number of points per side of a cell; doubled if drifters diffuse."
     part: int = 64
@@ -94,7 +94,7 @@ class Replay:
     def share(
         self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
     ) -> Float[np.ndarray, "cells"]:
-        """Compute the share of the drifters (those in the mask `among`) in each cell at a time."""
+        """Compute the share of the drifters, or of those in `among`, in each cell at a time."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
 

@@ -20,11 +20,11 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The indices of the levels to read; `None` if the file has a single level."
     s_levels: SLevels | None
-    "The terrain-following levels between which depths are interpolated; `None` if there are none."
+    "The terrain-following levels from which layers are interpolated; `None` if there are none."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the highest level if it is not in `places`, to tell the sea bed from land."
+    "The index of the shallowest level if it is not in `places`: below its water is bed, not land."
     note: str = ""
 
 
@@ -67,7 +67,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """Return the depth of a velocity without a dimension of depth, and its source in words."""
+    """Return the depth of a velocity with a single level, and a phrase that names its source."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue
@@ -105,7 +105,7 @@ def _is_s(file: OceanFile, dim: str) -> bool:
 
 
 def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], str]:
-    """Read the depth of each level in metres, positive down, with a note on its sign."""
+    """Return depths in metres, positive down, and a note if the file gives them the wrong sign."""
     if dim not in file.dataset.variables:
         raise file.error(dim, "the depths of the levels are missing")
     levels = file.read(file.dataset[dim]).reshape(-1)

@@ -22,7 +22,7 @@ class Axes:
     time: str | None
     depth: str | None
     y: str
-    "The dimension along y. It counts cell centres, or cell faces if the velocity is `staggered`."
+    "The dimension along y, over cell centres, or over cell faces if the velocity is `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -81,7 +81,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """Find the axis of a dimension, such as depth, from its name or its coordinate's attributes."""
+    """Find the axis along which a dimension runs, such as depth, from its name or attributes."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
     for kind, convention in conventions.items():
         if POINTS.sub("", dim.lower()) in convention.names:
@@ -113,7 +113,7 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether one of the dimensions counts nodes or elements of the model SCHISM."""
+    """Return whether one of the dimensions is over the nodes or elements of the SCHISM model."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 

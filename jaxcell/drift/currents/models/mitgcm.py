@@ -17,11 +17,11 @@ _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Convert a file of MITgcm to the dimensions and the order of cell faces of ROMS.
+    """Convert an MITgcm file to the dimensions of ROMS, and its cell faces to the order of ROMS.
 
     In a file of MITgcm the first face lies before the first cell centre, in a file of ROMS after
-    it. So faces that lie before the first centre move to the end, or are left out. Other files are
-    returned unchanged.
+    it. So the first face moves to the end, or is left out if there are more faces than centres.
+    Other files are returned unchanged.
     """
     dataset = file.dataset
     faces = [dim for dim in _FACES if dataset[u].sizes.get(dim, 1) > 1]

@@ -78,7 +78,7 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
 
 
 def _at_levels(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """Select the levels of the velocity (`depth`) from a variable of the mesh with levels `dim`.
+    """Select the levels of a mesh variable, along `dim`, that the velocity has along `depth`.
 
     If the velocity has no levels, the highest level is selected.
     """

@@ -72,8 +72,8 @@ class SLevels:
     def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
         """Compute how far heights are above the highest level or below the lowest level.
 
-        A level is the middle of a layer of water, so a height in the layer of the highest or lowest
-        level of a complete file is not beyond the levels.
+        A level is the middle of a layer of water. So in a file with the top layer no height counts
+        as above the levels, and in a file with the bottom layer no height counts as below them.
 
         **Returns:** the distance in metres, 0 or less for a height between the levels; and the
         thickness of the nearest layer, 0 if there is only one level.
@@ -91,7 +91,7 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read the levels of a file, and return them with the source of Vtransform in words.
+    """Read the levels of a file; return them, and a phrase that names the source of Vtransform.
 
     Parameters may be variables or global attributes.
     """
@@ -151,7 +151,7 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Read Vtransform, or derive it from names of CF or CROCO, and describe its source in words."""
+    """Read Vtransform or derive it from attributes; return it, and a phrase on its source."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
