@@ -97,7 +97,7 @@ def sea() -> "drift.Sea":
 
 
 def water(wet: npt.ArrayLike, depth: float = 0.0) -> "drift.Water":
-    """Build a layer of water at a depth in metres: squares of 1 km, 1 for water and 0 for land."""
+    """Build a layer of water with squares of 1 km at a depth in metres; `wet` is 0 for land."""
     wet = np.asarray(wet, bool)
     number = np.where(wet, np.cumsum(wet).reshape(wet.shape) - 1, -1).astype(np.int32)
     side, zero = np.full(wet.shape, 1000.0), np.zeros(wet.shape)

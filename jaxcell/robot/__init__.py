@@ -8,10 +8,10 @@ angles in radians counter-clockwise, times in seconds.
 
 **Safety.** The Open Interface has no timeout: the wheels keep their last speed until the next
 command. Therefore a `Driver`, such as `Create`, stops them when its `with` block ends, when the
-robot is in danger or silent, when the caller does not send speeds again, and when the driving
-process hangs or is killed. It cannot stop a robot whose cable is pulled out, or whose computer
-loses power. On a damaged line, `StreamParser` accepts no wrong values as long as at most one byte
-in three consecutive frames is changed, lost or doubled.
+robot is in danger, when the robot or the caller is silent, and when the driving process hangs or is
+killed. It cannot stop a robot whose cable is pulled out, or whose computer loses power. On a
+damaged line, `StreamParser` accepts no wrong values as long as at most one byte in three
+consecutive frames is changed, lost or doubled.
 
 **Steps.** A `Walker` drives the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from
 cell to cell, and measures them with the encoders of the wheels; `cell_strides` computes the
@@ -31,9 +31,9 @@ a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a fil
 Each run returns a `RunOutcome`. A `RunLog` writes every observation to the disk before the robot
 continues. `read_log` reads the log, even if it was cut off, and a replay has the same outcome.
 
-A run that was stopped can be resumed. A `Walker` that gets the earlier observations counts these
-steps without driving, so that the task returns to its last state. `Calibrated` corrects the
-encoders of a robot with the `Calibration` that `jaxcell robot calibrate` measures, and saves in the
+A stopped run can be resumed. A `Walker` that is given the earlier observations counts their steps
+without driving, so that the task returns to its last state. `Calibrated` corrects the encoders of a
+robot with the `Calibration` that `jaxcell robot calibrate` measures, and saves in the
 `calibration_file`.
 
 **Patrols** go from cell to cell with Lee's wave routing. `grid_steps` lists the neighbours of each

@@ -38,7 +38,7 @@ class AnywhereSettings:
     ahead: int = 1
     "The number of future bumps that the choice of an angle takes into account."
     seed: int = 0
-    "The seed for drawing the possible places from which the angles are compared by simulation."
+    "The seed for drawing the starts of the simulations that compare the angles."
 
 
 def run_anywhere(
@@ -50,7 +50,7 @@ def run_anywhere(
     turns. The filter uses only the angles of the turns and the lengths of the straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
-    run is written at once; and the largest number of bumps.
+    run is written immediately; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], whose result is
     `"localized"`, `"arrived"` at the goal, or `"refuted"` if the lengths of the runs are impossible
@@ -128,8 +128,7 @@ class SetFollower:
     def observe(self, run: float | None) -> None:
         """Update the possible places after a straight run of `run` metres to a wall.
 
-        `None` means that the robot drove farther than any two walls are apart without a bump, which
-        refutes the map.
+        `None` means that a run longer than the room met no wall, which refutes the map.
         """
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
@@ -162,6 +161,7 @@ class SetFollower:
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the straight run and the next turn at each bump.
 
+        The length is `None` if the robot met no wall, and the turn is `None` after the last run.
         When the two numbers are yielded, `state` contains the possible places before the turn.
         Raises `ValueError` if a length or an angle is not a number.
         """

@@ -74,7 +74,7 @@ def _least_error(
     back: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Minimize `_squared_error` over starts near the given ones, for each angle of `_TURNS`."""
+    """Return the least `_squared_error` near the given starts, for each angle of `_TURNS`."""
     error = _squared_error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
@@ -97,7 +97,7 @@ def _squared_error(
 ) -> Float[np.ndarray, "turns places"]:
     """Sum the squared errors of the run lengths, in m², for each angle of `_TURNS` and each start.
 
-    After a bump, the robot backs off by `back` metres, and turns itself by the next of `turns`.
+    After a bump, the robot backs off by `back` metres, and makes the next turn of `turns`.
     """
     shape = heading.shape
     by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()

@@ -10,12 +10,12 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The condition that ends the run of a filter. With `"cycle"` it ends in a knowledge cycle, a cycle
-of states that no observation leaves; with `"known"` also when one configuration is possible."""
+"""The condition that ends the run of a filter. With `"cycle"` it is a knowledge cycle, a cycle of
+states that no observation leaves; with `"known"`, this or a single possible configuration."""
 
 
 class Follower(abc.ABC):
-    """The state of a run that localizes a robot from an unknown start by its observations."""
+    """The state of a run in which observations localize a robot whose start is unknown."""
 
     kind: ClassVar[str]
     _state: Any
@@ -41,13 +41,13 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """True if the run cannot go on. A localized filter can go on to a knowledge cycle."""
+        """True if no observation can follow; a localized filter continues to a knowledge cycle."""
         return self.result is not None
 
     @property
     @abc.abstractmethod
     def turn(self) -> int | None:
-        """The index of the bouncing angle by which the robot must turn now, or `None`."""
+        """The index of the bouncing angle by which the robot must turn now; `None` for no turn."""
 
     @property
     def cells(self) -> list[int]:
@@ -95,7 +95,7 @@ class Follower(abc.ABC):
 class FilterFollower(Follower):
     """The state of a localization filter during a run (Alam 2018, section 2.4).
 
-    An impossible observation refutes the filter, even if the filter has no trap state.
+    An impossible observation ends the run as refuted, even if the filter has no trap state.
     """
 
     kind = "filter"
@@ -163,8 +163,8 @@ class BeliefFollower(Follower):
     """The belief about the configuration of a slipping robot during a run.
 
     The robot is localized when its credible set, the fewest configurations with a total probability
-    of `belief.share`, has at most four configurations. The map is refuted when the probability that
-    the robot is nowhere on it exceeds 0.99.
+    of at least `belief.share`, has at most four configurations. The map is refuted when the
+    probability that the robot is nowhere on it exceeds 0.99.
     """
 
     kind = "belief"
@@ -229,10 +229,9 @@ def run_follower(
     **Arguments:**
 
     - `walker`: a robot at the centre of an unknown cell.
-    - `follower`: the filter, policy or belief, without observations.
-    - `bounces`: the bouncing angles that the follower chooses from, or the angle of a filter, in
-        radians counter-clockwise.
-    - `log`: the log, to which each observation is written at once.
+    - `follower`: the filter, policy or belief before the first observation.
+    - `bounces`: the bouncing angles to choose from, in radians counter-clockwise; one for a filter.
+    - `log`: the log, to which each observation is written immediately.
     - `limit`: the largest number of observations.
 
     **Returns:** the outcome.
@@ -262,12 +261,12 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through its filter, policy or belief.
 
-    **Arguments:** a log, and a follower without observations. **Returns:** the outcome of the run
-    so far.
+    **Arguments:** a log, and a follower before the first observation. **Returns:** the outcome of
+    the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the log has another colour than
-    the follower, or continues after the end of the run. Then the log belongs to another filter,
-    policy or belief.
+    **Raises:** `ValueError`, with the index of the observation, if a colour in the log differs from
+    that of the follower, or the log continues after the end of the run. Then the log belongs to
+    another filter, policy or belief.
 
     The log of a robot that bumped in a room where no robot can bump:
 

@@ -12,8 +12,8 @@ the arms are 2 wide, their ends are 3 from the centre, and the sides of the shee
 +-----------+
 ```
 
-`draw_cross` draws the marker, which can be printed at any size. A camera with 640 pixels over 62
-degrees sees the cross of a sheet of 20 cm as 24 pixels at a distance of 2.7 m. Every dark cross
+`draw_cross` draws the marker, which can be printed at any size. At a distance of 2.7 m, the cross
+of a 20 cm sheet is 24 pixels wide in a camera whose 640 pixels span 62 degrees. Every dark cross
 with these proportions on a light background is found, for example a bold plus sign. A cross that
 touches something dark is usually missed.
 """
@@ -85,8 +85,8 @@ def find_cross(frame: Frame) -> Marker | None:
 
     The frame is searched at its full resolution, at half of it, and so on, for shapes that are
     darker than their surroundings. An affine map fits the moments of each shape to the moments of
-    the cross, and then a homography fits its outline. If the fit is close, and possible for the
-    view of a camera, the frame is rectified by the homography and correlated with the marker.
+    the cross, and then a homography fits its outline. If the fit is close, and a camera can have
+    this view, the frame is rectified by the homography and correlated with the marker.
 
     **Arguments:** a frame; 640 by 480 pixels are enough, and the time is proportional to the number
     of pixels. **Returns:** the marker, or `None`.
@@ -144,7 +144,7 @@ class CrossLook:
     "A function that returns a frame of the view ahead, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Take a frame at any `cell`, and describe the marker in it, if there is one."""
+        """Take a frame, and describe the marker in it, if there is one. `cell` is ignored."""
         marker = find_cross(self.source())
         if marker is None:
             return None
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Return the pixels of a perfect marker, and an orthonormal basis of linear light gradients."""
+    """Return the pixels of a perfect marker, and an orthonormal basis of linear brightness."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

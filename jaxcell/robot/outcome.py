@@ -4,17 +4,17 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of a run, in which a robot does its task."""
+    """The outcome of a run in which a robot does its task."""
 
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
     ]
-    """`"localized"`: one configuration is left, the filter is in a knowledge cycle, the policy has
-    ended, or the belief is concentrated in few cells; `"arrived"`: the plan or the trajectory is
-    done, or the goal is reached; `"patrolled"`: the wanted number of cells was visited;
-    `"reported"`: an intruder was seen; `"refuted"`: an observation is impossible in the map;
-    `"stopped"`: the driver stopped the robot, or a person stopped the run; `"unfinished"`: the
-    largest number of observations is reached."""
+    """The robot is `"localized"` if a single configuration is left, the filter is in a knowledge
+    cycle, the policy has ended, or the belief is concentrated on few cells. It has `"arrived"` if
+    its plan or trajectory is done, or its goal is reached. It has `"patrolled"` if it has visited
+    the wanted number of cells, and `"reported"` if it saw an intruder. The map is `"refuted"` if
+    the observations contradict it. The run is `"stopped"` if the driver or a person stopped it.
+    Otherwise it is `"unfinished"`."""
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     reason: str

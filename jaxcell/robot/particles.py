@@ -32,7 +32,7 @@ class Particles:
     After each step, new particles are drawn from those that agree with the observation. Runs with
     the same seed are equal.
 
-    In a corridor of three cells, after two steps and a bump:
+    In a corridor, a robot that bumps after two steps turns at one end, in cell 0 or 5:
 
         >>> import math
         >>> from jaxcell import examples, robot, space
@@ -55,7 +55,7 @@ class Particles:
     "The number of particles."
     seed: int = 0
     share: float = 0.95
-    "The least probability that the credible set of an estimate contains the robot."
+    "The credible set of an estimate contains the robot with at least this probability."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -93,7 +93,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set; `nowhere` is 1 if no particle agreed with the observation."""
+        """Compute the credible set, with `nowhere` = 1 if no particle matched the observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

@@ -17,7 +17,7 @@ class PatrolOutcome(RunOutcome):
     """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
-    "The positions that were drawn as goals and reached, in order."
+    "The positions that the random walk drew as goals and the robot reached, in order."
     obstacles: tuple[tuple[int, int], ...] = ()
     "The position and direction (0 East to 3 South) of each bump where the map has free space."
     position: int = -1
@@ -48,8 +48,8 @@ class Patrol:
     ) -> None:
         """Put the robot at the position `start`, in the direction `facing`, 0 East to 3 South.
 
-        The patrol ends after `visits` visits to drawn cells, `most_bumps` bumps, or `limit` steps.
-        With the same seed, the robots of a team still draw different cells.
+        The patrol ends after `visits` goals, `most_bumps` bumps, or `limit` steps. With the same
+        seed, the robots of a team still have different goals.
         """
         for name, value in (("visits", visits), ("most_bumps", most_bumps), ("limit", limit)):
             if value < 1:
@@ -64,7 +64,7 @@ class Patrol:
         self.visited: list[int] = []
         self.obstacles: list[tuple[int, int]] = []
         self.goal: int | None = None
-        "The drawn cell to which the robot is driving, or `None`."
+        "The position to which the robot is driving, or `None`."
         self._task, self._ways = task, task.ways.copy()
         self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])
@@ -169,7 +169,7 @@ def run_patrol(
     - `patrol`: the state of the patrol, which chooses each step.
     - `look`: a function that is called with each position that the robot reaches. It returns
         `None`, or a JSON value that is reported as an intruder and ends the patrol.
-    - `log`: the log, to which each observation is written at once.
+    - `log`: the log, to which each observation is written immediately.
 
     **Returns:** the outcome.
 
@@ -208,11 +208,11 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     """Replay the observations and reports of a logged run through a patrol.
 
-    **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
+    **Arguments:** a log, whose header has the settings of the [`Patrol`][], and the task.
     **Returns:** the outcome of the run so far.
 
-    **Raises:** `ValueError`, with the index of the observation, if the log has another direction or
-    goal than the patrol. Then the log belongs to another task.
+    **Raises:** `ValueError`, with the index of the observation, if a direction or goal in the log
+    differs from that of the patrol. Then the log belongs to another task.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 

@@ -12,10 +12,10 @@ def run_plan(
 
     **Arguments:**
 
-    - `walker`: the robot, at the centre and in the direction of the first cell of the plan.
+    - `walker`: the robot, at the centre of the first cell of the plan, in the cell's direction.
     - `actions`: the `actions` of a `jaxcell.bounce.Plan`: 0 for a step without a bump, else the
         angle in radians, counter-clockwise, of the turn after a bump.
-    - `log`: the log, to which each observation is written at once.
+    - `log`: the log, to which each observation is written immediately.
 
     **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that bumps where the plan has free
     space, or does not bump where the plan has a wall; else `"arrived"`.
@@ -41,7 +41,7 @@ def run_plan(
 
 
 def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
-    """Compute the outcome of a plan so far from the observations of the robot.
+    """Compute the outcome so far of a plan that a robot executes, from its observations.
 
     **Arguments:** the actions, and an observation for each executed action, 0 for a step and 1 for
     a bump. **Returns:** the outcome.

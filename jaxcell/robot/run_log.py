@@ -33,7 +33,7 @@ class RunLog:
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         """Create the file. The header is a JSON object that describes the run.
 
-        **Raises:** `FileExistsError`, because a log is never overwritten.
+        **Raises:** `FileExistsError` if the file exists, because a log is never overwritten.
         """
         self.on_event = None
         self._began = time.monotonic()
@@ -86,7 +86,7 @@ class LoggedRun:
     events: tuple[Mapping[str, Any], ...]
     "The events in order, from the other lines of the file."
     whole: bool
-    "False if the last line is incomplete, for example because the computer lost its power."
+    "False if the last line is incomplete, for example after a power failure."
 
     @property
     def observations(self) -> str:
@@ -148,7 +148,7 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     **Arguments:** the path of the file. **Returns:** the run so far.
 
     **Raises:** `ValueError`, with the file and the line, if the file is not the log of a run;
-    `FileNotFoundError`.
+    `FileNotFoundError` if there is no file.
 
     A log with one event, whose file is cut off:
 

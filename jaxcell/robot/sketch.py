@@ -23,7 +23,7 @@ FLASH = 32256
 """The flash memory of an Arduino Uno that is free for a program, in bytes."""
 
 PROGRAM_BYTES = 15_000
-"""An upper bound of the size of a program without its tables, in bytes. With GCC 5.4 and the
+"""An upper bound on the size of a program without its tables, in bytes. With GCC 5.4 and the
 Arduino core 1.8.7, the size is 12 to 14 kB."""
 
 _TEMPLATE = Path(__file__).with_name("sketch.ino.in")
@@ -44,8 +44,8 @@ def filter_sketch(
     """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
     It computes the same colours as a [`jaxcell.robot.FilterFollower`][] with a
-    [`jaxcell.robot.Walker`][] until a knowledge cycle. The comment at the top of the program
-    explains the wiring, and the events that stop the robot.
+    [`jaxcell.robot.Walker`][], and ends when the robot is localized (in a knowledge cycle). The
+    comment at the top of the program explains the wiring, and the events that stop the robot.
 
     **Arguments:**
 
@@ -54,7 +54,7 @@ def filter_sketch(
         See [`jaxcell.robot.Walker`][].
     - `flash`: the flash memory of the board, in bytes.
     - `machine`: a smaller machine for the program to run instead of the filter or policy, found by
-        [`jaxcell.automata.fewest_bytes`][] with its default output.
+        [`jaxcell.automata.fewest_bytes`][] without its argument `output`.
 
     **Returns:** the text of the program.
 
@@ -160,7 +160,7 @@ def bounce_sketch(bounce: float, step: float) -> str:
     metres. After a bump the robot returns to the start of the step. **Returns:** the text of the
     program.
 
-    A robot that makes a quarter turn at each bump, and steps of half a metre:
+    A robot with steps of half a metre that turns by 90 degrees at each bump:
 
         >>> import math
         >>> from jaxcell import robot
@@ -219,7 +219,7 @@ def table_bytes(header: str) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise if a known direction does not exist, or an angle does not lead to a direction."""
+    """Raise if a known direction does not exist, or a bounce would end between two directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
@@ -302,6 +302,6 @@ def _float(value: float) -> str:
 
 
 def _comment(text: str) -> str:
-    """Change a text so that it neither begins nor ends a comment of C."""
+    """Escape the comment delimiters of C in a text, and replace unprintable characters."""
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return printable.replace("*/", "* /").replace("/*", "/ *")

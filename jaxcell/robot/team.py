@@ -63,8 +63,8 @@ def member_actions(
     **Arguments:**
 
     - `path`, `bumped`: `cell` and `bumped` of a [`jaxcell.bounce.TeamTrajectory`][].
-    - `steps`: the position after a step in each direction from each position, unchanged at a wall,
-        as [`jaxcell.space.free_steps`][] computes it for the motion of the trajectory.
+    - `steps`: the position after a step in each direction from each position, unchanged at a wall;
+        the result of [`jaxcell.space.free_steps`][] for the cells and motion of the trajectory.
 
     **Returns:** the actions of each robot in order, one character each: `0` for a free step; `1`
     for a step into a wall and a turn by the bouncing angle; `2` for this turn without a step,
@@ -179,7 +179,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state with the observations of a run, and skip the turns between the steps."""
+        """Update the state with the observations of an earlier run, whose turns count as done."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
@@ -218,9 +218,9 @@ def run_member(
     trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and tries
     again, at most 3 times in all.
 
-    **Arguments:** a walker; the task; the log; the seconds of a wait; and a function that waits.
-    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that misses a
-    wall of the map, or that bumps three times although it is free.
+    **Arguments:** a walker; the task; the log; the seconds of each wait; and a function that waits.
+    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` if a step does not bump
+    where the map has a wall, or bumps three times where it has none.
 
     A simulated robot in a corridor of three cells:
 

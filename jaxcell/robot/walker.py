@@ -25,14 +25,13 @@ class Walker:
 
     In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
     cell. A step goes straight along the heading. After a free step the robot is at the centre of
-    the cell where the step ended, which need not lie on the line of the step. After a bump it is
+    the cell where the step ended, which may be beside the line of the step. After a bump it is
     where the step began. Therefore the walker drives on to the centre of the cell after a step, and
     back to the start after a bump. A wall on the way to the centre counts as a bump as well.
 
     To drive to the centre, the walker must know the heading of the robot at the start, for example
     from a compass. Without `strides` the walker needs no heading, and all steps have one length.
-    The result agrees with the model if all directions are along the axes; otherwise it is an
-    approximation.
+    This agrees with the model if all directions are along the axes, and approximates it otherwise.
 
     Each target is a place in the frame of the odometry, so that each step corrects the error of the
     step before. Slip is not corrected, because the encoders do not sense it.
@@ -77,8 +76,8 @@ class Walker:
             driving, because the robot already stands at the end of the last step, with the heading
             of the next step.
         - `tolerance`, `turn_tolerance`: the largest errors, measured by the encoders, that are not
-            corrected; in metres and in radians. The default `tolerance` is 4 mm, or 0.4 % of a step
-            below 1 m, but at least 1 mm, the shortest drive of the wheels.
+            corrected; in metres and in radians. The default `tolerance` is 0.4 % of a step, but at
+            least 1 mm (the shortest drive of the wheels) and at most 4 mm.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)
@@ -178,7 +177,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Repeat a step of the earlier run without driving; `target` is its end without a bump."""
+        """Repeat a step of the earlier run without driving; `target` is where a free step ends."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target

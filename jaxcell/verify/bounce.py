@@ -26,8 +26,8 @@ def compare_images(
 ) -> Comparison:
     """Compare the images of cells in `simple_map` with steps that shapely computes.
 
-    `bounce` is the bouncing angle of `simple_map`, in radians. The compared cells are `only`, by
-    default a sample of 200 cells.
+    `bounce` is the bouncing angle of `simple_map`, in radians. Only the cells `only` are
+    compared, by default a sample of 200 cells.
     """
     z = sample(cells.size, _IMAGES) if only is None else only
     target, clear = _targets(cells, z, motion)

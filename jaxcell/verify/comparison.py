@@ -15,9 +15,9 @@ class Comparison:
     what: str
     "The compared quantity, and the method of the independent computation."
     count: int
-    "The number of compared numbers; 0 if a comparison was not possible."
+    "The number of compared values; 0 if a comparison was not possible."
     difference: float
-    "The largest difference; for exact comparisons, the number of unequal numbers."
+    "The largest difference; for exact comparisons, the number of unequal values."
     limit: float
     "The largest difference that counts as rounding; 0 for exact comparisons."
     where: str = ""
@@ -35,9 +35,9 @@ class Comparison:
 
     @classmethod
     def exact(cls, what: str, wrong: list[str], count: int) -> "Comparison":
-        """Create a comparison that requires equal numbers.
+        """Create a comparison that requires equal values.
 
-        `wrong` describes each number that differs, and `count` is the number of compared numbers.
+        `wrong` describes each value that differs, and `count` is the number of compared values.
         """
         return cls(what, count, float(len(wrong)), 0.0, wrong[0] if wrong else "")
 
@@ -53,7 +53,7 @@ class Comparison:
     ) -> "Comparison":
         """Create a comparison within the tolerance `limit`.
 
-        `reported` are the numbers of the result, and `again` those of the independent computation.
+        `reported` are the values of the result, and `again` those of the independent computation.
         If `relative` is true, the differences are divided by the absolute values of `again`.
         """
         reported, again = (np.asarray(values, float).ravel() for values in (reported, again))

@@ -26,7 +26,7 @@ def compare_coverage(
 ) -> list[Comparison]:
     """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    The other arguments are those of [`jaxcell.bounce.coverage_policy`][] that computed `policy`.
+    The other arguments are those from which [`jaxcell.bounce.coverage_policy`][] computed `policy`.
     """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
@@ -74,9 +74,8 @@ def _matrix(
 def _nearest(policy: CoveragePolicy) -> Comparison:
     """Compare the distance from the mixture to the target with non-negative least squares.
 
-    An additional equation requires that the weights sum to 1. The solution violates it slightly,
-    but only by a common factor of all weights, so the normalized weights are the weights of the
-    best mixture.
+    An additional equation requires that the weights sum to 1. The sum of the solution may be
+    smaller, but its proportions are those of the best mixture, so it is normalized.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

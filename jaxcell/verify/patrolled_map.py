@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time, twice the mean resistance, for weights whose sum is 1."""
+    """Compute the mean commute time: twice the mean resistance, because conductances sum to 1."""
     used = policy.weights > 0
     if not used.any():
         return 0.0

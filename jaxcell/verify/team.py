@@ -21,7 +21,7 @@ def compare_team(
 ) -> list[Comparison]:
     """Compare steps of a joint trajectory with the collision rule, applied to each pair of robots.
 
-    The other arguments are those of [`jaxcell.bounce.team_trajectory`][] that computed `team`.
+    The other arguments are those from which [`jaxcell.bounce.team_trajectory`][] computed `team`.
     """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
@@ -50,7 +50,7 @@ def _joint_step(
 ) -> tuple[list[int], list[bool], list[bool], int]:
     """Find the next cells, the robots that bump or collide, and the number of colliding pairs.
 
-    `turns` are the turns of the robots at a bump, as numbers of directions.
+    `turns` contains the turn of each robot at a bump, counted in directions.
     """
     cells, squares = team.cells, squares_of(team.cells).T
     ahead = np.asarray(straight.image)[state]

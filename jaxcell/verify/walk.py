@@ -46,9 +46,9 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
 def compare_commute(
     patrol: GraphPatrol, emphasis: Sequence[int], share: float, constraints: Sequence[Linear] = ()
 ) -> list[Comparison]:
-    """Compare the least commute time under constraints with a conic program in cvxpy.
+    """Compare the minimum commute time under constraints with a conic program in cvxpy.
 
-    `share` is the least share of steps on the shortest closed tour through `emphasis`.
+    `share` is the minimum share of steps on the shortest closed tour of the vertices `emphasis`.
     """
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
@@ -73,7 +73,7 @@ def compare_commute(
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:
-    """Compare the best mixture of walks with the best solution of a linear program per vertex."""
+    """Compare the best mixture of walks with the best of linear programs, one for each vertex."""
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):

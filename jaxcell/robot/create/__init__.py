@@ -1,1 +1,1 @@
-"""The driver of an iRobot Create 2 or Roomba 600: its line, its commands and its sensors."""
+"""The driver of an iRobot Create 2 or Roomba 600: its serial line, commands and sensors."""

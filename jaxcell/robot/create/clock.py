@@ -34,11 +34,11 @@ class ByClock:
     ) -> None:
         """**Arguments:**
 
-        - `robot`: an armed robot, such as a [`jaxcell.robot.Create`][].
+        - `robot`: a robot such as a [`jaxcell.robot.Create`][], on which `arm` has been called.
         - `speed`, `turning`: the speeds of drives and turns, in metres and radians per second. They
-            must be speeds that [`jaxcell.robot.Driver.drive`][] does not reduce.
-        - `clock`, `sleep`: a function that returns the time in seconds, and a function that waits
-            for some seconds. An emulated robot has its own time.
+            must be speeds that [`jaxcell.robot.Driver.drive`][] leaves unchanged.
+        - `clock`, `sleep`: functions that return the time, and that wait, in seconds. For an
+            emulated robot they must use the time of the emulator.
         - `pause`: the seconds for which the robot stands still after each motion.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):

@@ -87,7 +87,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot at a device, or at a pySerial URL such as `socket://host:port`."""
+        """Open the line to a robot at `url`, a device or a pySerial URL such as `socket://host:port`."""
         return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
@@ -124,7 +124,7 @@ class Driver:
     def arm(self) -> None:
         """Switch the robot to mode Safe, in which it can drive.
 
-        **Raises:** [`RobotStopped`][] if the robot is in danger, or does not go to mode Safe.
+        **Raises:** [`RobotStopped`][] if the robot is in danger, or does not enter mode Safe.
         """
         if (danger := self.sensors().danger) is not None:
             raise RobotStopped(danger)
@@ -152,11 +152,11 @@ class Driver:
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
         """Set the speeds of the wheels, from -0.5 to 0.5 m/s, for at most `patience` seconds.
 
-        Speeds with a byte that is the opcode of a command are replaced by the next slower speeds on
-        the same arc, because a lost byte can make the robot execute the command. Turns on the spot
-        at 0.008 to 0.082 and 0.174 to 0.248 m/s, and straight forward drives at up to 0.127 m/s,
-        keep their speeds. With `stop_on_bump`, a bump stops the wheels without waiting for the
-        caller. They stay still until a call of `stop`, or of `drive` without `stop_on_bump`.
+        If a byte of the encoded speeds equals the opcode of a command, the next slower speeds on
+        the same arc are sent, because a lost byte could make the robot execute this command. These
+        speeds are never replaced: 0.008 to 0.082 and 0.174 to 0.248 m/s for turns on the spot, and
+        0.008 to 0.127 m/s straight ahead. With `stop_on_bump`, a bump stops the wheels immediately,
+        and they stand still until a call of `stop`, or of `drive` without `stop_on_bump`.
 
         **Returns:** `True` if the robot drives, and `False` after a bump.
 
@@ -183,8 +183,7 @@ class Driver:
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
         """Wait for a reading newer than `reading`.
 
-        A simulation may skip the readings of the next `steady` seconds, in which the speeds of the
-        wheels need no change.
+        The caller keeps its speeds for `steady` seconds, in which a simulation may skip readings.
         """
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()

@@ -28,8 +28,8 @@ class Port(Protocol):
 def open_line(url: str) -> serial.SerialBase:
     """Open a device such as `/dev/ttyUSB0`, or a pySerial URL such as `socket://host:port`.
 
-    Some adapters, such as those of FTDI, collect bytes for 16 ms by default. They are set to pass
-    on each byte at once.
+    Some adapters, such as those of FTDI, collect bytes for 16 ms by default. They are set to
+    forward each byte immediately.
 
     **Raises:** `OSError` if the line does not exist, or another process uses it.
     """

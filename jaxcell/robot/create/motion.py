@@ -109,7 +109,7 @@ class Create(Driver):
         tolerance: float,
         timeout: float | None,
     ) -> Moved:
-        """Drive until a quantity of the readings has changed by `target`, and the wheels are still.
+        """Drive to a standstill at which `quantity` of the readings has changed by `target`.
 
         `wheels` computes the speeds of the right and the left wheel in m/s, from the remaining
         change of the quantity and the turn so far in radians. `what` names the motion in errors,

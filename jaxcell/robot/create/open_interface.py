@@ -1,7 +1,7 @@
 """The commands of the Create 2 Open Interface, and the frames of its sensor stream, as bytes.
 
-This module encodes and decodes for the host and for the robot, so that an emulator can use it. It
-neither reads nor writes a line. Source: *iRobot Create 2 Open Interface*, 2016.
+This module encodes and decodes for both sides, the host and the robot, so that an emulator can use
+it. It does not access a serial line. Source: *iRobot Create 2 Open Interface*, 2016.
 """
 
 import functools
@@ -86,11 +86,11 @@ class StreamParser:
     consecutive frames is changed, lost or doubled, at most two of these frames are lost, and only
     values that the robot sent are returned. The reason is that at least two fixed bytes disagree if
     a frame is read from a wrong position, and that the value of the last packet never equals the
-    header. Otherwise, if this value were lost, the next header could be taken for the checksum.
+    header. If an equal value were lost, the next header could be taken for the checksum.
     Greater damage may remain unnoticed, because an eight-bit checksum accepts one in 256 damaged
     frames whose length and packet numbers are right.
 
-    The stream of a byte of noise, and a frame with the counts of the encoders:
+    One byte of noise, and a frame with the counts of the encoders:
 
         >>> from jaxcell import robot
         >>> from jaxcell.robot.create.open_interface import stream_frame
@@ -110,7 +110,7 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Parse the next bytes of the line, and return the values of each completed frame."""
+        """Parse the next bytes from the line, and return the values of each completed frame."""
         frames = []
         buffer = self._buffer
         buffer += data
@@ -148,7 +148,7 @@ class Command:
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "The bytes after the opcode, including the length of a song, a stream or a list of queries."
+    "The bytes after the opcode, including the length byte of a song, a stream or a query list."
 
     @property
     def words(self) -> tuple[int, ...]:
@@ -167,7 +167,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Parse the next bytes of the line, and return the completed commands."""
+        """Parse the next bytes from the line, and return the completed commands."""
         commands = []
         buffer = self._buffer
         buffer += data
@@ -206,7 +206,7 @@ class _FrameLayout:
     mask: bytes
     "A mask with 255 for each fixed byte, and 0 for the values and the checksum."
     values: struct.Struct
-    "The format of the values, which skips the fixed bytes."
+    "The format that unpacks the values and skips the fixed bytes."
 
     @classmethod
     @functools.lru_cache

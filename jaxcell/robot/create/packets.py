@@ -12,10 +12,10 @@ WHEEL_BASE = 0.235
 """The distance between the wheels, in metres."""
 
 METRES_PER_COUNT = math.pi * 0.072 / 508.8
-"""The distance in metres that a wheel of 72 mm in diameter rolls per encoder count."""
+"""The distance in metres that a wheel with a diameter of 72 mm rolls per encoder count."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The bits of packet 14 (overcurrent) for the two wheels; its other bits are for the brushes."""
+"""The mask of the wheels' bits in packet 14 (overcurrent); its other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
@@ -50,7 +50,7 @@ class Packet:
     size: int
     "The number of bytes of the packet."
     low: int
-    "The smallest valid value. Packets with negative values use the two's complement."
+    "The smallest valid value. If it is negative, the packet is in two's complement."
     high: int
     "The largest valid value."
     unit: str = ""
@@ -58,7 +58,7 @@ class Packet:
 
     @property
     def code(self) -> str:
-        """The format of the packet for the module `struct`."""
+        """The format character of the packet for the module `struct`."""
         code = {1: "b", 2: "h"}[self.size]
         return code if self.low < 0 else code.upper()
 
@@ -157,7 +157,7 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def layout(ids: Iterable[int]) -> struct.Struct:
-    """Return the binary format of the values that the robot sends for the request `ids`."""
+    """Return the format of the values that the robot sends for the packets and groups `ids`."""
     return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
@@ -188,7 +188,7 @@ def requested_values(ids: Iterable[int], values: Mapping[str, int]) -> list[int]
 
 
 def encoder_difference(before: int, after: int) -> int:
-    """Subtract two encoder counts, which wrap at 16 bits.
+    """Compute `after - before` for two encoder counts, which wrap at 16 bits.
 
     The difference has a sign, and is correct for motions of less than 2**15 counts (14 m).
     """

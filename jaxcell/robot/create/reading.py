@@ -62,7 +62,7 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Create a reading from the values of the packets in `STREAM`, by name.
+        """Create a reading; `values` maps the names of the packets in `STREAM` to their values.
 
         Distances are computed from the encoders, because the odometry of the robot (packets 19 and
         20) is wrong in most firmware. The encoders do not sense the direction in which a wheel
@@ -108,7 +108,7 @@ class Reading:
 
     @property
     def distance(self) -> float:
-        """The distance that the centre of the body has driven since connection, in metres."""
+        """The net distance driven forward since the driver connected, in metres."""
         return (self.left + self.right) / 2
 
     @property

@@ -1,4 +1,4 @@
-"""Choose speeds of the wheels whose bytes the robot cannot mistake for commands."""
+"""Choose wheel speeds whose bytes the robot cannot mistake for commands."""
 
 import functools
 
@@ -9,9 +9,10 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
     """Convert speeds in m/s, from -0.5 to 0.5, to speeds in mm/s that are safe to send.
 
     If the line loses the opcode of a drive command, the robot reads speeds as commands, and might
-    clean, dock, switch off or reset. Therefore a pair of speeds with a byte that is an opcode is
-    replaced by the next slower pair on the same arc. A straight drive remains straight, and a turn
-    on the spot stays on the spot. On other arcs, rounding to mm/s slightly changes the radius.
+    clean, dock, switch off or reset. Therefore, if a byte of a pair of speeds is an opcode, the
+    pair is replaced by the next slower pair on the same arc. A straight drive remains straight, and
+    a turn on the spot stays on the spot. On other arcs, rounding to mm/s slightly changes the
+    radius.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

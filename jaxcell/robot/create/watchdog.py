@@ -2,12 +2,12 @@
 
 The Open Interface has no timeout: the wheels keep their last speed until the next command. A
 process that is killed by SIGKILL cannot stop them. Therefore the driver starts the watchdog, which
-inherits the open serial line and a pipe. The driver writes into the pipe again and again. When the
-pipe ends, or stays silent for too long, the watchdog stops the robot. It has its own session and
-ignores the signals of the terminal, so that these signals do not end it together with the driver.
+inherits the open serial line and a pipe. The driver writes into the pipe ten times per second. When
+the pipe closes, or stays silent for too long, the watchdog stops the robot. It has its own session
+and ignores the signals of the terminal, so that they do not end it together with the driver.
 
-The watchdog cannot help if the cable is pulled out, the computer loses its power, or both processes
-are killed at once (a container or `systemd` unit that is killed as a whole).
+The watchdog cannot help if the cable is pulled out, the computer loses power, or both processes are
+killed together (as when a container or `systemd` unit is killed as a whole).
 
 The process runs this file alone, with a few modules of the standard library, to start quickly.
 """
@@ -69,7 +69,8 @@ class Watchdog:
     def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
         """Start a watchdog for the robot on a serial line, whose file descriptor is `line`.
 
-        It writes `pause` or `farewell` to the line when `watch` calls the function of this name.
+        It sends the bytes `pause` whenever the driver is silent for `patience` seconds, and the
+        bytes `farewell` when the driver has ended.
         """
         command = (sys.executable, "-I", "-S", os.path.abspath(__file__))
         words = (str(line), pause.hex(), farewell.hex(), str(patience))
@@ -85,7 +86,7 @@ class Watchdog:
         os.write(self._beats, _BEAT)
 
     def dismiss(self) -> None:
-        """End the watchdog after the driver has stopped the robot itself."""
+        """End the watchdog without stopping the robot, which the driver has already stopped."""
         with contextlib.suppress(OSError):
             os.write(self._beats, _GOODBYE)
         self._end()

@@ -50,9 +50,9 @@ class Noise:
 def bumper_give(cell: float) -> float:
     """Choose the distance by which the bumper of an emulated robot can be pushed in, in metres.
 
-    If a step would end less than this distance inside a wall, the emulated robot does not bump,
-    although the robot of the model does. With a rigid bumper, on the other hand, small errors of
-    position would make the robot bump into corners that the robot of the model grazes. The
+    If a step would enter a wall by less than this distance, the emulated robot does not bump,
+    although the ideal robot of the model does. With a rigid bumper, on the other hand, small errors
+    of position would make the emulated robot bump into corners that the ideal robot grazes. The
     compromise is 2 cm for cells with a side of 1 m or more. For smaller cells, it is proportional
     to the square of the side, but at least half a millimetre.
     """
@@ -107,12 +107,12 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """The seconds for which the motion is predictable: 0, because each step draws noise."""
+        """The seconds of steady rolling that can be predicted: 0, because each step draws noise."""
         return 0.0
 
     @classmethod
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
-        """Put a body at the centre of a cell, with the `bumper_give` of the cells.
+        """Put a body at the centre of a cell; `bumper_give` chooses the travel of its bumper.
 
         `error` is the value of `distance`, `rotation` and `veer` in its `Noise`.
         """

@@ -46,7 +46,7 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """The seconds during which the body rolls freely at its current speeds; 0 if unknown."""
+        """The seconds for which the body will roll steadily and touch no wall; 0 if unknown."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Turn the left and the right wheel for some seconds, each at its speed in m/s."""
@@ -143,7 +143,7 @@ class Emulator:
 
     @property
     def glide(self) -> float:
-        """The seconds during which the body rolls freely without a new command; 0 if unknown."""
+        """The `glide` of the body, but 0 while a command has not yet taken effect."""
         return 0.0 if self._pending else self.body.glide
 
     def __enter__(self) -> "Emulator":
@@ -165,7 +165,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Advance the time by at most one period of frames, and then receive `data` from a host.
+        """Advance the time by `seconds`, at most one period of frames, and then receive `data`.
 
         Returns the bytes that the robot has sent.
         """
@@ -258,7 +258,7 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _can_stream(self, ids: tuple[int, ...]) -> bool:
-        """Check the numbers of requested packets, which a lost byte may have made invalid."""
+        """Check that the packets `ids` can be streamed; a lost byte may have made them invalid."""
         try:
             stream_frame(ids, self._values())
         except ValueError:

@@ -30,7 +30,7 @@ class SimulatedCreate(Create):
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Connect to an emulator, or to a new one that moves a body as fast as possible."""
+        """Connect to an emulator. For a body, create an emulator that runs as fast as possible."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

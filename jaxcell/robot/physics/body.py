@@ -56,7 +56,7 @@ class PhysicsBody:
     ) -> None:
         """**Arguments:**
 
-        - `workspace`: the map. Its `robot_radius` has no effect, because a Create 2 has `RADIUS`.
+        - `workspace`: the map. Its `robot_radius` is ignored; the radius of a Create 2 is `RADIUS`.
         - `pose`: x and y in metres, and the heading in radians.
         - `physics`: the assumptions about the robot, the floor and the walls.
         - `rng`: the random generator for the radii of the wheels.
@@ -157,13 +157,13 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The rate of the wheels by `lag_rate`; `None` if the speeds have changed recently."""
+        """The `lag_rate` at which the wheels approach their commanded speeds; `None` if unknown."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 
     @property
     def _free_seconds(self) -> float:
-        """A lower bound of the seconds until the body can touch a wall."""
+        """A lower bound on the seconds until the body can touch a wall."""
         self._survey()
         speed = math.hypot(*self._data.qvel[:2].tolist())
         return max(0.0, self._room - _CLEAR) / max(speed, 0.01)

@@ -17,7 +17,7 @@ RADIUS = 0.17425
 WHEEL = 0.036
 """The radius of a wheel, in metres."""
 LATENCY = 0.015
-"""The seconds from a command to its effect: one period of the sensors of the robot."""
+"""The seconds from a command to its effect: one period of the robot's sensors."""
 DAMPING = 60.0
 """The damping of the springs of the bumper, in N s/m."""
 

@@ -1,4 +1,4 @@
-"""Closed-form motion of a robot that rolls steadily, instead of many steps of the engine."""
+"""Compute the motion of a steadily rolling robot in closed form, without steps of the engine."""
 
 import cmath
 import math
@@ -11,9 +11,9 @@ from .model import DAMPING, WHEEL
 
 
 BODY, ROLL, SHELL = slice(3), slice(7, 9), slice(9, 11)
-"""The slices of the positions `qpos` of the engine for the body, the wheels, and the bumper."""
+"""The slices of the engine's positions `qpos` for the body, the wheels, and the bumper."""
 SPIN, SLIDE = slice(6, 8), slice(8, 10)
-"""The slices of the velocities `qvel` of the engine for the wheels and the bumper."""
+"""The slices of the engine's velocities `qvel` for the wheels and the bumper."""
 
 # The range of the slow rate per second at which the lag of the motors decays.
 _RATES = 3.0, 6.0

@@ -1,9 +1,9 @@
 """Robots on ROS 2: an iRobot Create 3 or TurtleBot 4, and any base with `cmd_vel` and `odom`.
 
-This package has been tested with a substitute for `rclpy` and the messages, whose fields and types
-follow the definitions, but not on a robot. According to the documentation of the Create 3:
+This package has not been tested on a robot. It has been tested with substitutes for `rclpy` and the
+messages, which have the specified fields and types. According to the documentation of the Create 3:
 
-- The robot measures the actions `drive_distance` and `rotate_angle` by its odometry. A robot that
+- The robot uses its odometry for the actions `drive_distance` and `rotate_angle`. A robot that
     bumps keeps pushing, so this package cancels a goal as soon as `hazard_detection` reports a
     bump.
 - By default the robot backs away from a bump, and drives only a few centimetres backward. A run

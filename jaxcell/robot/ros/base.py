@@ -66,7 +66,7 @@ class Base(RosRobot):
         tolerance: float,
         speed: float,
     ) -> Moved:
-        """Drive until a quantity of the motion has reached `target`; errors call the motion `what`.
+        """Drive until `quantity` of the motion is `target`; `what` names the motion in errors.
 
         At each odometry message, `roll` sends speeds that depend on the remaining change of the
         quantity and on the turn so far, in radians.

@@ -20,8 +20,8 @@ class Candidates:
     """A publisher of the possible places of a robot after each observation of its run.
 
     - `candidates`, a `geometry_msgs/PoseArray`: the possible configurations of a filter, policy or
-        belief; the position of a patrol; or, for a plan or a team, the pose according to the
-        odometry, in the frame `start`, whose origin is the start of the robot.
+        belief, or the position of a patrol. For other tasks, it contains the pose from odometry in
+        the frame `start`, whose origin is the start of the robot.
     - `candidate_squares`, a `nav_msgs/OccupancyGrid` in the frame `map`: 100 on possible squares of
         the map, 0 on the other free squares, and -1 elsewhere.
 

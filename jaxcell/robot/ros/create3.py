@@ -20,7 +20,7 @@ _DANGERS = {2: "there is a cliff", 3: "a wheel is blocked", 4: "a wheel hangs in
 
 
 class Create3(RosRobot):
-    """An iRobot Create 3, or a TurtleBot 4 on top of it, which is driven by ROS actions.
+    """An iRobot Create 3, alone or as the base of a TurtleBot 4, which is driven by ROS actions.
 
     ```python
     with Create3(remap=["__ns:=/robot1"]) as robot:
@@ -99,7 +99,7 @@ class Create3(RosRobot):
         return moved(start, now, bumped)
 
     def _watched(self, future: Any) -> Any:
-        """Add a callback to a future that wakes the waiting thread, and return the future."""
+        """Make a future wake the waiting thread when it is done, and return the future."""
         future.add_done_callback(self._notice)
         return future
 

@@ -22,7 +22,7 @@ def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
 
 
 def speed_type(node: Any) -> str | None:
-    """Find the type of speeds to which a robot subscribes, `"Twist"` or else `"TwistStamped"`."""
+    """Find the message type of a robot's speeds: `"Twist"`, else `"TwistStamped"`, else `None`."""
     topic = node.resolve_topic_name("cmd_vel")
     types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
     names = ("Twist", "TwistStamped")

@@ -48,11 +48,11 @@ class RosRobot(Drivable, abc.ABC):
     """
 
     kind: ClassVar[str]
-    "The kind of the robot. The watchdog process needs it to stop the robot."
+    "The kind of the robot (`create3` or `base`), from which the watchdog knows how to stop it."
     contact: ClassVar[str]
     "The topic of the bumper."
     greeting: float = 10.0
-    "The seconds within which the first odometry must arrive."
+    "The seconds within which the first odometry message must arrive."
     answer: float = 5.0
     "The seconds within which the bumper must report, and the robot must subscribe to speeds."
 
@@ -235,7 +235,7 @@ class RosRobot(Drivable, abc.ABC):
             return self._odometry
 
     def _wait(self, condition: Callable[[], bool], end: float, what: str) -> None:
-        """Wait for a condition; raise if the robot must not drive, or `what` lasts beyond `end`."""
+        """Wait for a condition; raise if the robot must not drive, or as `_in_time` does."""
         with self._news:
             while not condition():
                 self._check()
@@ -250,7 +250,7 @@ class RosRobot(Drivable, abc.ABC):
                 self._check()
 
     def _after(self, messages: int) -> Odometry:
-        """Wait until more than `messages` messages of the odometry have arrived."""
+        """Wait until more than `messages` odometry messages have arrived, and return the latest."""
         self._wait(lambda: self._messages > messages, math.inf, "")
         assert self._odometry is not None
         return self._odometry

@@ -35,10 +35,11 @@ class AnywhereTask(Task):
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
     """Write the task of a robot that starts at an unknown pose to a file.
 
-    The file contains the map and all `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`,
-    `headings`, `slices`, `errors`, `counted_m` (the `step` of the `WallFilter`) and `known_m` (the
-    `radius` of [`AnywhereSettings`][]). It also contains `goal_m` and `goal_radius_m` if the robot
-    drives to a goal, or `aim` and `ahead` if it localizes itself.
+    The file contains the map and all `fields`. `cell_m`, `directions`, `step_m` and `bounces_deg`
+    describe the robot. `headings`, `slices`, `errors` (as a dictionary) and `counted_m` (its
+    `step`) are for `WallFilter.of`. `known_m` is the `radius` of [`AnywhereSettings`][], and `aim`
+    and `ahead` are its fields. `goal_m` and `goal_radius_m` are the centre and the radius of a
+    goal; without a goal the robot localizes itself.
     """
     write_task(
         path,
@@ -52,7 +53,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
-    """Read the task of a robot that starts at an unknown pose from the parsed file `values`."""
+    """Create the task from `values`, the parsed contents of a file that `save_anywhere` wrote."""
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")

@@ -101,16 +101,15 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 
     **Arguments:**
 
-    - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
-        `anywhere.json` of `jaxcell localize` or `navigate` with `--anywhere --out`, the
-        `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
-        `patrol.json` of `jaxcell patrol map --out`.
+    - `path`: a file that a command of `jaxcell` wrote with `--out`: `filter.jxf`, `policy.jxf` or
+        `belief.jxb` (`localize`), `anywhere.json` (`localize` or `navigate` with `--anywhere`),
+        `summary.json` (`navigate`), `team.json` (`team`), or `patrol.json` (`patrol map`).
     - `robot`: the number of the robot in a team or patrol, by default the first robot.
 
     **Returns:** the task.
 
-    **Raises:** `ValueError`, with the file and the field, if the file is not a task or has no such
-    robot or no plan; `FileNotFoundError`.
+    **Raises:** `ValueError`, with the file and the field, if the file contains no task or plan, or
+    not this robot; `FileNotFoundError` if there is no file.
 
     The task of the only robot of a team:
 

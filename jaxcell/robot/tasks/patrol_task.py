@@ -30,7 +30,7 @@ class PatrolTask(Task):
     direction, from 0 for East to 3 for South."""
     image: Int[np.ndarray, "branches states"]
     """The possible next states of each state. A state is a position or, for a robot with memory,
-    `memory * positions + position`."""
+    `m * positions + position`, where `m` is the number of its memory state."""
     probability: Float[np.ndarray, "branches states"]
     "The probability of each next state."
     start: int
@@ -40,7 +40,7 @@ class PatrolTask(Task):
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
-        """The result of [`jaxcell.robot.grid_steps`][] for the squares and walls of the map."""
+        """The position after a step in each direction, from [`jaxcell.robot.grid_steps`][]."""
         return grid_steps(self.cells.free, self.closed)
 
     @property
@@ -147,7 +147,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 
 def _check_ways(task: PatrolTask) -> None:
-    """Raise `ValueError` if the walk leads to a position that no path along the grid reaches."""
+    """Raise `ValueError` if the walk visits a position that the robot cannot reach on the grid."""
     drawn = np.zeros(task.image.shape[1], bool)
     front = np.array([task.start])
     while front.size:

@@ -34,7 +34,7 @@ class Task:
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
-        """The result of [`jaxcell.robot.cell_strides`][]; `None` for a task without cells."""
+        """The displacement of a step in each direction; `None` for a task without cells."""
         return cell_strides(self.directions, self.cell, self.step)
 
     @property
@@ -95,7 +95,7 @@ def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tu
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """Return the fields of the robot with the index `robot` in the file of a team or patrol."""
+    """Return the fields of robot number `robot` (from 0) in the file of a team or patrol."""
     robots = fields.parts("robots")
     if not 0 <= robot < len(robots):
         raise ValueError(f"{path}: there is no robot {robot}; robots are 0 to {len(robots) - 1}")
