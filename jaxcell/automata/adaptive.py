@@ -33,7 +33,7 @@ class Decisions:
     roots: list[int]
     "The numbers of the sets at which the strategy starts, in the order of the argument `roots`."
     lower: list[int]
-    "For each of `roots`, a lower bound on the cost of all strategies."
+    "For each of `roots`, a lower bound on the cost of any strategy."
     upper: list[int]
     "For each of `roots`, the cost of this strategy."
     searched: int
@@ -83,8 +83,8 @@ def adaptive_choice(
 
     **Raises:** `ValueError` if two states have the same image and observation.
 
-    A bell rings in state 2 of a ring of three states; the second input goes backwards. Two inputs
-    identify the state in the worst case:
+    Three states in a circle: input 0 goes forwards, and input 1 backwards. A bell rings when state
+    2 is entered. Two inputs identify the state in the worst case:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -175,7 +175,7 @@ class Search:
         return number
 
     def _bound(self, states: tuple[int, ...]) -> int:
-        """Compute a lower bound on the cost of a set from pairs of its states; 0 if settled."""
+        """Compute a lower bound on the cost of a set from pairs of states; 0 for a settled set."""
         final, place = self.levels[-1], self.place
         if len(states) == 1:
             return 0
@@ -216,7 +216,10 @@ class Search:
     def cost(
         self, number: int, bounds: Sequence[float | int], after: dict[int, int]
     ) -> float | int:
-        """Compute a bound on the cost of a set from the `bounds` of the sets `after` an input."""
+        """Compute a bound on the cost of a set whose next input leads to the sets in `after`.
+
+        `bounds` has a bound on the cost of every set, by its number, such as `lower` or `upper`.
+        """
         if self.aim == "worst":
             return 1 + max(bounds[part] for part in after.values())
         return len(self.sets[number]) + sum(bounds[part] for part in after.values())
@@ -255,7 +258,7 @@ class Search:
         return min(splits, key=left)
 
     def toward_nearest(self, sets: Sequence[int]) -> int:
-        """Choose the first input of a shortest sequence that distinguishes states of a set."""
+        """Choose the first input of a shortest sequence that divides at least one of `sets`."""
         depth, number = min(
             (next(d for d, level in enumerate(self.levels) if _differ(level, self.sets[n])), n)
             for n in sets
@@ -265,7 +268,7 @@ class Search:
         return next(i for i, image in enumerate(images) if _differ(before, image))
 
     def solve(self, root: int) -> None:
-        """Search for the best strategy for a set, after its greedy strategy was computed."""
+        """Search for the best strategy for a set whose greedy strategy is already known."""
         if self.upper[root] > _DEEPEST * (1 if self.aim == "worst" else len(self.sets[root])):
             return
         if self.aim == "mean":

@@ -14,7 +14,7 @@ _COIN = 0.5
 # The expected entropy ignores bumps after this many steps, or if they are less probable than this.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"A robot stops if the probability that it is nowhere on the map exceeds this value."
+"A robot stops if the probability that it is lost, nowhere on the map, exceeds this value."
 SMALL = 4
 "A robot is localized if its credible set has at most this number of configurations."
 
@@ -28,7 +28,7 @@ class BeliefState:
     nowhere: float
     "The probability that the robot is nowhere on the map; it and `weight` sum to 1."
     turn: int | None = None
-    "The index of the angle by which the robot turns after a bump; `None` after a step."
+    "After a bump, the index of the angle by which the robot turns; after a step, `None`."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Belief:
 
     hidden: HiddenMap
     share: float = 0.95
-    "The least total probability of the configurations in an estimate, if the robot is on the map."
+    "The minimum total probability of configurations in an estimate, if the robot is on the map."
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
@@ -82,13 +82,13 @@ class Belief:
         return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
 
     def estimate(self, state: BeliefState) -> Estimate:
-        """Return the credible set: the fewest configurations with total probability `share`."""
+        """Return the smallest set of configurations with at least the total probability `share`."""
         return credible(self.hidden.masses(state.weight), self.share, state.nowhere)
 
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
         """Compute the probability of each cell at each time, given all events of a run.
 
-        `events` are numbered as in [`HiddenMap.leaving`][]; for one angle they are observations.
+        Events are numbered as in [`HiddenMap.leaving`][]; with one angle, they are observations.
 
         **Raises:** `ValueError` if the run is impossible on the map.
         """

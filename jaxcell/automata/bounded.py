@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class Bounded:
     """A filter whose state is the set of possible cells, for maps with several images per cell.
 
-    The set contains the cell of the robot while the map allows all its steps. An observation may
+    As long as the map allows all steps of the robot, the set contains its cell. An observation may
     make the set larger, because a cell has several images.
 
     A robot in one of three cells in a row moves on or stays, and bumps at the end:
@@ -32,9 +32,9 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, factors of the matrix that is `True` where the robot may move from the
-    cell of the row to that of the column. A factor with fewer rows than there are cells moves whole
-    blocks of consecutive cells."""
+    """For each observation, factors whose product is `True` where a robot may move from the cell of
+    the row to that of the column. If a factor has fewer rows than there are cells, each row stands
+    for a block of consecutive cells, which move together."""
     configuration: Int[np.ndarray, "cells"]
     "The number of the configuration that contains each cell."
     start_weight: Float[np.ndarray, "cells"]

@@ -8,7 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps, which find the map of a robot (Alam 2018, 2.4.4).
+    """Open-world filters of several maps, which find the map that a robot is on (Alam 2018, 2.4.4).
 
     A robot bumps every third step in one ring, and every second step in the other:
 

@@ -10,9 +10,9 @@ def equivalence(
     Two states are *equivalent* if every sequence of inputs gives the same observations from both.
 
     The partition of the states is refined until under each input the images of a class are in one
-    class. First it is refined by repeats of each single input: `i` sorts find all differences after
-    up to `2^i` repeats, so that a long corridor takes few sorts. Then it is refined by all inputs
-    together. Only states with an image whose class has changed are examined again (Hopcroft 1971).
+    class. First it is refined by repeats of each single input: `i` sorts take up to `2^i` repeats
+    into account, so a long corridor needs few sorts. Then it is refined by all inputs together.
+    Only states with an image whose class has changed are examined again (Hopcroft 1971).
 
     **Arguments:**
 
@@ -21,7 +21,7 @@ def equivalence(
 
     **Returns:** the class of each state, in the order of the smallest states of the classes.
 
-    A bell rings in states 0 and 2 of a ring of four states. States 0 and 2 are equivalent, and so
+    Four states in a circle: a bell rings in states 0 and 2. States 0 and 2 are equivalent, and so
     are states 1 and 3:
 
         >>> import numpy as np
@@ -58,7 +58,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split the classes `label` until repeats of one input distinguish no states of a class."""
+    """Split the classes `label` where repeats of the one input `image` distinguish two states."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:

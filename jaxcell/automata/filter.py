@@ -131,7 +131,7 @@ class Filter:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of each state: of its knowledge cycle, or 1. The trap has the last colour."""
+        """Each state's colour: that of its knowledge cycle, 1 if none; the trap has the last."""
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
             color[cycle.states] = cycle.color
@@ -207,9 +207,9 @@ class Filter:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FilterRun:
-    """The states and colours of a filter along an observation string.
+    """The states and colours that a filter passes through on an observation string.
 
-    Entry `i` of the arrays is the state or colour after `i` observations.
+    Entry `i` of `states` is the state after `i` observations, and entry `i` of `colors` its colour.
     """
 
     states: Int32[np.ndarray, "entries"]

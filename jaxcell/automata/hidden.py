@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Matrix products skip cells of weight 0 if the share of all other cells is below this value."
+"Matrix products skip cells of weight 0 if less than this share of the cells has positive weight."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,18 +103,17 @@ class HiddenMap:
         return len(self.bumps)
 
     def leaving(self, event: int) -> "scipy.sparse.csr_array":
-        """Return the matrix of the probabilities of moves with an event.
+        """Return the matrix of joint probabilities of an event and a move between two cells.
 
-        Event 0 is a step, and event `1 + i` is a bump and the turn by angle `i`. If there is one
-        angle, events are observations. Rows are the cells before the event, and columns the cells
-        after it.
+        Event 0 is a step, and event `1 + i` is a bump and the turn by angle `i`. With one angle,
+        events are observations. Rows are cells before the event, and columns cells after it.
         """
         return (self.moves, *self.bumps)[event]
 
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
         """Compute the joint probability of an event and of each cell after it.
 
-        Events are numbered as in `leaving`; `weight` is the probability of each cell before.
+        Events are numbered as in `leaving`; `weight` is the probability of each cell before it.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:
@@ -184,7 +183,7 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
     **Arguments:**
 
     - `mass`: the probability of each configuration, up to a factor.
-    - `share`: the least part of the total probability that the credible set has to contain.
+    - `share`: the minimum share of the total probability that the credible set must contain.
     - `nowhere`: the probability that the robot is in no configuration.
 
     **Returns:** [`Estimate`][], with no configurations if all masses are 0.

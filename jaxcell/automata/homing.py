@@ -38,10 +38,10 @@ def homing_sequence(
 ) -> Homing:
     """Find a fixed sequence of inputs whose observations identify the state of a machine.
 
-    After the sequence every root is settled, in the sense of [`adaptive_choice`][]. A sequence
-    always exists, because pairs of states can be distinguished one after the other. A greedy
-    sequence is found first: each input leaves as few undistinguished states as possible. Then all
-    sequences are searched, in the order of a lower bound on their total length.
+    After the sequence, the states that are still possible are settled, as in [`adaptive_choice`][].
+    A sequence always exists, because pairs of states can be distinguished one after the other. A
+    greedy sequence is found first: each input leaves as few undistinguished states as possible.
+    Then all sequences are searched, in the order of a lower bound on their total length.
 
     **Arguments:**
 
@@ -51,7 +51,7 @@ def homing_sequence(
 
     **Returns:** [`Homing`][].
 
-    A ring of three states whose bell rings in state 2:
+    Three states in a circle, with a bell that rings in state 2:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -95,7 +95,7 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Return the unsettled sets after input `i` to the sets of a family, for all observations."""
+    """Apply input `i` to the sets of a family; return the unsettled sets for all observations."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 

@@ -62,11 +62,11 @@ class MooreMachine:
         **Arguments:**
 
         - `source`: a filter or a policy.
-        - `output`: the output to keep. For a filter: `"color"`, the colour (the default);
+        - `output`: the output to keep. For a filter: `"color"` (the default), the colour;
             `"count"`, the number of possible configurations; `"cells"`, the possible configurations
             in knowledge cycles, and 1 elsewhere; `"localized"`, 2 in knowledge cycles, and 1
-            elsewhere. For a policy: `"cells"`, the angle of the next turn, or at an end the
-            possible configurations (the default); `"action"`, the angle, or that the policy ends.
+            elsewhere. For a policy: `"cells"` (the default), the angle of the next turn, or the
+            possible configurations at an end; `"action"`, the angle, or one number for all ends.
         - `runs`: whether the machine of a filter reads runs; it then has outputs only at bumps. The
             machine of a policy always reads runs.
 

@@ -9,9 +9,8 @@ def minimize(filter: Filter) -> Filter:
     """Find the smallest filter with the same colours and the same impossible observations.
 
     Equivalent states are merged (Moore's equivalence; states with different impossible observations
-    are not equivalent). The possible cells of a merged state are the possible cells of all its
-    states, and its uncertainty is the largest of their uncertainties. So the smallest filter gives
-    the same colours, but its cells may be less precise.
+    are not equivalent). A merged state has the possible cells of all states merged into it, and the
+    largest of their uncertainties. So the colours are the same, but the cells may be less precise.
 
     **Arguments:** a filter. **Returns:** the smallest filter.
 

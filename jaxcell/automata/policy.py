@@ -84,7 +84,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The `index` of a [`PolicyState`][] whose map is refuted: the number of states."""
+        """The `index` of a [`PolicyState`][] whose map is refuted, one above the last state's."""
         return self.turn.size
 
     @functools.cached_property
@@ -94,7 +94,7 @@ class Policy:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of every state: 1 until the robot is localized, then one colour per end."""
+        """The colour of each state: 1, or 2, 3, ... for the states in which the policy ends."""
         color = np.ones(self.turn.size, np.int32)
         color[self.ends] = 2 + np.arange(self.ends.size)
         return color
@@ -178,14 +178,14 @@ class PolicyState:
 
     @property
     def color(self) -> int:
-        """The colour of the state in [`Policy.color`][]; one more colour if the map is refuted."""
+        """The colour of the state in [`Policy.color`][]; the largest plus 1 for a refuted map."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
 
     @property
     def turn(self) -> int | None:
-        """The index of the angle by which the robot has to turn now, or `None`."""
+        """The index of the angle by which the robot has to turn now; `None` if it does not turn."""
         if self.steps or self.refuted:
             return None
         turn: int = self.policy.turn.item(self.index)
@@ -216,6 +216,6 @@ class PolicyState:
 
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
-        """The possible configurations at a bump; empty between bumps, and if refuted."""
+        """The possible configurations at a bump; none between bumps, or if the map is refuted."""
         known = not self.steps and not self.refuted
         return self.policy.cells(self.index) if known else np.empty(0, np.int32)

@@ -176,7 +176,7 @@ def _images(
 ) -> tuple[Int32[np.ndarray, "_"], Integer[np.ndarray, "sets"]]:
     """Compute the images of sets, sorted and without repeats, and the sizes of the images.
 
-    `cells` has one set after the other, of the sizes `lengths`; all cells give observation `bit`.
+    `cells` contains the sets one after the other, with sizes `lengths`; all give observation `bit`.
     """
     images = graph.image[cells]
     if graph.increasing[bit] or not lengths.size:
@@ -194,9 +194,9 @@ def _images(
 def _check_equal(
     subsets: _Subsets, images: Int32[np.ndarray, "_"], known: Int64[np.ndarray, "sets 3"]
 ) -> None:
-    """Raise an error if a new set has the hash of a different set.
+    """Raise an error if an image has the same hash as a different set.
 
-    A row of `known` has the state with the hash of a new set, and its start and length in `images`.
+    Rows of `known`: a state with the hash of an image; the image's start and length in `images`.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

@@ -1,18 +1,18 @@
 """Dynamics of any map or vector field on cells: attractors, basins, noise and continuation.
 
-A map or a vector field, written as one function of JAX, is discretised on the cells of a
+A map or a vector field, written as a single JAX function, is discretised on the cells of a
 [`Box`][jaxcell.space.Box] of any number of dimensions: the images of cell centres define a simple
 map, and the images of points inside cells, with noise, a generalized map (Hsu 1980, 1981, 1987).
 The analyses of bouncing robots and currents then apply to it.
 
-    image of a cell z      the cell of F(centre of z), or one of two sinks
+    image of a cell z      the cell of F(centre of z), or a sink: outside of the box, or not finite
     attractor              the set on which orbits from the periodic groups settle
     basin of an attractor  the cells that lead to groups from which orbits settle on it
 
 **Maps.** `F` is any function `map(x, params)`; `flow`, `strobe` and `section` build a map from a
 field with Runge-Kutta steps of fixed length: over a time, over a period of a force, or to the next
-crossing of a surface. A flow may follow each cell until it has moved by several cells, because slow
-cells would otherwise be their own images, like equilibria.
+crossing of a surface. A flow may follow the centre of each cell until it is several cells away,
+because cells with a slow flow would otherwise be their own images, like equilibria.
 
 **Accuracy.** The centre of a cell stands for the whole cell, which is wrong near attractors and
 saddles: a limit cycle becomes dozens of periodic groups. So attractors are found by following the

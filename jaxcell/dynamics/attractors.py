@@ -75,13 +75,13 @@ def attractors(
 
     A limit cycle or a chaotic attractor becomes many periodic groups, and a saddle becomes a group
     that attracts no orbits. So orbits of the map itself, not of the map of cells, start in a few
-    cells of each group, and are followed until twice as many mappings find the same attractors.
-    Orbits that approach each other within half a cell are on one attractor. (The second stage of
-    Hsu 1987 is a generalized map of cells near the groups. With small steps, it would spread over
-    the whole neighbourhood of an attractor.) Orbits from random points find attractors that are too
-    small for the cells, and estimate the share of starts that lead to each attractor. If there are
-    more than 8,192 groups, these orbits start only in the groups with the largest basins. From each
-    other group, one orbit is followed until it visits cells of a known attractor.
+    cells of each group, and are followed until doubling the number of mappings does not change the
+    attractors found. Orbits that approach each other within half a cell are on one attractor. (The
+    second stage of Hsu 1987 is a generalized map of cells near the groups. With small steps, it
+    would spread over the whole neighbourhood of an attractor.) Orbits from random points find
+    attractors that are too small for the cells, and estimate the share of starts that lead to each
+    attractor. If there are more than 8,192 groups, orbits start only in the groups with the largest
+    basins. From each other group, one orbit is followed until it visits cells of a known attractor.
 
     `members` are the parameters of several maps, whose orbits are computed in one batch. The
     `groups` of each member end with the two sinks. `scattered` orbits start at random points. An
@@ -113,7 +113,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Count the points until an orbit repeats to 1e-3 of a cell, or return 0 if it does not."""
+    """Return the period of an orbit in points, or 0 if it does not repeat to 1e-3 of a cell."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -178,7 +178,7 @@ def _of_orbits(
 ) -> Attractors:
     """Build the result from orbits, each of which ends on the attractor `end`, or on none (-1).
 
-    The first orbits start in the groups `begun`, and the others at the random points `starts`.
+    The first orbits start in the groups listed in `begun`, the others at random points, `starts`.
     """
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.
@@ -236,7 +236,7 @@ def _lead_others(
 def _first_cells(
     box: Box, groups: PeriodicGroups, skipped: Int[np.ndarray, "_"]
 ) -> Int[np.ndarray, "others"]:
-    """Return the smallest cells of all groups except `skipped`, in the order of the groups."""
+    """Return the lowest-numbered cell of each group except `skipped`, in the order of groups."""
     other = np.ones(int(groups.count), bool)
     other[skipped] = False
     cells, highest = [np.zeros(0, np.int32)], -1

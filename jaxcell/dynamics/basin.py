@@ -43,7 +43,7 @@ class Basins(OnBox):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "Groups are numbered in the order of their smallest cells, but the two sinks come last."
+    "The group that each cell leads to; groups are in order of lowest cells, the two sinks last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
@@ -89,7 +89,7 @@ class Basins(OnBox):
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     map: Map | None = None
-    "The map, from which `trial` is computed, or `None` for basins without a trial."
+    "The map, with which `trial` tests finer cells and orbits; `None` if there is no such test."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -181,7 +181,7 @@ class Basins(OnBox):
 
     @functools.cached_property
     def trial(self) -> Trial | None:
-        """A test of remedies for coarse cells; `None` if `disagreement` is at most 0.05."""
+        """A test of remedies if over 5 % of random starts contradict their cells, else `None`."""
         if self.map is None or self.disagreement <= DOUBTFUL:
             return None
         return tried(self.map, self)
@@ -315,7 +315,7 @@ def by_cells(
 ) -> Basins:
     """Build basins in which each cell leads to the attractor of its group.
 
-    `new(name, dtype, size)` creates arrays over cells. `changed_by_half_step` returns `changed`.
+    `new(name, dtype, size)` creates arrays over cells. `changed` comes from `changed_by_half_step`.
     """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     basin = new("basin", np.int32, box.size)

@@ -1,4 +1,4 @@
-"""Batches of array rows, padded to few lengths because JAX compiles a program for each."""
+"""Batches of array rows, padded to a few lengths because JAX compiles a program for each length."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ Value = TypeVar("Value")
 
 
 CHUNK = 1 << 18
-"""Number of cells that are computed at once, to limit the memory beyond that of the results."""
+"""Number of cells that are computed at once, to limit the memory needed besides the results."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
 
@@ -55,11 +55,11 @@ def params_of(params: Any, member: Any) -> Any:
 def in_stages(
     state: tuple[np.ndarray, ...], stage: Callable[[tuple[np.ndarray, ...], int], Any]
 ) -> tuple[np.ndarray, ...]:
-    """Advance the rows of a batch in stages, and drop rows that have ended after each stage.
+    """Advance the rows of a batch in stages, and after each stage drop the rows that have ended.
 
-    `stage(state, k)` advances the rows in stage `k`, where the state is a tuple of arrays over the
-    rows. It returns the new state, a mask of the rows that have ended, and a tuple of arrays with
-    the results of these rows. Returns the results of all rows.
+    `stage(state, k)` advances the rows in stage `k`; the state is a tuple of arrays over the rows.
+    It returns the new state, a mask of the rows that have ended, and a tuple of arrays with the
+    results of these rows. Returns the results of all rows.
     """
     left, results = np.arange(len(state[0])), None
     for k in itertools.count():

@@ -43,8 +43,8 @@ def chain(
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights. The default is at least 4, and
-        otherwise gives about 16 images per cell: one per point and node of the quadrature.
+    - `samples`: number of points of each cell, with equal weights. The default is 16 divided by the
+        total number of nodes of the quadrature, but at least 4.
     - `noise`: standard deviation of the noise, one number for all axes or one per axis.
     - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise. Each
         node is added to each image, with its weight. With `n` nodes, polynomials up to degree

@@ -25,7 +25,7 @@ _FAR = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Continuation(Result):
-    """Attractors and basins along a list of parameters, with one name for matching attractors."""
+    """Attractors and basins along a list of parameters; matching attractors have the same name."""
 
     title: ClassVar[str] = "Attractors along parameters"
     tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
@@ -97,16 +97,16 @@ class Continuation(Result):
 def continuation(
     map: Map, box: Box, params: Mapping[str, Any], *, say: Say | None = None, **options: Any
 ) -> Continuation:
-    """Find attractors and basins for each of a list of parameters, and match them along the list.
+    """Find attractors and basins for each set of parameters in a list, and match them along it.
 
     An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
-    Hausdorff distance of their orbits is small. The matching with the least distances is chosen. If
-    an attractor vanishes, an attractor that later appears in the same place gets its name. `merges`
-    reports the attractor in whose basin a vanished attractor lies.
+    Hausdorff distance of their orbits is small. The matching with the smallest total distance is
+    chosen. If an attractor vanishes, an attractor that later appears in the same place gets its
+    name. `merges` reports the attractor in whose basin a vanished attractor lies.
 
-    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that the values of `params` are
-    numbers, or arrays of one length for the parameters that vary. **Returns:** the basins for each
-    entry of these arrays, and the names of the attractors.
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], except that each value of `params` is a
+    number, or an array if the parameter varies; all arrays have the same length. **Returns:** the
+    basins for each entry of these arrays, and the names of the attractors.
 
     A second attractor appears, and takes half of the box:
 
@@ -180,7 +180,7 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(old: Basins, was: int, now: Basins, k: int) -> float:
-    """Return the cost of matching attractors `was` of `old` and `k` of `now`; 2 if they differ."""
+    """Return the cost of matching attractor `was` of `old` with `k` of `now`; 2 if impossible."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]

@@ -84,7 +84,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if JAX cannot trace the map, or if it returns no point of its space."""
+    """Raise `ValueError` if JAX cannot trace the map, or its result has a wrong shape or type."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)
@@ -185,7 +185,7 @@ def changed_by_half_step(
     follow: int = 0,
     dtype: Any = None,
 ) -> list[float | None]:
-    """Estimate from 1 % of the cells which share of images changes with steps of half the length.
+    """Estimate, from 1 % of the cells, the share of images that differ with steps half as long.
 
     Returns a share for each set of parameters in `members`, or `None` for a map without steps.
     """

@@ -21,8 +21,8 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 class Map(Protocol):
     """A map of a space to itself: the next point, `map(x, params)`.
 
-    Any hashable function that JAX can trace is a map, such as a function of a module. For stiff
-    fields, use a solver of diffrax with adaptive steps:
+    Any hashable function that JAX can trace is a map, for example a function at the top level of a
+    module. For stiff fields, use a solver of diffrax with adaptive steps:
 
         def stiff(x, params):
             term = diffrax.ODETerm(lambda t, y, p: field(y, p))
@@ -39,12 +39,12 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map along an autonomous vector field for some time. [`flow`][] returns it."""
+    """The map that follows an autonomous vector field for some time. [`flow`][] returns it."""
 
     field: Field
     dt: float
     steps: int
-    "Number of Runge-Kutta steps per mapping, or their largest number if `crossing` is not 0."
+    "Number of Runge-Kutta steps per mapping; the largest number if `crossing` is not 0."
     crossing: int = 0
     "Number of cells that an orbit crosses before it ends, or 0 if it ends after `steps` steps."
 
@@ -53,7 +53,7 @@ class Flow:
 
     @property
     def usual(self) -> int:
-        """Number of steps by which a single point is mapped: `steps`, or 32 with `crossing`."""
+        """Number of steps used to map a single point: `steps`, or 32 with `crossing`."""
         return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
@@ -80,7 +80,7 @@ class Flow:
 
 @dataclasses.dataclass(frozen=True)
 class Strobe:
-    """The map along a forced vector field for one period of the force. [`strobe`][] returns it."""
+    """The map that follows a forced vector field for one period. [`strobe`][] returns it."""
 
     field: Callable[[Any, Any, Any], Any]
     period: float
@@ -171,8 +171,8 @@ def flow(
         orbit of a cell is followed until it is `crossed` cells away (according to Hsu's criterion).
     - `crossed`: with `"crossing"`, the distance from a cell to its image, in cells. So a cell with
         a slow flow is not mapped to itself, and rounding the image to a cell is a small error.
-    - `max_steps`: with `"crossing"`, the largest number of steps. A cell whose orbit is still
-        nearer by then most likely contains an equilibrium.
+    - `max_steps`: with `"crossing"`, the largest number of steps. A cell whose orbit is still less
+        than `crossed` cells away after these steps most likely contains an equilibrium.
 
     **Returns:** a map for all functions of this package.
 
@@ -235,7 +235,7 @@ def section(
 
     **Returns:** a map of coordinates on the surface.
 
-    A spiral, which returns to the positive x axis nearer to its centre by `exp(-pi / 5)`:
+    A spiral on which each turn multiplies the distance from the centre by `exp(-pi / 5)`:
 
         >>> import jax, jax.numpy as jnp, numpy as np
         >>> from jaxcell import dynamics

@@ -1,4 +1,4 @@
-"""Attractors of orbits: those that visit the same parts of cells are on one attractor."""
+"""Attractors found from orbits: orbits that visit the same part of a cell are on one attractor."""
 
 import itertools
 
@@ -41,10 +41,9 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Label orbits, with equal labels for orbits that visit the same part of a cell.
+    """Label orbits so that those that visit the same part of a cell have the same label.
 
-    A cell has `parts` parts along each axis, and adjacent parts overlap by half. `place` is in
-    cells.
+    A cell has `parts` parts along each axis; adjacent ones overlap by half. `place` is in cells.
     """
     orbits = len(place)
     bits = orbits.bit_length()
@@ -73,7 +72,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """List visits of orbits to halves of the parts of cells: orbits, and halves along each axis."""
+    """Return the orbit of each visit to half a part of a cell, and the half's index per axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

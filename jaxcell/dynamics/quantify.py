@@ -17,7 +17,7 @@ def basin_stability(
     *,
     within: float = math.inf,
 ) -> Float[np.ndarray, "attractors"]:
-    """Compute the share of starts that lead to each attractor, for a density of starts.
+    """Compute the share of starts that lead to each attractor, with starts weighted by a density.
 
     **Arguments:** basins; a function that computes the density at points `[cells, axes]`, up to a
     factor (by default all starts are equally likely); and the time within which starts must reach
@@ -98,7 +98,7 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
 def uncertainty_exponent(
     basins: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
-    """Fit a power of the radius to the share of cells within that radius of another basin.
+    """Fit a power law to the share of cells within a radius of another basin, over several radii.
 
     **Arguments:** basins, and radii in cells along each axis. **Returns:** the exponent, which is 1
     for a smooth boundary and 0 for a boundary that fills the box (Grebogi et al. 1983), and the
@@ -118,7 +118,7 @@ def uncertainty_exponent(
 
 
 def wada(basins: Basins, radius: float = 3.0) -> float:
-    """Return the share of a boundary that is not a boundary of all basins, 0 for Wada basins.
+    """Return the largest share of a basin boundary that is far from another; 0 for Wada basins.
 
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.

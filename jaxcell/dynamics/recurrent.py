@@ -35,8 +35,8 @@ def unstable_set(
 ) -> Int[np.ndarray, "reached"]:
     """Find the cells that a map reaches from given points, with a grid of points in each cell.
 
-    From equilibria, these cells cover their unstable manifolds (Dellnitz & Hohmann 1996), and so
-    the attractor that contains them.
+    From equilibria, these cells cover the unstable manifolds (Dellnitz & Hohmann 1996), and so also
+    an attractor that is the closure of these manifolds.
 
     **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
     points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in

@@ -1,6 +1,6 @@
 """Sines and cosines as polynomials, which a CPU computes for many points at once.
 
-XLA calls the C library for each point on a CPU, which takes longer than the rest of most fields.
+On a CPU, XLA calls the C library for each point. In most fields, this takes most of the time.
 """
 
 import functools
@@ -27,7 +27,7 @@ _TERMS = {"float32": 6, "float64": 11}
 
 
 def with_sines(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Replace the sines and cosines of a function by polynomials on a CPU."""
+    """Replace the sines and cosines in a function by polynomials, where it runs on a CPU."""
 
     @functools.wraps(function)
     def of_polynomials(*arguments: Any) -> Result:
@@ -89,7 +89,7 @@ def _cosine(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def polynomial(x: Float[Array, "*shape"], first: float) -> Float[Array, "*shape"]:
-    """Compute `sin(x + first * pi)`, with an error of at most two units in the last place of 1."""
+    """Compute `sin(x + first * pi)`, with an absolute error of at most two machine epsilons."""
     turns = jnp.round(x / math.pi - first)
     for part in _PI[x.dtype.name]:
         x = x - (turns + first) * part

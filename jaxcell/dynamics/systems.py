@@ -1,4 +1,4 @@
-"""Six example systems for `jaxcell dynamics`, which also runs changed copies of them:
+"""Six example systems for `jaxcell dynamics`, which also runs systems from other files:
 
 jaxcell dynamics pendulum --params T=0.5 --out runs/pendulum
 jaxcell dynamics my_systems.py:pendulum --params T=0.01:0.96:20

@@ -40,7 +40,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Return the template of a C table of integers of `bits` bits, or else `{entries}_bits`."""
+    """Return the template of a C table of integers; `bits`, by default a field, is their width."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -90,7 +90,7 @@ static inline int ${name}_localized(${name}_state state) {
 
 #endif
 """
-"C template: the last functions in the headers of filters and policies."
+"C template: `refuted` and `localized`, the last functions in headers of filters and policies."
 
 _TEMPLATE = string.Template(
     "/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.\n"
@@ -163,7 +163,7 @@ def fill(
     bits: Mapping[str, int],
     **fields: object,
 ) -> str:
-    """Fill in a template: its `tables`, the numbers of `bits` of their types, and other fields."""
+    """Fill in a template: the entries of `tables`, integer widths in `bits`, and other fields."""
     name = identifier(name)
     fields |= {table: _rows(values) for table, values in tables.items()}
     fields |= {f"{table}_bits": width for table, width in bits.items()}

@@ -37,7 +37,7 @@ RUN_TABLES = (
     + table("steps", size="$bumps")
     + table("target", size="$bumps", bits="${at_bits}")
 )
-"C template: the tables of the possible runs after each state, and of the states after these runs."
+"C template: the tables of the runs of steps that may follow each state, and of the next states."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {

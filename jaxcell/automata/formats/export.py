@@ -7,8 +7,8 @@ from ..machine import MooreMachine
 def to_dot(filter: Filter | MooreMachine) -> str:
     """Write a filter or a machine as a Graphviz graph.
 
-    A state shows its number and, below it, its uncertainty, or its output in a machine. The start
-    is a double circle, each knowledge cycle has its own hue, and the trap is a box.
+    A state shows its number and, below it, its uncertainty (in a machine, its output). The start is
+    a double circle, each knowledge cycle has its own hue, and the trap is a box.
 
     **Arguments:** a filter or a machine. **Returns:** the text.
 
@@ -50,11 +50,11 @@ def to_json(filter: Filter | MooreMachine) -> str:
     """Write a filter or a machine as one JSON object, for other programs.
 
     The fields of a filter are `transition` (for each state, the states after 0 and 1, or -1),
-    `color`, `uncertainty`, `open_world`, `trap` (a state, or null), `metadata`, and `cycles`, each
-    with `color`, `uncertainty`, `word`, `states`, and `cells`, the configurations of each state.
-    The configurations of other states are omitted because they may be too many. The fields of a
-    machine are `transition` (for each state, the state after each symbol, or -1), `color`, `runs`
-    and `final`.
+    `color`, `uncertainty`, `open_world`, `trap` (a state, or null), `metadata` and `cycles`. Each
+    cycle has `color`, `uncertainty`, `word`, `states` and `cells`, the configurations of each of
+    its states. Those of states outside cycles are omitted because they may be too many. The fields
+    of a machine are `transition` (for each state, the state after each symbol, or -1), `color`,
+    `runs` and `final`.
 
     **Arguments:** a filter or a machine. **Returns:** the text.
 

@@ -39,7 +39,7 @@ def write_arrays(
 
 
 def read_kind(path: str | os.PathLike[str]) -> str:
-    """Read the `kind` in the header of a file that [`write_arrays`][] wrote, without its arrays."""
+    """Read the `kind` in the header of a file that [`write_arrays`][] wrote, but not the arrays."""
     return str(_read(path, headed=True)[0].get("kind"))
 
 

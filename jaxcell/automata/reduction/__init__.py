@@ -1,1 +1,1 @@
-"""Search for the smallest machine with the outputs of a filter or a policy, with a proof."""
+"""Search for a provably smallest machine with the outputs of a filter or a policy."""

@@ -7,7 +7,7 @@ from ...base.memory import check
 def incompatible_pairs(
     transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
 ) -> Bool[np.ndarray, "states states"]:
-    """Find the pairs of states from which a string that both allow gives different outputs.
+    """Find the pairs of states that some string, possible from both, distinguishes by its outputs.
 
     Two states are incompatible if their outputs differ, or if their successors after some symbol
     are incompatible. `transition` is -1 for an impossible symbol.

@@ -24,7 +24,7 @@ _LARGEST = 1_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Smallest:
-    """A small machine with the outputs of an original machine, and a proved bound on its states.
+    """A small machine with the outputs of an original one, and a number of states proved necessary.
 
     Every string of symbols that can occur in the original machine can occur in the small machine,
     with the same outputs.
@@ -35,7 +35,7 @@ class Smallest:
     bound: int
     "The proved lower bound on the number of states of every such machine."
     moore: int
-    "The number of states if only equivalent states are merged, as [`minimize`][] does."
+    "The number of states after merging equivalent states only, as [`minimize`][] does."
     seconds: float
     "The duration of the search in seconds."
 
@@ -51,7 +51,7 @@ class Smallest:
 
     @property
     def proved(self) -> bool:
-        """`True` if it is proved that no such machine has fewer states."""
+        """`True` if it is proved that no machine with the same outputs has fewer states."""
         return self.gap == 0
 
     @property
@@ -73,7 +73,7 @@ def smallest(
     into several states: the smallest machine is a *cover* of the states by classes, and may be
     smaller than every *partition*. Finding it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
     2020). The size of a clique of incompatible states is a lower bound, the number of classes of a
-    greedy partition is an upper bound, and a SAT solver decides between them.
+    greedy partition is an upper bound, and a SAT solver searches between them.
 
     **Arguments:**
 
@@ -137,7 +137,7 @@ def smallest(
 def _successors(
     transition: Int32[np.ndarray, "states symbols"], classes: Classes
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
-    """Find the classes that a string reaches from the start, in breadth-first order.
+    """Find the classes that can be reached from the start, in breadth-first order.
 
     Returns the transitions between these classes, numbered in this order, and the classes.
     """

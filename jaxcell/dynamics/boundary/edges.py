@@ -43,11 +43,11 @@ class EdgeStates:
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
-    "The period in mappings; 0 if no point returns exactly, as in chaos or on a cycle of a flow."
+    "The period in mappings, from 1 to 8; 0 for other states, such as chaos or a cycle of a flow."
     multipliers: Complex[np.ndarray, "edges axes"]
     "Eigenvalues of the map's derivative over one period, the largest first; NaN if `period` is 0."
     orbit: Float[np.ndarray, "edges window axes"]
-    "Successive points of an orbit near each edge state, filled up with NaN."
+    "Successive points of an orbit near each edge state, padded with NaN."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
@@ -144,9 +144,9 @@ def _cut(
     label: Any,
     narrow: float,
 ) -> tuple[Float[np.ndarray, "pairs 2 axes"], Int[np.ndarray, "pairs 2"]]:
-    """Shorten segments to the length `narrow`, while their ends keep different `labels`.
+    """Shorten segments to `narrow` box lengths; the ends still lead to different attractors.
 
-    The labels are attractors, and the function `label` finds those to which points lead.
+    `labels` are the attractors to which the ends lead, and `label(points)` finds attractors.
     """
     rows, size = np.arange(len(ends)), np.array(box.upper) - np.array(box.lower)
     parts = max(2, _POINTS // len(ends))
@@ -172,7 +172,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map the ends of segments until they are `wide` apart; return the midpoints and last ends."""
+    """Map the ends of segments until `wide` box lengths apart; return midpoints and final ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -235,7 +235,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the point of each orbit that `period` mappings move least, and by how many cells."""
+    """Find the point of each orbit that `period` mappings move least, and its shift in cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)

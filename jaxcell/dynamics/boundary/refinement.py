@@ -119,15 +119,15 @@ def relative_attractor(
 ) -> Float[np.ndarray, "cells axes"]:
     """Cover the relative global attractor: the points with a past orbit that never left a box.
 
-    Cells to which no cell of the cover is mapped are dropped, the other cells are halved along each
-    axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the attractors
-    in the box, and the unstable sets that lead to them.
+    Cells that contain no image of a point in the cover are dropped, the other cells are halved
+    along each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover contains the
+    attractors in the box, and the unstable sets that lead to them.
 
     **Arguments:** a map, a box and parameters. `levels` is the number of times that cells are
     halved. `samples`, at least 2, is the number of points of a cell along each axis, from face to
     face. **Returns:** the centres of the finest cells of the cover.
 
-    Steps towards both ends of a well, from the middle:
+    A map whose steps lead from 0 towards the attractors -1 and 1:
 
         >>> from jaxcell import dynamics, space
         >>> box = space.Box([-2], [2], cells=[4])
@@ -194,7 +194,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield points, shifted by each combination of -1, 0 or 1 cells along the axes."""
+    """Yield copies of points, shifted by every combination of -1, 0 and 1 cells of the `level`."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -227,7 +227,7 @@ def _ends(
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the attractor that each point reaches, or -1; `attractor_owners` returns `owner`."""
+    """Return the attractor that each point reaches, or -1; `orbit_ends` explains the arguments."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
         orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]

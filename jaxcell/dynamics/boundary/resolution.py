@@ -30,21 +30,21 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A test of two remedies for coarse cells at random points: finer cells, basins by orbits."""
+    """A test at random points of two remedies for coarse cells: finer cells, and `by="orbits"`."""
 
     follow: int | None
-    "The least `follow` with which basins by orbits are right at random starts; `None` if none is."
+    "The least `follow` with which orbits from random starts reach the right attractors, or `None`."
     points: int = 0
     "Number of random points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "Shares of points with a wrong attractor, with these cells and at half and quarter width."
+    "Shares of points with a wrong attractor, for these cells and cells of 1/2 and 1/4 the width."
     cells: tuple[int, ...] | None = None
     """Number of cells along each axis that should reduce `wrong` to 2 %; `None` if finer cells do
     not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Test whether orbits or finer cells correct [`Basins`][jaxcell.dynamics.Basins] by cells."""
+    """Test whether orbits or finer cells would correct [`Basins`][jaxcell.dynamics.Basins]."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 
@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate the shares in `Trial.wrong` to the numbers of cells with a share of `AGREE`."""
+    """Extrapolate `wrong` to the number of cells along each axis at which the share is `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

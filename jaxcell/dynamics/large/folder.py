@@ -43,7 +43,7 @@ class Folder:
         return array.view(np.ndarray)
 
     def finish(self, work: str, done: int) -> None:
-        """Write the arrays to disk, and record how many cells or levels of `work` are `done`."""
+        """Write arrays to disk; record `done`, the number of finished cells or levels of `work`."""
         for array in self._arrays.values():
             array.flush()
         self.done[work] = done
@@ -52,7 +52,7 @@ class Folder:
         os.replace(new, self._record)
 
     def parts(self, work: str, size: int, part: int) -> Iterator[slice]:
-        """Yield the slices of `part` cells that are not done, and record each when it is done."""
+        """Yield the slices of `part` cells that remain of a task, and record each when finished."""
         for first in range(self.done.get(work, 0), size, part):
             yield slice(first, min(first + part, size))
             self.finish(work, min(first + part, size))

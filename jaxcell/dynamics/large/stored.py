@@ -32,13 +32,13 @@ _PASSES = 4e-7
 
 @dataclasses.dataclass(frozen=True)
 class Foretold:
-    """The estimated time, memory and disk space of basins in a folder."""
+    """The estimated time, memory and disk space that `stored_basins` needs."""
 
     cells: int
     seconds: float
     "Time to map all cells, extrapolated from some of them, and to find their groups."
     memory: float
-    "Peak memory in bytes for a dissipative map."
+    "Peak memory in bytes if the map is dissipative; a map that preserves volumes needs more."
     disk: float
     "Size of the files in bytes."
 
@@ -95,8 +95,8 @@ def stored_basins(
     """Compute [`jaxcell.dynamics.basins`][] of more cells than memory holds, in files of a folder.
 
     Images are written to a file, and groups are found by passes over it, which drop the cells
-    without preimages. One byte of memory is needed per cell, and 16 per cell that remains. Few
-    cells remain if the map is dissipative, but all if it preserves volumes. To continue an
+    without preimages. One byte of memory is needed per cell, and 16 more per cell that remains: few
+    cells if the map is dissipative, and all cells if it preserves volumes. To continue an
     interrupted computation, repeat the call.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.

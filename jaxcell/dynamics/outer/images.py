@@ -1,4 +1,4 @@
-"""Outer images: boxes that contain the images of all points of a box, proved or not."""
+"""Outer images: boxes that contain the images of all points of a box, with or without a proof."""
 
 import dataclasses
 import functools

@@ -1,10 +1,10 @@
 """Intervals whose ends are rounded outward, so that they enclose every exact value.
 
 Processors round a sum, a difference, a product or a square root to the nearest 64-bit number. The
-end of an interval then moves outward to the next number. The move is an operation on integers,
-through which no compiler merges a product with a following sum, or reorders sums. Two cases need
-more. A division by a constant may become a product with its reciprocal, so a quotient moves by
-three numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
+end of an interval then moves outward to the next number. The move is an operation on integers, so
+that no compiler merges a product with the sum after it, or reorders sums. Two cases need more. A
+division by a constant may become a product with its reciprocal, so a quotient moves by three
+numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
 2^-1000 moves to 2^-1000.
 """
 
@@ -50,7 +50,7 @@ def point(value: Any) -> Interval:
 
 
 def up(x: Any, numbers: int = 1) -> Any:
-    """Move a number up to the next 64-bit number, `numbers` times, at most to infinity."""
+    """Move a number up to the next 64-bit number, `numbers` times, but not beyond infinity."""
     bits = lax.bitcast_convert_type(x, jnp.int64)
     moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
     moved = lax.bitcast_convert_type(moved, jnp.float64)
@@ -78,7 +78,7 @@ def within(a: Interval, lower: float, upper: float) -> Interval:
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose `a` where a mask, whose values are certain, is true, and `b` elsewhere."""
+    """Choose `a` where `mask` is true, and `b` elsewhere; the mask is an array, not an interval."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -131,7 +131,7 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Enclose the powers of an interval with an integer exponent, computed from products."""
+    """Enclose `x**exponent` for all `x` in an interval by products; `exponent` is an integer."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
     odd = exponent % 2 == 1
@@ -141,7 +141,7 @@ def power(a: Interval, exponent: int) -> Interval:
 
 
 def sqrt(a: Interval) -> Interval:
-    """Enclose the square roots of the numbers in an interval that are not negative."""
+    """Enclose the square roots of the nonnegative numbers in an interval."""
     low, high = jnp.sqrt(jnp.maximum(a.lower, 0.0)), jnp.sqrt(jnp.maximum(a.upper, 0.0))
     return unless(a.upper < 0, within(outward(low, high, 2), 0.0, jnp.inf))
 

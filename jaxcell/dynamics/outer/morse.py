@@ -58,7 +58,7 @@ class MorseSets(OnBox):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The box. Its cells, for pictures, are the initial ones, bisected to at most 262,144 cells."
+    "The box. Its cells serve only for pictures: the initial cells, bisected to at most 262,144."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -74,7 +74,7 @@ class MorseSets(OnBox):
         Bool[np.ndarray, "sets sets"],
         quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
     ]
-    "This relation is transitive, and a set leads only to sets with smaller numbers."
+    "`True` at `[i, j]` if boxes lead from set `i` to set `j`: a transitive relation, with `j < i`."
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
@@ -107,7 +107,7 @@ class MorseSets(OnBox):
 
     @derived("set next", "sets that follow it in the order", kind="index", listed=True)
     def leads_to(self) -> Int[np.ndarray, "sets next"]:
-        """The sets to which each set leads directly, and not through others, filled up with -1."""
+        """The sets to which each set leads directly, not through other sets, padded with -1."""
         leads = self.leads.astype(np.int32)
         direct = self.leads & (leads @ leads == 0)
         following = np.full((self.sets, max(1, direct.sum(axis=1, initial=0).max(initial=0))), -1)
@@ -144,7 +144,7 @@ def morse_sets(
     """Find the recurrent sets of a map in a box, and the order in which orbits visit them.
 
     The image of a box is a box that contains the image of every point. A box leads to the boxes
-    that touch its image. A Morse set is a largest set of boxes that all lead to each other. Boxes
+    that touch its image. A Morse set is a maximal set of boxes that all lead to each other. Boxes
     on no cycle are dropped, the other boxes are bisected along one axis, and so on (Dellnitz &
     Hohmann 1997; Arai et al. 2009). The sets contain all chain recurrent points whose orbits stay
     in the box.
@@ -157,8 +157,8 @@ def morse_sets(
     - `box`: the box, with its initial cells.
     - `params`: the parameters of the map.
     - `depth`: number of bisections, along each axis in turn.
-    - `check`: number of further bisections after which sets are tested. A set without a cycle is
-        then left out, because it contains no recurrent point.
+    - `check`: number of further bisections that test the sets. A set in which no cycle remains is
+        left out, because it contains no recurrent point.
     - `limit`: number of boxes above which a set is kept without further tests.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
@@ -265,7 +265,7 @@ class _Search:
     def halved(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], *others: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Halve boxes that are the result of `bisections` bisections.
+        """Halve boxes; `cells` are their numbers after `bisections` bisections.
 
         Returns the sorted numbers of the halves, and the arrays `others`, in which the entry of
         each box is repeated for both of its halves.

@@ -1,7 +1,7 @@
-"""The interval transform: a program of JAX becomes a program that encloses its values on a box.
+"""The interval transform: a JAX program becomes a program that encloses its values on a box.
 
-The program is traced, and each of its primitives is replaced by a rule for intervals. `jax.vmap`
-batches boxes, and `jax.jit` compiles the result, as for the program itself.
+The program is traced, and each of its primitives is replaced by a rule for intervals. The result is
+a JAX program, too: `jax.vmap` batches boxes, and `jax.jit` compiles it.
 """
 
 import functools
@@ -91,7 +91,7 @@ def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> lis
     """Evaluate a program with intervals as its floating-point arguments.
 
     Floating-point results are intervals, and so are other results if they are uncertain. For each
-    comparison, a mask is added to `decided`, which is `False` where the result is uncertain.
+    comparison, `decided` gets one more mask, which is `False` where the result is uncertain.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
