@@ -1,7 +1,7 @@
 """Optimisation of weights that are not negative and sum to 1.
 
 Each problem is a convex or a mixed-integer program. Except for greedy covers and tours, the dual
-program bounds the distance of a result from the optimum, mostly in a
+program bounds the distance of a result from the optimum; most functions return the bound in a
 [`jaxcell.base.certificate.Certificate`][].
 
 **Mixture** (Alam 2018, Eq. 3.7 and 3.8). The mixture of distributions `a_1, ..., a_k`, the columns
@@ -25,13 +25,13 @@ closed tour through given vertices, `shortest_tour`, sum to at least a share `h`
 **Fastest mixing.** Find the symmetric matrix `I - L` on a graph whose eigenvalues are nearest to 0,
 except for the eigenvalue 1 of the uniform distribution:
 
-    minimise max(|1 - l_2|, |1 - l_n|)     over w >= 0 with rows that are distributions.
+    minimise max(|1 - l_2|, |1 - l_n|)     over w >= 0, if each row of I - L is a distribution.
 
 `fastest_mixing` solves this semidefinite program (Boyd, Diaconis and Xiao 2004), also for a given
 stationary distribution.
 
 **Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union contains every element. Each step
-of `greedy_cover` takes the set that adds most elements; it needs at most `1 + 1/2 + ... + 1/d`
+of `greedy_cover` takes the set that adds most elements; the cover has at most `1 + 1/2 + ... + 1/d`
 times the least number of sets, with `d` the size of the largest set. `minimum_cover` finds the
 fewest sets with a mixed-integer program, in time that can grow exponentially.
 

@@ -49,11 +49,10 @@ def minimum_commute(
 
     See Alam 2018, Eq. 4.4 and 4.5. The weights `w` define a random walk that takes an edge with a
     probability in proportion to its weight. With `X` the pseudo-inverse of the weighted Laplacian,
-    the mean commute time over pairs of different vertices is `C = 4 / (n - 1) tr X`, convex in the
-    weights.
+    the mean commute time over pairs of different vertices is `C = 4 / (n - 1) tr X`, convex in `w`.
 
-    An interior-point method computes the weights, with one Cholesky factorisation of the edges by
-    edges Hessian per step. On more than 2,000 vertices the Hessian is too large. A first-order
+    An interior-point method computes the weights, with one Cholesky factorisation of the Hessian,
+    `[edges, edges]`, per step. On more than 2,000 vertices the Hessian is too large. A first-order
     method then computes the weights, with one inverse of the Laplacian per step.
 
     **Arguments:**
@@ -64,15 +63,14 @@ def minimum_commute(
     - `share`: the least sum of the weights on the edges of the tour, from 0 to 1.
     - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. With
         durations, the commute time is in their unit, and `share` is a share of the time.
-    - `constraints`: linear constraints, which cannot be combined with durations or more than 2,000
-        vertices.
+    - `constraints`: linear constraints; not with durations, and on at most 2,000 vertices.
     - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
     no weights that meet the constraints have an average commute time below `(1 - residual)
-    commute_time`. For any weights `u` without constraints, `C(u) >= C(w) tr X / sum_e u_e |X
-    b_e|^2`, with `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008).
+    commute_time`. Without constraints, all weights `u` satisfy `C(u) >= C(w) tr X / sum_e u_e |X
+    b_e|^2`, with `b_e = e_i - e_j` for an edge from `i` to `j` (Ghosh, Boyd and Saberi 2008).
 
     On a line of three vertices both edges have the same weight. The commute time is 4 steps for two
     pairs of vertices, and 8 steps for the third pair:

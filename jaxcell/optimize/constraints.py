@@ -75,9 +75,9 @@ class Linear:
 class Room:
     """The set of weights that constraints allow: `sums' x = totals` and `x > 0`.
 
-    `x` are the weights of the edges that may have weight, followed by the slack of inequalities.
-    Inequalities that hold only as equalities are equalities here, and constraints that follow from
-    other constraints are omitted.
+    `x` are the weights of the edges that may have weight, followed by the slacks of inequalities.
+    Inequalities that all allowed weights meet with equality count as equalities, and constraints
+    that follow from others are omitted.
     """
 
     used: Bool[np.ndarray, "edges"]
@@ -115,16 +115,16 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints; 0 for one without effect."""
+        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
         owned = (self.owner >= 0) & (self.owner < count)
         # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
 
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
-        """Return a bound on `gain @ weights` over all allowed weights.
+        """Return an upper bound on `gain @ weights` over all allowed weights.
 
-        The bound is valid for any prices, because prices of the wrong sign are ignored, and tight
-        for the prices of the linear program.
+        Any prices give a bound, because those of the wrong sign are ignored. The prices of the
+        linear program give a tight bound.
         """
         prices = np.where(self.signs * prices > 0, 0.0, prices)
         left = gain - self.sums[: self.edges] @ prices
@@ -134,7 +134,7 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds which of the weights and slacks can be positive, all at the same time.
+    One linear program finds the weights and slacks that can be positive, all in the same solution.
     A second program finds a point far from all bounds.
     """
     for rule in constraints:
@@ -178,7 +178,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
 
 class _Sides(NamedTuple):
-    """The equation of the sum of weights and the bounds of constraints, with entries up to 1."""
+    """The sum of weights and the bounds of constraints, as rows with a largest entry of 1."""
 
     rows: Float[np.ndarray, "sides edges"]
     bounds: Float[np.ndarray, "sides"]

@@ -41,10 +41,10 @@ class MinimumCover:
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
     """Choose sets that cover all elements, one by one (Alam 2018, Alg. 4.3; Chvatal 1979).
 
-    Each step ranks the sets by the number of elements that they would add; equal sets stay in their
-    order. The step takes the best set, or with `choice` k the set k places below it. If too few
-    sets add elements, the step takes the last set that adds elements; the source leaves this case
-    open.
+    Each step ranks the sets by the number of elements that they would add; sets that add equally
+    many keep their order. The step takes the best set, or with `choice` k the set k places below
+    it. If too few sets add elements, the step takes the last set that adds elements; the source
+    leaves this open.
 
     **Arguments:** the mask of the elements of each set; and the position in the ranking, from 0.
     Robot `i` of a team takes position `i`, so that the covers of robots differ. **Returns:**

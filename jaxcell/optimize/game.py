@@ -75,9 +75,9 @@ def stackelberg(
 
     **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: the
     excess of an upper bound on all commitments over the value, relative to the range of the
-    leader's payoffs; and the largest gain of a type from another target than its answer, relative
-    to the largest difference of targets under one strategy. Differences below the tolerance may
-    count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
+    leader's payoffs; and the most that a type gains by another target, relative to the largest
+    difference of its payoffs under one strategy. Differences below the tolerance may count as 0.
+    Iterations are the nodes of the branch and bound, or the linear programs.
 
     Mixing pays for the leader, whose first strategy alone would have the payoff 2 (Conitzer and
     Sandholm 2006):

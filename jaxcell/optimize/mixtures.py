@@ -43,7 +43,7 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
 
     **Returns:** [`Mixture`][]. The residual of its certificate, the duality gap, bounds the excess
     of `|A x - b|^2` over the optimum, relative to the largest squared distance of a column from the
-    target. Its iterations are the columns with a weight above 0.
+    target. Its number of iterations is the number of columns with a positive weight.
 
     The point between two columns that is nearest to (1, 0.5):
 

@@ -1,4 +1,4 @@
-"""The weights with the least commute time, on graphs too large for an edges by edges Hessian."""
+"""The weights with the least commute time, on graphs too large for a Hessian `[edges, edges]`."""
 
 import numpy as np
 from jaxtyping import Float

@@ -11,12 +11,12 @@ where `x` are the weights, which sum to 1, followed by the slack of inequalities
     -dR/dw_e = |c_e|^2, the gain of an edge,     d2R/dw_e dw_f = 2 (c_e' c_f)(c_e' b_f) / sqrt(t_f).
 
 **The method.** At the optimum there are prices with `gain + pressure = sums prices`, where the
-pressure (the dual slack) of a number is not negative, and 0 if the number is positive. Mehrotra's
-predictor-corrector steps approach it from the interior, each with one Cholesky factorisation.
+pressure (the dual slack) of an entry of `x` is not negative, and 0 if the entry is positive.
+Mehrotra's predictor-corrector steps approach it, each with one Cholesky factorisation.
 
 **The bound.** `R` is convex and homogeneous of degree -1, so its reciprocal is concave, and the
 tangent at `w` bounds the reciprocal everywhere: no weights have a sum below `R(w)^2 / most`, with
-`most` the largest `gain @ u` over all weights `u`. This is the certificate, which ends the steps.
+`most` the largest `gain @ u` over all weights `u`. The gap is the certificate, and ends the steps.
 """
 
 import contextlib
@@ -49,15 +49,15 @@ _Prices: TypeAlias = Float[np.ndarray, "prices"]
 
 
 class Emphasis(NamedTuple):
-    """The set of weights with at least a share on the edges of a tour.
+    """The set of weights with at least a given share on the edges of a tour.
 
     The excess of the weight on the tour over the share is one more unknown. There are two
-    equations, for the sum of all weights, and for the sum of the excess and the weights off the
+    equations: one for the sum of all weights, one for the sum of the excess and the weights off the
     tour. An equation for the weight on the tour would be inaccurate if the share is almost 1.
     """
 
     on_tour: Bool[np.ndarray, "edges"]
-    "The emphasised edges; without an emphasis all edges, with share 0."
+    "The emphasised edges; if there is no emphasis, all edges, and the share is 0."
     share: float
 
     @property
@@ -81,7 +81,7 @@ class Emphasis(NamedTuple):
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1; the tour has at least the share plus `spare` times the rest."""
+        """Scale weights to sum 1, with at least `share + spare * (1 - share)` on the tour."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -89,7 +89,7 @@ class Emphasis(NamedTuple):
         return weights * np.where(self.on_tour, more, less)
 
     def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
-        """Return initial numbers: equal weights, twice multiplied by the roots of their gains.
+        """Return initial numbers: equal weights after two multiplications by the roots of gains.
 
         In trees without an emphasis, these weights are optimal.
         """
@@ -122,7 +122,7 @@ class Iterate(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Laplacian:
-    """The weighted Laplacian of a graph with durations of edges."""
+    """The Laplacian of a graph, with the weight of each edge divided by its duration."""
 
     vertices: int
     edges: Int[np.ndarray, "edges 2"]
@@ -145,7 +145,7 @@ class Laplacian:
     def divide(
         self, design: Design, unit: float, diagonal: _Numbers
     ) -> Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]]:
-        """Return a function that multiplies by the inverse of the Hessian plus a diagonal.
+        """Return a function that multiplies by the inverse of `Hessian / unit + diag(diagonal)`.
 
         A large Hessian is factorised in 32 bits, in half the time and memory. A relative error of
         0.001 in a step does no harm, because the next step starts from residuals in 64 bits.
@@ -311,7 +311,7 @@ def _predictor_corrector(
 
 
 def _on_the_bound(laplacian: Laplacian, problem: Emphasis, best: Iterate) -> Iterate:
-    """Reduce the weight of the tour to exactly its share, if the bound is tight."""
+    """Reduce the weight on the tour to exactly `share`, if this lower bound is tight."""
     on_tour, weights, beyond = problem.on_tour, best.numbers[:-1], best.numbers[-1]
     if best.prices is None or beyond > best.prices[1] / best.resistance:
         return best

@@ -26,10 +26,10 @@ _Forces: TypeAlias = Float[np.ndarray, "bounds"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SpectralProblem:
-    """The least spectral norm of `M(w) = I - r r' - sum_e w_e s_e s_e'` over `limits >= bounds w`.
+    """A problem: minimise the spectral norm of a matrix `M(w)` over `w` with `bounds w <= limits`.
 
-    For an edge `e` between `i` and `j`, `s_e = e_i / r_i - e_j / r_j`, so that all `s_e` are
-    orthogonal to `r`, a vector of norm 1. With `L(w)` the sum over the edges, `M` has the
+    `M(w) = I - r r' - L(w)`, where `L(w) = sum_e w_e s_e s_e'`. For an edge `e` between `i` and
+    `j`, `s_e = e_i / r_i - e_j / r_j`, which is orthogonal to `r`, a vector of norm 1. `M` has the
     eigenvalues of a transition matrix, with 0 in place of its eigenvalue 1.
     """
 
@@ -49,7 +49,7 @@ class SpectralProblem:
 
     @property
     def centred(self) -> _Matrix:
-        """The projection `I - r r'`."""
+        """The projection `I - r r'` onto the vectors orthogonal to `r`, which is `root`."""
         return np.eye(self.root.size) - np.outer(self.root, self.root)
 
     def laplacian(self, weights: _Weights) -> _Matrix:
@@ -79,8 +79,8 @@ class SpectralProblem:
 class _Point:
     """Weights, an upper bound `level` on the norm, and the dual variables of their constraints.
 
-    The dual variable of a positive definite matrix is such a matrix itself, that of a positive
-    number is a positive number. The class also describes a change of a point.
+    The dual variable of a positive definite matrix is a positive definite matrix, that of a
+    positive number a positive number. A `_Point` may also be the change of a point.
     """
 
     weights: _Weights
@@ -109,8 +109,8 @@ def least_norm(
     general solver cannot exploit this structure: Clarabel, through cvxpy, is 7 times as slow for 30
     vertices and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
 
-    The start `weights` is strictly within the limits, with a norm below 1. The tolerance of the
-    excess over the least norm is relative to 1 minus the norm.
+    The start `weights` is strictly within the limits, with a norm below 1. `tolerance` bounds the
+    excess over the least norm, relative to 1 minus the norm.
 
     **Returns:** the best weights, their norm, a lower bound on all norms, and the number of steps.
     """
@@ -167,7 +167,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
     solve = _hessian_solve(problem, point, inverse, slack)
 
     def change(forces, pressure):  # type: ignore[no-untyped-def]
-        """Return the change to feasible dual variables, its effect on slacks, and step lengths."""
+        """Return the step toward given dual variables, the changes of slacks, and step lengths."""
         weights, level = solve(_balance(problem, forces, pressure))
         opened = level * np.eye(root.shape[-1]) + _SIGNS * problem.laplacian(weights)
         widened = -(problem.bounds @ weights)

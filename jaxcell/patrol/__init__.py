@@ -11,12 +11,12 @@ The main names are in this package; the packages below contain all names, and de
 - `patrol.walks`: walks on a graph, such as the `random_walk` with given weights and the walk
     `toward` a vertex; walks that optimise a measure, such as `maximin_capture`; the
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
-- `patrol.team`: parts of a graph, travel times, idleness, the age of news, and charging.
-- `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells,
-    `distributed_policies` and `capture_policies` compute walks, `capture_probabilities` their exact
-    probabilities of capture; `vulnerability` adds a simulation, and a distribution fitted to it.
+- `patrol.team`: parts of a graph, travel times, idleness, the age of news at a base, and charging.
+- `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells;
+    `distributed_policies` and `capture_policies` compute walks; `capture_probabilities` computes
+    how likely walks capture; `vulnerability` adds a simulation, and a law fitted to it.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
-- `patrol.perimeter`: the baselines BMP, DCP and DNCP on a closed perimeter.
+- `patrol.perimeter`: robots on a closed perimeter that all move by the tosses of one coin.
 
 The probability of capturing an attack that takes `t` steps follows from the probability `S_r(t)`
 that robot `r` does not visit the attacked place in these steps:

@@ -2,8 +2,8 @@
 
 Vertices of a `Graph` are numbered from 0, distances are in metres. `load_graph` reads JSON and the
 formats of networkx and of patrolling_sim, `save_graph` writes JSON, GraphML and edge lists.
-`has_weights` checks whether a file has weights, which are not read. `load_values` reads one number
-per vertex, and `load_stakes` the stakes of a game.
+`has_weights` checks whether a file has weights of edges, which `load_graph` ignores. `load_values`
+reads one number per vertex, and `load_stakes` the stakes of a game.
 """
 
 from ...base.hosted import attach

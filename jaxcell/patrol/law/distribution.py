@@ -29,10 +29,10 @@ class Gld:
 
     A shape of 0 stands for the limit, `log(u)` or `log(1 - u)`. With shapes 0 and 0 it is the
     logistic distribution, with 1 and 1 a uniform distribution. If the four parameters are arrays
-    `[laws, 1]`, they are several distributions, and functions return arrays `[laws, values]`.
+    `[laws, 1]`, they define several distributions, and methods return arrays `[laws, values]`.
 
-    The other methods invert `Q` with Newton's method within a bracket. The unknown is the log-odds
-    `log(u / (1 - u))`, so that neither tail loses digits.
+    `log_odds`, `cdf` and `pdf` invert `Q` with Newton's method within a bracket. The unknown is the
+    log-odds `log(u / (1 - u))`, so that neither tail loses digits.
 
     The logistic distribution:
 
@@ -63,7 +63,7 @@ class Gld:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The ends of the interval of possible values; infinite for shapes of at most 0."""
+        """The ends of the interval of possible values, infinite where the shape is at most 0."""
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 
@@ -107,8 +107,8 @@ class Gld:
 def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
     """Compute the logarithm of the probability of an interval from the log-odds at its ends.
 
-    With `u` and `v` the distribution function at the ends, `v - u = v (1 - u) (1 - exp(lower -
-    upper))`, which loses no digits in either tail.
+    With `u` and `v` the distribution function at the lower and the upper end, `v - u = v (1 - u) (1
+    - exp(lower - upper))`, which loses no digits in either tail.
     """
     logarithm = _logs(upper)[0] + _logs(lower)[1] + np.log(-np.expm1(np.subtract(lower, upper)))
     return np.where(np.greater_equal(lower, upper), -np.inf, logarithm)
@@ -140,9 +140,9 @@ def _invert(
 ) -> Float[np.ndarray, "*laws_and_values"]:
     """Find the log-odds at which the standard quantile function is `z`.
 
-    A table of the function brackets each solution; with approximate solutions `near`, the bracket
-    is the whole table. The middle of the bracket replaces a Newton step that would leave it. Beyond
-    the table, the log-odds are infinite.
+    A table of the function brackets each solution; if approximate solutions `near` are given, the
+    bracket is the whole table. A Newton step that would leave the bracket goes to its middle
+    instead. Beyond the table, the log-odds are infinite.
     """
     nodes = _NODES if near is None else _NODES[[0, -1]]
     table = standard_quantile(nodes, l3, l4)

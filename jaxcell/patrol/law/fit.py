@@ -72,9 +72,9 @@ def fit_gld(
     bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
     for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of this interval.
 
-    Newton's method improves the best few of a grid of shapes. The result is the best of several
-    local maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may
-    have a larger likelihood, but is useless.
+    Newton's method starts from the best few laws on a grid of shapes. The result is the best of
+    several local maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one
+    sample may have a larger likelihood, but is useless.
 
     **Arguments:**
 
@@ -130,7 +130,7 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The samples of a fit, and the points at which log-odds are parameters of a law."""
+    """The samples of a fit, and points at which a law's log-odds serve as two of its parameters."""
 
     data: Likelihood
     few: Likelihood
@@ -214,7 +214,7 @@ class _Maximum:
 
 
 def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Find a local maximum of the likelihood from the law `law_through(numbers, point)`.
+    """Find a local maximum of the likelihood, starting from the law `law_through(numbers, point)`.
 
     A censored sample is an interval. Its likelihood has a kink if the support of the law ends at
     the outer end of the interval, and the maximum often lies there. So the search first requires
@@ -236,14 +236,14 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 
 
 def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
-    """Maximize the likelihood from `law_through(numbers, point)` with a bounded Newton's method.
+    """Maximize the likelihood with bounded Newton steps from the law `law_through(numbers, point)`.
 
     The curvatures of the loss are replaced by their absolute values, so that each step lowers it.
     No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
     and L-BFGS-B stop too early.
 
-    The log-odds of a law are parameters at two points. If the support is bounded on the side of a
-    point, this is the point of `outer`, because then no change of the other parameters excludes a
+    Two parameters of a law are its log-odds at two points, one on each side. Where the support is
+    bounded, the point is that of `outer`, so that no change of the other parameters excludes a
     sample. Otherwise it is that of `inner`, where the log-odds hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND

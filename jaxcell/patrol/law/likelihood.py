@@ -49,7 +49,9 @@ class Likelihood:
     def of(
         value: Float[np.ndarray, "samples"], count: Int[np.ndarray, "samples"], censored: bool
     ) -> "Likelihood":
-        """Return the likelihood of values with counts; if censored, of intervals around them."""
+        """Return the likelihood of values that occur `count` times each.
+
+        If `censored`, a value stands for the interval of length 1 around it."""
         weight = count / count.sum()
         if not censored:
             return Likelihood(value, weight, None)

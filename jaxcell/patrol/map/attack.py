@@ -26,7 +26,7 @@ class Attack:
     arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
-        """Create attacks of one or several numbers of steps, for the distribution `start`."""
+        """Create attacks of one or several durations, in steps; `start` places the robots."""
         given = np.atleast_1d(np.asarray(times))
         if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"times: expected whole numbers of steps, got {times!r}")
@@ -48,7 +48,7 @@ class Attack:
         """Compute the distribution of each robot over its cells out of view when an attack begins.
 
         `view` is the mask of the cells from which a target is seen, one row per target. For the
-        start `worst`, the distribution is uniform over the cells that may be the worst.
+        start `worst`, all cells out of view have equal probabilities, and callers find the worst.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):

@@ -51,7 +51,7 @@ class Vulnerability(Result):
         Float[np.ndarray, "steps"],
         quantity("step", "probability that the first robot is in view then", "1", kind="share"),
     ]
-    "The distribution of the time of the first view, up to the longest attack time."
+    "The distribution of the time when a robot first sees the cell, up to the longest attack time."
     arrivals: Arrivals
     fit: GldFit | None
     "The distribution fitted to the simulated times, or `None` if the fit failed."
@@ -108,7 +108,7 @@ def vulnerability(
     - `key`: random key of `jax.random` for the simulation.
     - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `attack`: the attack; the start `worst` is the worst cell of a robot for its first time.
+    - `attack`: the attack; the start `worst` is each robot's worst cell for the first attack time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].

@@ -35,7 +35,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability of capture if a robot starts in each cell out of view with equal probability."
+    "The probability of capture if all cells out of view are equally likely starts of a robot."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -103,8 +103,8 @@ def capture_probabilities(
 
     - `graph`: the cells and the edges between them.
     - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`, as
-        [`jaxcell.space.visible_cells`][] returns it. The dissertation tests whether the whole cell
-        of the robot is seen from the target, which is the transpose.
+        [`jaxcell.space.visible_cells`][] returns it. The dissertation instead tests whether the
+        target sees the whole cell of the robot: its mask is the transpose.
     - `policies`: the policy of each robot.
     - `attack`: the attack times, and the places of robots when an attack begins.
 
@@ -168,7 +168,7 @@ def _captures(
     policies: Sequence[Policy],
     attacks: Sequence[Attack],
 ) -> Float[np.ndarray, "attacks times cells"]:
-    """Compute the probabilities of capture for attacks with equal times and several starts."""
+    """Compute the probabilities of capture for attacks that differ in `start`, not in `times`."""
     require_x64("capture_probabilities")
     times = attacks[0].times
     cells = graph.vertices
@@ -208,7 +208,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late`, the probability from each cell of not seeing each target, by `steps` steps."""
+    """Extend `late` by `steps` steps: the probability that a robot from a cell misses a target."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

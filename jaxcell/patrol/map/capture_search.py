@@ -39,14 +39,14 @@ Say = Callable[[str, int, int], None]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CaptureSearch(Result):
-    """Walks of robots that maximise the least probability of capture, up to a local optimum."""
+    """Walks of robots whose least probability of capture is a local maximum."""
 
     title: ClassVar[str] = "Search for the patrol that captures most"
     tables: ClassVar[Mapping[str, str]] = {"attempt": "attempts"}
 
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
-    randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
+    randomness: Annotated[float, quantity("", "least share of random steps", "1", kind="share")]
     "The least share of steps in which a robot goes to a uniformly random neighbour."
     start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
@@ -83,7 +83,7 @@ class Frontier(Result):
 
     floor: Annotated[
         Float[np.ndarray, "floors"],
-        quantity("floor", "least share of chance in a step", "1", kind="coordinate"),
+        quantity("floor", "least share of random steps", "1", kind="coordinate"),
     ]
     least_capture: Annotated[
         Float[np.ndarray, "floors"],
@@ -108,8 +108,8 @@ def capture_policies(
 ) -> CaptureSearch:
     """Find walks of robots that maximise the least probability of capture over the cells.
 
-    Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together. The searches start from tours through covers, and
+    Adam changes the logits of the steps of all robots along the gradient of a soft minimum of
+    [`jaxcell.patrol.capture_probabilities`][]. The searches start from tours through covers, and
     from *even* walks, which take all edges with equal probability; both are perturbed randomly.
 
     Each trained walk is then mixed with *excursions*, a walk that visits all cells and drifts back
@@ -261,7 +261,7 @@ class _Problem:
         """The logits of walks along tours through the covers, and the least capture by the tours.
 
         A walk has no memory: in a cell that a tour passes more than once, the walk chooses among
-        all its directions.
+        all steps that the tour takes from there.
         """
         covers = [greedy_cover(self.visible, robot).chosen for robot in range(self.robots)]
         least = capture_by_tours(self.graph, self.visible, covers, self.attack)
@@ -282,7 +282,7 @@ class _Problem:
         return CirculationAscent(self.graph, self.steps, self.unseen, time, start, randomness)
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
-        """Return logits of the same walks if their randomness falls from `above` to `floor`."""
+        """Return logits of the same walks for a randomness of `floor` instead of `above`."""
         chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))

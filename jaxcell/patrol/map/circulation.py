@@ -60,7 +60,7 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Compute the shares of time of a walk, relative to that of a frequent cell, `pivot`."""
+        """Solve for the shares of time of a walk; `pivot` is a cell that it visits often."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
@@ -76,7 +76,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute the gain of one more visit to each cell, from the gradient in shares of time."""
+        """Convert derivatives by the shares of time into derivatives by the visits to each cell."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -192,7 +192,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the `count` most missed targets, with at least one in each of `count // 4` ranges."""
+    """Choose the `count` most missed targets, at least 1 in each of `count // 4` index ranges."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets

@@ -44,8 +44,8 @@ class Attacks:
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     """Simulate patrolling robots, and an adversary that attacks one cell while it is out of view.
 
-    The first cells of robots are drawn from their shares of time. An attack lasts for the first
-    attack time, and fails if a robot sees the target within this time.
+    The first cells of robots are drawn from their shares of time. An attack takes the first of the
+    attack times, and fails if a robot sees the target in this time.
     """
     attack_time = int(patrol.attack.attack_time[0])
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))

@@ -59,7 +59,7 @@ class Policy:
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Build a `derived` quantity of a result: the attribute `path` of each of its policies."""
+    """Build a quantity as `derived` does: the attribute `path` of each policy of a result."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])
@@ -69,11 +69,11 @@ def of_policies(path: str, *description: Any, **more: Any) -> Any:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Compute walks on which each robot alone sees all cells (Alam 2018, section 4.4.4).
+    """Compute walks of robots that each see the whole map (Alam 2018, section 4.4.4).
 
-    Robot `i` has the cover of [`jaxcell.optimize.greedy_cover`][] with `choice=i`. Its walk has the
-    least mean commute time among walks with at least a given share of their steps on the closed
-    tour through the cover, [`jaxcell.optimize.minimum_commute`][]. A single cell needs no tour.
+    Robot `i` has the cover of [`jaxcell.optimize.greedy_cover`][] with `choice=i`.
+    [`jaxcell.optimize.minimum_commute`][] computes its walk, of least mean commute time with at
+    least a given share of steps on the closed tour through the cover. A single cell needs no tour.
 
     **Arguments:** a connected graph and the visibility, as in
     [`jaxcell.patrol.capture_probabilities`][]; the number of robots; and the least share of steps
@@ -141,7 +141,7 @@ def centralized_policies(
 def smallest_covers(
     visible: Bool[np.ndarray, "cells cells"], policies: Sequence[Policy]
 ) -> Float[np.ndarray, "robots"]:
-    """Find the size of the smallest cover of each robot's cells; NaN if the search is too long."""
+    """Find the size of the smallest cover of each robot's cells; NaN if this takes too long."""
     sizes: dict[bytes, float] = {}
     for policy in policies:
         key = policy.cells.tobytes()

@@ -45,9 +45,9 @@ class Reassignment(Result):
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     """Compute the number of steps without a report that a working robot hardly ever exceeds.
 
-    The result is the least `t` such that the robot, from any cell of its region, fails to visit its
-    contact cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact
-    cell has to return to it.
+    The result is the least `t` such that, from any cell of its region, the robot misses its contact
+    cell in the next `t` steps with a probability of at most `alpha`. From the contact cell itself,
+    only a return counts as a visit.
 
     **Arguments:** the policy of a robot with a contact cell; and the probability of a false alarm,
     more than 0 and less than 1. **Returns:** the number of steps.

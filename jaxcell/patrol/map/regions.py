@@ -196,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Return the cells after `piece` on the shortest path to `goal` over `through`, or `None`."""
+    """Find the shortest path to `goal` within `through`, after `piece`; `None` if there is none."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

@@ -99,7 +99,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
     c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
     **Arguments:** the robots, and the number of steps that a penetration takes. **Returns:** the
-    coefficients for the segments 0 to `distance - 1`.
+    coefficients for the segments 0 to `perimeter.distance - 1`.
 
     Robots four segments apart; segments 1 and 3 mirror each other:
 
@@ -178,7 +178,7 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
     """Compute the distribution of the first step after which a robot is in a segment.
 
     **Arguments:** the robots, the probability of heads, and the number of steps to compute.
-    **Returns:** one row per segment from 0 to `distance - 1`, one column per step from 1.
+    **Returns:** one row per segment, 0 to `perimeter.distance - 1`, one column per step from 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -197,8 +197,8 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
     """Compute the expected number of steps until a robot visits each segment.
 
-    **Arguments:** the robots, and the probability of heads. **Returns:** the times for the segments
-    0 to `distance - 1`; `inf` if it is possible that no robot ever comes.
+    **Arguments:** the robots, and the probability of heads of their coin. **Returns:** the times
+    for segments 0 to `perimeter.distance - 1`; `inf` if it is possible that no robot ever comes.
 
     Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` steps, and
     the return to segment 0 takes 4:

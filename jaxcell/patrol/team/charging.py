@@ -19,7 +19,7 @@ _MAX_CHANCES = 50_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Charged(Result):
-    """Walks that return to a charger at least once in `every` steps, and their statistics."""
+    """Walks that return to a charger after at most `every` steps, and their statistics."""
 
     title: ClassVar[str] = "Walks that return to a charger"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
@@ -43,14 +43,14 @@ class Charged(Result):
     "The distribution of the number of steps between charges, averaged over robots."
     least_capture: Annotated[
         float | None,
-        quantity("", "least capture within the attack time, robots where worst", "1", kind="share"),
+        quantity("", "least capture in the attack time from the worst starts", "1", kind="share"),
     ] = None
     led_back: Annotated[
         float | None,
-        quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
+        quantity("", "least capture of walks without a charger, led to one", "1", kind="share"),
     ] = None
-    """The capture by walks that were optimised without a charger, after [`charged`][] has modified
-    them to return to the charger."""
+    """The least probability of capture by walks that were optimised without a charger, after
+    [`charged`][] has modified them to return to one."""
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
@@ -123,9 +123,9 @@ def charged(
 ) -> Charged:
     """Modify walks so that they return to a charger in time, and compute their exact statistics.
 
-    A robot draws among the steps of its walk after which it can still reach the charger in time. If
-    its walk has no such step, it goes to a random neighbour from which it can reach the charger in
-    time. So its steps depend on the number of steps since the charge. Robots are independent.
+    A robot draws a step of its walk after which it can still reach the charger in time. If its walk
+    has no such step, it goes to a random neighbour from which it can reach the charger in time. So
+    its steps depend on the number of steps since the last charge. Robots are independent.
 
     **Arguments:**
 
@@ -161,7 +161,7 @@ def charged(
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
     """Return a mask of the vertices to which a robot may step and still reach the charger in time.
 
-    Its rows are the numbers of steps since the charge.
+    Row `k` is for a robot that was charged `k` steps ago.
     """
     check_vertex("charger", charger, graph.vertices)
     beside = graph.matrix(np.ones(len(graph.edges)))

@@ -35,7 +35,7 @@ class Division(Result):
     ]
     least_capture: Annotated[
         Float[np.ndarray, "divisions"] | None,
-        quantity("division", "least chance of capture, robots where worst", "1", kind="share"),
+        quantity("division", "least chance of capture from the worst starts", "1", kind="share"),
     ]
     region: Annotated[
         Int[np.ndarray, "vertices"],
@@ -48,12 +48,11 @@ def divide_graph(
 ) -> Int[np.ndarray, "vertices"]:
     """Divide a graph into connected parts with nearly equal numbers of vertices.
 
-    Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
-    If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
+    Parts grow from vertices far apart: each time, the smallest takes the nearest free vertex beside
+    it. If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
 
     **Arguments:** a connected graph; the number of parts, at most half the number of vertices; and
-    names of the vertices, for errors. **Returns:** the part of each vertex. Every part has two or
-    more vertices.
+    names of vertices, for errors. **Returns:** the part of each vertex. Every part has two or more.
 
     A line of six vertices:
 

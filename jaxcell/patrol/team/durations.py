@@ -60,7 +60,7 @@ def timed(
     durations: Any,
     wait: float,
 ) -> Timed:
-    """Compute the times of walks whose steps take the travel times of edges.
+    """Compute hitting times and idleness in seconds, for walks along edges with travel times.
 
     The walks are semi-Markov processes. With `s` the mean times of steps, hitting times solve `h =
     s + P h`, and the mean time between two departures of a robot from vertex `j` is `pi s / pi_j`.

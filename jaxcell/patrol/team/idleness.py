@@ -99,7 +99,7 @@ def steps_between_visits(
 ) -> Float[np.ndarray, "vertices"]:
     """Compute the mean time between visits to each vertex by any robot.
 
-    Robots are independent; simultaneous visits count as one, and a wait is a visit at each step.
+    Robots are independent; simultaneous visits count as one, and each step of a wait is a visit.
 
     `shares` is the result of [`long_run`][]. Times are in steps, infinite if no robot visits the
     vertex.
@@ -134,8 +134,8 @@ def simulate_idleness(
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `matrices`: the transition matrix of each robot, between the vertices, or between pairs of a
-        state of its memory and a vertex, as in
+    - `matrices`: the transition matrix of each robot. Its states are the vertices or, with a
+        memory, pairs of a state of the memory and a vertex, as in
         [`MaximinCapture`][jaxcell.patrol.walks.MaximinCapture].
     - `times`: array `[edges]`, the travel time of each edge; by default 1. A wait takes the least
         travel time.

@@ -52,10 +52,10 @@ def hitting_check(
     step: Float[np.ndarray, "vertices"],
     times: Float[np.ndarray, "vertices vertices"],
 ) -> tuple[float, float]:
-    """Compute the relative residual of the hitting times in `times = step + matrix @ times`.
+    """Compute the relative residual of `times = step + matrix @ times`, for hitting times.
 
-    Also returns its tolerance. Infinite times, to vertices that are not visited in the long run,
-    are ignored; `step` is the mean time of a step from each vertex.
+    Also returns the tolerance of the residual. Infinite times, to vertices that are not visited in
+    the long run, are ignored; `step` is the mean time of a step from each vertex.
     """
     there = np.flatnonzero(np.isfinite(times).all(axis=0))
     gap = step[:, None] + matrix @ times[:, there] - times[:, there]

@@ -11,17 +11,17 @@ With `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), `A` the in
 
 Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weights.
 
-- *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
-    with an *emphasis*, at least a given share of the weight is on the edges of the shortest closed
-    tour through given vertices (Eq. 4.5). The problem is convex; a duality gap bounds the error,
-    also under the constraints of `load_constraints`; `MetConstraints` reports how they are met.
+- *MAECT*, minimum average expected commute time, is the choice of weights with the least `C` (Eq.
+    4.4), `jaxcell.optimize.minimum_commute`; with an *emphasis*, at least a given share of the
+    weight is on the edges of the shortest closed tour through given vertices (Eq. 4.5). The problem
+    is convex; a duality gap bounds the error, also under the constraints of `load_constraints`;
+    `MetConstraints` reports how they are met.
 - `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1). As in the printed algorithm,
-    a step counts only in the direction of its path; this reproduces all rows of Table 4.2 for `k =
-    1`.
-- Three other optima are not in the source: `minimum_kemeny`, of `K = sum_j pi_j h_ij` with `pi`
-    the stationary distribution; `maximum_entropy_rate`, of `H = -sum_i pi_i sum_j p_ij log p_ij`,
-    in nats; and `maximum_return_time_entropy`, of the `return_time_entropy`, which is the entropy
-    of the time of return to a vertex. Each function returns an `OptimizedWalk`.
+    a path makes no steps against its direction; this reproduces all rows of Table 4.2 for `k = 1`.
+- Three other optima are not in the source. `minimum_kemeny` minimises `K = sum_j pi_j h_ij`, with
+    `pi` the stationary distribution. `maximum_entropy_rate` maximises `H = -sum_i pi_i sum_j p_ij
+    log p_ij`, in nats, and `maximum_return_time_entropy` the `return_time_entropy`, the entropy of
+    the time of return to a vertex. Each function returns an `OptimizedWalk`.
 - `measure` computes `h`, `C`, `K`, `H` and more of any chain (`Measures`). `GraphPatrol` adds the
     graph, for datasets and recordings, and for several independent robots the first arrival at
     each vertex and the probability of capturing an attack.

@@ -77,8 +77,8 @@ def first_passage(
     """Compute the probability of first passage from each state to each target in time.
 
     At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`,
-    with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. The lengths of the last
-    two arguments are the largest delay and attack time; JAX compiles once per such shape.
+    with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. Only the lengths of
+    `longest` and `horizon` count: the largest delay and attack time, for JAX to compile.
     """
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
@@ -118,9 +118,9 @@ def check_reach(
     *,
     stay: bool = False,
 ) -> None:
-    """Raise an error if an attack is too short for a robot that comes from any vertex, or returns.
+    """Raise an error if an attack ends before robots from all vertices can reach its target.
 
-    If robots may `stay` at a vertex, they return after a time of 1.
+    A robot at the target must return to it; if robots may `stay`, this takes a time of 1.
     """
     needed = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     same = np.eye(len(delays))

@@ -100,13 +100,13 @@ def strategy_game(
     names: Sequence[str] | None = None,
     stakes: Stakes | None = None,
 ) -> StrategyGame:
-    """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
+    """Solve the game of patroller and adversary on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
-    The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk with the
-    least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
-    walk with the least commute time under that emphasis. Each strategy sorts the vertices by a mean
-    hitting time: the time from a vertex to the preferred vertices or, in the strategy for all
-    vertices, the time to a vertex from all other vertices.
+    The strategies of the patroller are the walk toward each vertex, [`jaxcell.patrol.toward`][],
+    the walk with the least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is
+    an emphasis, the walk with the least commute time under that emphasis. Each strategy sorts the
+    vertices by a mean hitting time: the time from a vertex to the preferred vertices or, in the
+    strategy for all vertices, the time to a vertex from all other vertices.
 
     **Arguments:**
 

@@ -37,7 +37,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"Largest number of vertices for which first arrivals of robots are computed, which takes 10 s."
+"Largest number of vertices for which first arrivals are computed; they take 10 s at this number."
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,7 +64,7 @@ class GraphPatrol(Measures):
     timed: Timed | None = None
     "The walk in seconds, if edges have travel times."
     by_steps: bool = False
-    "`True` if the walk was optimised in steps although the travel times of edges differ."
+    "`True` if the walk was optimised for times in steps although edges differ in travel time."
     division: Division | None = None
     "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None

@@ -16,7 +16,7 @@ from .optimal.capture import maximin_capture
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class MemoryPatrol(Result):
-    """Walks of robots with memory, whose capture is compared with a tour and an upper bound.
+    """Walks with memory: their least probability of capture, that of a tour, and an upper bound.
 
     A state of a robot is a pair of a state of its memory and a vertex; the vertex varies fastest.
     """
@@ -27,7 +27,7 @@ class MemoryPatrol(Result):
     patrol: Annotated[list[str], quantity("patrol", "patrol", kind="coordinate")]
     least_capture: Annotated[
         Float[np.ndarray, "patrols"],
-        quantity("patrol", "least capture, robots where worst", "1", kind="share"),
+        quantity("patrol", "least capture from the worst starts", "1", kind="share"),
     ]
     "The least probability of capture if the adversary sees robots and states of their memories."
     any_time: Annotated[
@@ -37,7 +37,7 @@ class MemoryPatrol(Result):
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
-    memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
+    memory: Annotated[int, quantity("", "states of memory of the best walk", kind="count")]
     "The number of memory states of the walk that captures most; the smallest if walks tie."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[

@@ -25,12 +25,12 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). Each
     step gets a count: the number of these paths that contain it, or 1 for a step that leaves the
     vertex. The probability of a step is in proportion to its count. As in the printed algorithm, a
-    path counts only in its own direction. In the long run, the walk may leave out vertices that are
-    on no path from a neighbour of the vertex.
+    path adds only to the counts of steps in its own direction. In the long run, the walk may leave
+    out vertices that are on no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
-    edge and several edges along it, the path with fewer edges is first. Remaining ties are
-    broken by the highest number of an edge that is on only one of the paths: that path is second.
+    edge and several edges along it, the path with fewer edges is first. Remaining ties are broken
+    by the highest number of an edge that is on only one of the paths: its path is second.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**

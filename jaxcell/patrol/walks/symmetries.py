@@ -18,7 +18,7 @@ def symmetries(
     """Find permutations of vertices that preserve durations of moves and kinds of vertices.
 
     **Returns:** the image of each vertex under each permutation, the identity first. If there are
-    at most 48 permutations, all are returned, which form a group; otherwise only some.
+    at most 48 permutations, all are returned and form a group; otherwise only some are.
     """
     graph = networkx.from_numpy_array(delays, create_using=networkx.DiGraph)
     networkx.set_node_attributes(graph, dict(enumerate(kinds)), "kind")

@@ -24,7 +24,7 @@ _TINY = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """The gradient ascent, in the logits of steps, of the least probability of capture in time."""
+    """The gradient ascent of the least probability of capture over the logits of steps."""
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
@@ -93,11 +93,11 @@ def log_missed_from_worst(
     hardness: Float[Array, ""] | None,
     tiny: float = _TINY,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that a robot misses attacks from its worst start.
+    """Compute the log-probability that a robot from its worst start misses each target.
 
     `late` is the probability of a miss from each cell, and `weight` the weight of the cell as a
-    start. With a hardness, an inverse temperature, the worst start is a soft minimum of logarithms,
-    because the gradient of a product of many probabilities is almost 0.
+    start. With a hardness, an inverse temperature, the minimum over starts is a soft minimum of
+    logarithms, because the gradient of a product of many probabilities is almost 0.
     """
     caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
     if hardness is None:

@@ -85,7 +85,7 @@ def capture_bound(
 
 
 class _Visits:
-    """The visits of walks to vertices within the attack times, by pairs of successive moves."""
+    """The visits of a walk within the attack times, where a state is a pair of successive moves."""
 
     def __init__(
         self, delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
@@ -100,7 +100,7 @@ class _Visits:
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for each pair whose second move ends in time at a vertex new to it, or else 0.
+        """Return 1 for each pair whose second move ends in time at a vertex new to the pair, or 0.
 
         The first move of the pair ends at `time`, in steps since the attack began.
         """

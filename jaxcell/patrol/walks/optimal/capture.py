@@ -64,7 +64,7 @@ class MaximinCapture:
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
-    "The least probability of capture over targets, and positions of robots at the start."
+    "The least probability of capture over all targets and all positions of robots at the start."
     certificate: Certificate
 
     @property
@@ -121,11 +121,11 @@ def maximin_capture(
 
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is the largest relative gain
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
-    fewer programs are solved, and the tolerance is 0.02; on graphs of more than 100 none are
-    solved, and the residual is the share of the value that the last steps added: the last quarter
-    of the steps of Adam, or the steps for the hardest soft minimum. With memory, the limit of 100
-    applies to the number of vertices times the square of `memory`. The iterations are the gradient
-    steps from all starts and the programs.
+    fewer programs are solved, and the tolerance is 0.02. On graphs of more than 100 none are
+    solved; the residual is then the share of the value that the last steps added: the last quarter
+    of the steps of Adam or, without Adam, the steps at the highest inverse temperature. With
+    memory, the limit of 100 applies to the number of vertices times the square of `memory`. The
+    iterations are the gradient steps from all starts and the programs.
 
     On a line of three vertices, a robot needs two steps from one end to the other:
 
@@ -211,12 +211,13 @@ def _descend(
     copies: _Matrices | None,
     arguments: tuple[Any, ...],
 ) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
-    """Follow the gradient of a soft minimum of capture from each start, then of harder minima.
+    """Follow the gradient of a soft minimum of capture from each start, then harden the minimum.
 
-    The descents for harder minima begin at the best result, and at the known walks `copies`.
+    Harder minima have a higher inverse temperature. The descents for them begin at the best result,
+    and at the known walks `copies`.
 
-    **Returns:** the best moves, the number of steps, and the share of the value that the hardest
-    minimum added.
+    **Returns:** the best moves, the number of steps, and the share of the value that the descent
+    for the hardest minimum added.
     """
 
     def value(moves: Float[np.ndarray, "robots moves"]) -> float:

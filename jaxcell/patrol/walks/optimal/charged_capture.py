@@ -39,10 +39,10 @@ def charged_capture(
 ) -> Charged:
     """Find walks that maximise the least probability of capture and return to a charger in time.
 
-    The steps of a robot depend on the number of steps since its charge, and steps that would
+    The steps of a robot depend on the number of steps since its last charge, and steps that would
     prevent a timely return are never made. The adversary knows the walks, and sees the robots and
-    the time since each charge. Robots are independent, and all start at their worst places, as in
-    [`maximin_capture`][]. The result is a local optimum, the best of several starts.
+    the time since their last charges. Robots are independent, and all start at their worst places,
+    as in [`maximin_capture`][]. The result is a local optimum, the best of several starts.
 
     **Arguments:**
 
@@ -51,11 +51,11 @@ def charged_capture(
         modified to return in time. Another start follows a short tour from charge to charge, a
         third takes all edges with equal probability, and the other starts are random.
     - `attack_time`: number of steps that an attack takes.
-    - `starts`: number of starts; fewer are made if a start takes long.
+    - `starts`: number of starts; a large problem has fewer.
     - `seed`: seed of the random starts.
 
-    **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
-    walks, modified to return in time.
+    **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the least probability of
+    capture by the given walks, modified to return in time.
 
     On a line of three vertices, a walk to the other end and back takes 4 steps:
 
@@ -114,9 +114,9 @@ def charged_capture(
 
 
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
-    """Count how often a short tour of all vertices takes each step, by the steps since the charge.
+    """Count how often a short tour takes each step, for each number of steps since the last charge.
 
-    Steps that it takes when a charge is overdue are left out."""
+    The tour visits all vertices; its steps when a charge is overdue are left out."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
     # All edges have the same length here, because each takes one step.
     tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])

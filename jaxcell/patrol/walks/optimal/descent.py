@@ -90,8 +90,8 @@ def descend(
     """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive; its weight, the pressure, falls. For
-    each pressure, at most `most` steps of L-BFGS minimise the measure in coordinates that are
-    relative to the probabilities and projected on the equalities, which each step preserves. This
+    each pressure, at most `most` steps of L-BFGS minimise the measure. Their variables are the
+    relative changes of the probabilities, projected so that the equalities remain satisfied. This
     affine scaling finds optima with many probabilities of 0; Adam and L-BFGS on logits slow down
     near such optima. Starts run one after the other, because under `vmap` all line searches would
     wait for the slowest.

@@ -89,10 +89,10 @@ def maximum_return_time_entropy(
 
     - `graph`, `stationary`, `stay`, `starts`, `seed`, `throw`: as in
         [`jaxcell.patrol.walks.minimum_kemeny`][].
-    - `horizon`: the longest return time that counts. By default, longer return times have a
-        probability of at most 0.1 at each vertex, for any chain with the stationary distribution,
-        or the uniform distribution if it is missing (Markov's inequality).
-    - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
+    - `horizon`: the longest return time that counts. By default it is so long that, at each vertex,
+        longer return times have a probability of at most 0.1 for any chain with the stationary
+        distribution, or with the uniform one if none is given (Markov's inequality).
+    - `tolerance`: tolerance of the residual; on trees, less than 0.001 takes many steps.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
     The residual of its certificate is that of [`jaxcell.patrol.walks.minimum_kemeny`][].

@@ -11,13 +11,13 @@ class LinearizedCapture:
 
     Let `S_r` be the probability that a robot does not reach each target within a time `r`, from
     each start, and `P_t` the matrix of moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`,
-    where `S` counts as 0 at the target itself, and as 1 everywhere after the attack. The derivative
-    with respect to a move sums over the times at which the robot makes the move before it reaches
-    the target. Only derivatives of selected attacks are computed, because those of all attacks with
-    respect to all moves would be billions of numbers.
+    where `S_(r-t)` counts as 0 at the target itself, but as 1 everywhere if the time `r - t` is
+    negative. The derivative with respect to a move sums over the times at which the robot makes the
+    move before it reaches the target. Only derivatives of selected attacks are computed, because
+    those of all attacks with respect to all moves would be billions of numbers.
 
-    The vertices of the polytope are the targets, or for a robot with memory its states; the target
-    varies fastest.
+    The vertices of the polytope's graph are the targets or, for a robot with memory, its states:
+    pairs of a memory state and a target, where the target varies fastest.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store `missed`, the probability of a miss with a time `left`, in the two last arrays."""
+        """Store `missed`, the probability of a miss in time `left`, in `late` and `probability`."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

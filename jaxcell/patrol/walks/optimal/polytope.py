@@ -134,8 +134,8 @@ def _possible(
 ) -> Bool[np.ndarray, "moves"]:
     """Find the moves that are possible in a chain with the stationary distribution.
 
-    One linear program finds a largest flow within the shares of time. A move is possible if it has
-    flow, or if the flow can change along a cycle that contains the move.
+    One linear program finds a largest flow that does not exceed the shares of time. A move is
+    possible if it has flow, or if the flow can change along a cycle that contains the move.
     """
     tails, heads = moves.T
     n, move = share.size, np.arange(len(moves))

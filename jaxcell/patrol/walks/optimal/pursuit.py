@@ -19,7 +19,7 @@ Cuts = dict[int, list[tuple[Any, float]]]
 
 
 class Pursuit:
-    """Upper bounds on capture by a robot with any memory, from cuts that exclude promises.
+    """Upper bounds on capture by a robot with any memory, from nested Benders cuts.
 
     The *promises* of a robot at a vertex are probabilities of reaching each target within each
     number of steps. The promises that it can keep form a convex set at each vertex. After a move,
@@ -27,9 +27,9 @@ class Pursuit:
     may attack at any time, promises for the whole attack time must always be at least a given
     probability. Each set is approximated from outside by *cuts*, half-spaces that contain it. A
     linear program at a vertex, with the sets at its neighbours, either shows how given promises can
-    be kept, or returns a cut that excludes them (nested Benders cuts, as in stochastic dual dynamic
-    programming). It is solved along walks that follow its solutions. Vertices that a symmetry of
-    the game exchanges share the cuts of one of these vertices, the *model*.
+    be kept, or returns a cut that excludes them, as in stochastic dual dynamic programming.
+    Programs are solved along random walks whose moves follow the last solution. Vertices that a
+    symmetry of the game exchanges share the cuts of one of these vertices, the *model*.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex: a vertex to which a symmetry maps it, with the same cuts.
+        """Choose the model of a vertex: a vertex to which one of the symmetries `alike` maps it.
 
         Returns one array per symmetry that maps the vertex to the model: the index of the promise
         of the model that corresponds to each promise of the vertex."""
@@ -146,8 +146,8 @@ class _Program:
     """The linear program that tests whether the next move can keep the promises at a vertex.
 
     Its variables (columns), from 0 to 1, are the promises; for each neighbour, the probability of
-    the move, and the promises there times this probability; a slack; and the *relief*, which lowers
-    the probability to keep, and is 0 except in the proof that no promises can be kept.
+    the move, and this probability times each promise there; a slack; and the *relief*, by which
+    promises may fall short, which is 0 except in the proof that no promises can be kept.
     """
 
     def __init__(self, pursuit: Pursuit, here: int, least: float) -> None:
@@ -241,7 +241,7 @@ class _Program:
         """Compute an upper bound on `gain @ columns` over all columns that satisfy the rows.
 
         The bound holds however inexact the solver is: by weak duality, any prices of the rows give
-        a bound, because columns are from 0 to 1. The relief is 0 unless `gain` contains it.
+        a bound, because columns are from 0 to 1. The relief counts as 0 unless `gain` contains it.
         """
         prices = np.append(prices[0], np.maximum(0.0, prices[1:]))
         left = gain - prices @ np.array(self.rows)
@@ -272,7 +272,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Return an upper bound on the least promise for a whole attack time, and the solution."""
+        """Return an upper bound on the probability of capture from here, and the solution."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])

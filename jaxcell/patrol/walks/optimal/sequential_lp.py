@@ -21,8 +21,8 @@ _SHORTEST = 1e-9
 _ENOUGH, _GOOD = 0.1, 0.75
 
 NEAR, MOST = 0.5, 6
-"""Limits of the attacks in a linear program: their probability of capture exceeds the least by at
-most `NEAR` times the value, and there are at most `MOST` of them per move."""
+"""A linear program has at most `MOST` attacks per move. Their probability of capture exceeds the
+least by at most `NEAR` times the value."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
@@ -78,7 +78,7 @@ def _program(
     The variables are the probabilities of the moves of each robot, the change of its least
     probability of capture for each target, and the relative change of the value. Probabilities of
     capture are divided by the value. Few attacks are constraints at first. If the distance is 1,
-    other attacks that the solution violates are added, because the gain would be a loose bound.
+    the gain serves as a bound, so attacks are added as long as the solution violates any.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
     """
