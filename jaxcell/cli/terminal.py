@@ -21,7 +21,7 @@ from .encoding import encodable
 
 
 FIRST_LINE, LINES = 1.5, 60.0
-"""Seconds before the first line of progress, and between lines, if the output is no terminal."""
+"""Seconds before the first line of progress, and between lines, if there is no terminal."""
 
 
 @contextlib.contextmanager

@@ -218,9 +218,9 @@ def _iterate(
     def choose(value):  # type: ignore[no-untyped-def]
         """Update the values of all cells once, with the best actions.
 
-        Returns the new values; the policy of the best actions; the policy of the first of actions
-        that are equally good up to rounding; a lower and an upper bound on the sum of all later
-        changes of a value; and whether the last changes are only rounding errors.
+        Returns the new values; the policy of best actions; the policy of the first of the actions
+        that are best up to rounding; a lower and an upper bound on the sum of all later changes of
+        a value; and whether the last changes are only rounding errors.
         """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)

@@ -59,13 +59,13 @@ class Met(NamedTuple):
         *,
         apart: bool = False,
     ) -> "Met":
-        """Bound the runs from anywhere on a piece of a wall, with any heading of a slice, to walls.
+        """Bound the runs of each pair, from a piece of a wall with headings of a slice, to a wall.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
         at the ends of the piece with the ends of the slice, `low` and `high` in radians. A wall is
         not kept if none of these four rays leads to it, or if nearer walls block every ray. A ray
-        that only touches a corner is not blocked there; with `apart`, this is ignored at the ends
-        of a piece, which have rows of their own.
+        that only touches a corner continues. With `apart`, such rays from the ends of a piece are
+        ignored, because the ends have rows of their own.
         """
         row, wall = pairs
         from_ = rows.wall[row]

@@ -231,7 +231,7 @@ def _direction(
 ) -> int | None:
     """Return the index of the start direction, or `None` if the robot does not know it.
 
-    Except on a patrol, an emulated robot knows no more than a real one.
+    Except on a patrol, an emulated robot knows no more about it than a real one.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

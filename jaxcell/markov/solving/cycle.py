@@ -47,7 +47,7 @@ class Cycle:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the blocks if states are numbered in their order, or in reverse; else `None`."""
+        """Find the blocks if states are in the order of blocks, or in reverse; else `None`."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -171,7 +171,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Find the end of the block from `begin` on: the first state after it to which it leads."""
+    """Find the end of the block from `begin`: the first state after it that a step leads to."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

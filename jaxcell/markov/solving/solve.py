@@ -10,7 +10,7 @@ factors are sparse, so it is factored without trying products first.
 
 Matrices with more than 100,000 rows are solved by BiCGSTAB with a two-level preconditioner
 (`TwoLevel`), in 60 bytes per entry. If it does not converge, a complete factorisation follows or,
-above half a million rows, whose factors could exceed any memory, products. The factors of a chain
+above half a million rows, where factors could exceed any memory, products. The factors of a chain
 that is unrolled over the phases of a tide are not sparse in any order, so `Cycle` solves it.
 
 If a part of the chain is left once in 10^10 steps or less often, all these methods return wrong
@@ -215,7 +215,7 @@ def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Columns, roughly: _RoughSolver
 ) -> tuple[Columns | None, int]:
-    """Solve by iterative refinement with a rough solver or, if it does not converge, by products.
+    """Solve by iterative refinement with a rough solver or, if that fails, by repeated products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the
     number of matrix products.

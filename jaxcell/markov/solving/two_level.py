@@ -26,8 +26,8 @@ class TwoLevel:
     An incomplete factorisation removes the differences of the error between neighbouring states. It
     exists without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The
     remaining error is nearly equal in neighbouring states, because a slow chain stays long among a
-    few states before it moves on, like a drifter in an eddy. So these are joined in *aggregates*,
-    and the chain between aggregates has few states (Takahashi 1975).
+    few states before it moves on, like a drifter in an eddy. So such states are joined in
+    *aggregates*, and the chain between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
