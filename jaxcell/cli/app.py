@@ -102,7 +102,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """Set the memory limit to the option --memory, if it is given, and return the other words."""
+    """Set the memory limit to the value of --memory, if it is given; return the other words."""
     words = list(args)
     for place, word in enumerate(words):
         option, equals, size = word.partition("=")
@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _with_option_names(message: str, command: Any) -> str:
-    """Replace parameters, which are the first word or in backquotes, by names of options."""
+    """Replace a parameter at the start of a message, or in backquotes, by its option."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _with_option_names(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions that include every angle of a command."""
+    """Find the fewest equally spaced directions that include all angles of a command, or `None`."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

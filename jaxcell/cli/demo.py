@@ -15,12 +15,12 @@ from .terminal import note, note_results, stdout_on_stderr
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Tour homing, groups, localization, plans, coverage, patrols and drifters on bundled data."""
+    """Show homing, groups, localization, plans, coverage, patrols and drifters on bundled data."""
 
     example: ClassVar[str] = ""
 
     out: Path = Path("runs/demo")
-    """Folder for the results, with a subfolder for each stop of the tour."""
+    """Folder for the results, with a subfolder for each example."""
 
     def run(self) -> int:
         began, pages = time.perf_counter(), ["# What the tour shows"]

@@ -22,16 +22,17 @@ class Export:
     file: tyro.conf.Positional[Path]
     """File to write; the suffix determines the format."""
     minimal: bool = False
-    """Merge states that have the same colours after every sequence of observations."""
+    """Merge states from which every sequence of observations gives the same outputs."""
     smallest: Annotated[bool, Only(minimal=False)] = False
     """Write the smallest machine with the same outputs for all observations that can occur, as
-    .dot, .json or .h. In C, an input is a whole run between bumps if this makes tables smaller."""
+    .dot, .json or .h. A .h file reads whole runs between bumps if this makes its tables smaller."""
     output: Annotated[
         Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
     ] = None
-    """Output of the machine. For a filter: the knowledge cycle (color, the default), the number of
-    possible cells (count), the final cells (cells), or whether the robot is localized (localized).
-    For a policy: the action, or the action and the final cells (cells, the default)."""
+    """Output of the machine. For a filter: its knowledge cycle, which it never leaves (color, the
+    default), the cells in this cycle (cells), the number of possible cells (count), or whether it
+    is localized (localized). For a policy: the turn (action), and the cells at the end (cells, the
+    default)."""
     seconds: Annotated[Seconds, Limit(ge=0), Only(smallest=True)] = 60.0
     """Time limit for the proof that no smaller machine exists."""
 

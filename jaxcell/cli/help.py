@@ -1,4 +1,4 @@
-"""Help pages: the pages of tyro with an example, and with units and conditions of options."""
+"""Help pages: those of tyro, plus an example, and the units and conditions of options."""
 
 import ast
 import difflib
@@ -95,7 +95,7 @@ def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
 def displayed(kind: type) -> type:
     """Create a class that has the options of a command in the order of its help page.
 
-    Required options come first, then the command's own options, then options of many commands.
+    Required options come first, then options of this command, then those that many commands share.
     """
     hints, texts, noted = parameters(kind), _documentation(kind), conditions(kind)
     level = {

@@ -19,6 +19,6 @@ def starting() -> Iterator[None]:
 
 
 def prepare_tasks() -> None:
-    """Let tasks be imported from the working folder, and JAX use 64 bits once it is imported."""
+    """Make tasks in the working folder importable, and let JAX use 64 bits when it is imported."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     sys.path.append(os.getcwd())

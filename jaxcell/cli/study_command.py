@@ -1,4 +1,4 @@
-"""Commands of studies: the parameters are the options, and the result is the output."""
+"""Commands that run studies: options are parameters of a study, and the output is its result."""
 
 import dataclasses
 import json
@@ -132,7 +132,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Create the class of the command of a study; `words` replaces the name of the command."""
+    """Create the class of the command `words` of a study, by default the command that it names."""
     own = {
         "__doc__": study.__doc__,
         # The study itself checks the parameters, after all options have been read.

@@ -21,7 +21,7 @@ from .encoding import encodable
 
 
 FIRST_LINE, LINES = 1.5, 60.0
-"""Seconds before the first line of progress, and between later lines, without a terminal."""
+"""Seconds before the first line of progress, and between lines, if there is no terminal."""
 
 
 @contextlib.contextmanager
@@ -96,14 +96,14 @@ def note_results(results: Path) -> None:
 
 
 def own_command(name: str) -> str:
-    """Return the name or the path of a command of this Python environment."""
+    """Return the name of a command of this Python environment, or its path if it is not on PATH."""
     # The commands of a virtual environment that is not active are in the folder of its Python.
     beside = Path(sys.executable).with_name(name)
     return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
 
 def say(text: str) -> None:
-    """Print a line on standard output at once, so that it stays in order with notes."""
+    """Print and flush a line on standard output, so that remarks on standard error follow it."""
     print(text, flush=True)
 
 

@@ -1,9 +1,9 @@
 """Quantities of a finite Markov chain on cells.
 
 Let `P` be the transition matrix of a [`jaxcell.mapping.Chain`][], whose rows may sum to less than
-1: with the remaining probability the chain leaves the space, for a sink. Every cell is *transient*
-or belongs to a *persistent group*, a closed communicating class (Alam 2018, Definitions 3.3.1 to
-3.3.3), and with probability 1 the chain ends in one of the groups or in the sink.
+1: with the remaining probability the chain leaves the space and enters a *sink*. Every cell is
+*transient* or belongs to a *persistent group*, a closed communicating class (Alam 2018, Definitions
+3.3.1 to 3.3.3), and with probability 1 the chain ends in one of the groups or in the sink.
 
 **In the long run.** With `p` the start (Eq. 3.5), the *limiting distribution* is the time average
 
@@ -25,10 +25,10 @@ are the least nonnegative solutions of
 
     h = 1 on T, h = P h elsewhere;     k = 0 on T, k = 1 + P k elsewhere;
 
-but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the `k` of Doob's
-transform `p_ij h_j / h_i`. The law of the *first passage* is the probability of arriving first at
-time `n`. The probability that none of several independent robots has arrived is the product of
-their probabilities (section 4.4.6). See `arrival_probabilities`, `hitting_times`,
+but `k` is `inf` where `h < 1`. For such a start, the mean over the paths that arrive is the `k` of
+the chain `p_ij h_j / h_i` (Doob's transform). The law of the *first passage* is the probability of
+arriving first at time `n`. The probability that none of several independent robots has arrived is a
+product of one probability per robot (section 4.4.6). See `arrival_probabilities`, `hitting_times`,
 `conditional_hitting_times` and `first_passage` for one robot, and `first_arrival`,
 `mean_first_arrival` and `simulate_arrival` for several. `sample_walks` draws walks step by step.
 

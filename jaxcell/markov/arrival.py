@@ -98,10 +98,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute the probability that no robot has arrived, at each step of `chunks` chunks.
+        """Compute, for each of `chunks * _CHUNK` steps, the probability that no robot has arrived.
 
-        For each chain, `values` contains the current probability that a robot has not arrived, for
-        each start cell. Also returns these probabilities after the chunks.
+        For each chain, `values` contains the probability that a robot has not arrived by the first
+        of these steps, for each start cell. Also returns these probabilities after the last step.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -128,12 +128,12 @@ def first_arrival(
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the time until the first of several robots is in a set of cells.
 
-    The robots move independently, so the probability that none has arrived is the product of their
-    probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
+    The robots move independently, so the probability that none has arrived is a product of one
+    probability per robot. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
-    **Arguments:** a chain for each robot, which is the same object for robots that move in the same
-    way; a start for each robot, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for
-    robots of one chain; the target; and a number of steps.
+    **Arguments:** a chain for each robot, the same object for robots that move in the same way; a
+    start for each robot, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of
+    one chain; the target; and a number of steps.
 
     **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
     after 0 steps if a robot begins in the target. The cumulative sum is the probability that a
@@ -166,13 +166,13 @@ def mean_first_arrival(
 ) -> MeanArrival:
     """Compute the expected number of steps until the first of several robots is in a set of cells.
 
-    It is the sum over time of the probability that no robot has arrived. Suppose that, in a block
-    of steps, the probability that one robot has not arrived falls by a factor between `a` and `b`
-    from every start. Then it falls by such a factor in every later block of that length, so two
-    geometric series bound the rest of the sum. They agree as soon as the factor hardly depends on
-    the start, long before the rest is negligible.
+    It is the sum over time of the probability that no robot has arrived. If a block of steps
+    multiplies the probability that one robot has not arrived by a factor between `a` and `b`, for
+    every start, so does every later block of this length. So two geometric series bound the rest of
+    the sum from below and above. The two bounds are nearly equal as soon as the factor hardly
+    depends on the start, long before the rest is negligible.
 
-    **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
+    **Arguments:** as for [`first_arrival`][], a tolerance for the relative error, and the largest
     number of steps.
 
     **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
@@ -219,7 +219,7 @@ def mean_first_arrival(
 def mean_product(
     value: Float[np.ndarray, "steps choices"], count: int
 ) -> Float[np.ndarray, "steps"]:
-    """Compute the mean, over all sets of `count` columns, of the product of their values in a row.
+    """Compute the mean product of `count` values of each row, over all sets of `count` columns.
 
     It is an elementary symmetric polynomial divided by its number of terms. The mean over the sets
     in the first `j` columns is a weighted average of the means over the sets with and without

@@ -24,10 +24,10 @@ def arrival_probabilities(
 
     **Returns:** the probability for each start, exactly 1 if the chain is certain to arrive, and 0
     if it cannot arrive. The residual of the certificate is the largest difference between the
-    probability of a cell and the mean probability of its images. If the chain was estimated from
-    samples, the field `moved` of the solution estimates the sampling error.
+    probability from a cell and the mean probability from the next cell. If the chain was estimated
+    from samples, the field `moved` of the solution estimates the sampling error.
 
-    A random walk between two ends, where it stays:
+    A random walk on a line of four cells, which stops at both ends:
 
         >>> from jaxcell import examples, markov
         >>> (3 * markov.arrival_probabilities(examples.ruin(), target=3).value).round(6).tolist()
@@ -53,7 +53,7 @@ def conditional_hitting_times(
     the target, and `inf` if the chain cannot arrive. The residual of the certificate bounds the
     relative error of every finite time.
 
-    A random walk between two ends, where it stays:
+    A random walk on a line of four cells, which stops at both ends:
 
         >>> from jaxcell import examples, markov
         >>> chain = examples.ruin()

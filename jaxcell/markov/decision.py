@@ -50,7 +50,7 @@ class DecisionModel:
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
-        """Create a model from a chain, rewards and the allowed cells of each action.
+        """Create a model from the chain, the rewards and the allowed cells of each action.
 
         `reward` and `allowed` are arrays `[actions, cells]`. By default all actions are allowed.
         Rewards of actions that are not allowed are ignored.
@@ -218,9 +218,9 @@ def _iterate(
     def choose(value):  # type: ignore[no-untyped-def]
         """Update the values of all cells once, with the best actions.
 
-        Returns the new values, the best policy, the policy that takes the first of equally good
-        actions, a lower and an upper bound on the sum of all later changes of a value, and whether
-        the last changes are only rounding errors.
+        Returns the new values; the policy of best actions; the policy of the first of the actions
+        that are best up to rounding; a lower and an upper bound on the sum of all later changes of
+        a value; and whether the last changes are only rounding errors.
         """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
@@ -241,9 +241,9 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values if the sum of later changes is between `low` and `high`.
+        """Bound the error of the values, given bounds `low` and `high` on the sum of later changes.
 
-        If no action leaves the cells, `(low + high) / 2` must be added to the values first.
+        If no action leads to the sink, it holds once `(low + high) / 2` is added to the values.
         """
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 

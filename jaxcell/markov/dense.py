@@ -1,7 +1,7 @@
-"""Quantities of a small irreducible chain, as functions of its dense transition matrix.
+"""Quantities of a small chain with one closed class, as functions of its dense transition matrix.
 
 They work under `jit`, `vmap` and `grad`, and do not check the matrix: its rows must sum to 1, and
-the cells that are not transient must form one closed class. Derivatives are exact for changes of
+it must have one closed class; the other cells are transient. Derivatives are exact for changes of
 the matrix that preserve the sums of its rows.
 
 All quantities follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution,

@@ -45,10 +45,10 @@ def absorption_probabilities(
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
     for each start, exactly 1 if only one end is possible. The residual of the certificate is the
-    largest difference between the probability of a cell and the mean probability of its images, or
-    between 1 and the sum of the probabilities of a cell.
+    largest difference between the probability from a cell and the mean probability from the next
+    cell, or between 1 and the sum of the probabilities from a cell.
 
-    A random walk between two ends, where it stays:
+    A random walk on a line of four cells, which stops at both ends:
 
         >>> from jaxcell import examples, mapping, markov
         >>> chain = examples.ruin()
@@ -70,7 +70,7 @@ def absorption_probabilities(
 
 
 def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
-    """Compute the probability of each end (group or sink); `gain` is that of a single step."""
+    """Compute the probability of each end (group or sink); `gain` is that after one step."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
         value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
@@ -119,7 +119,7 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
     **Arguments:** as for [`absorption_probabilities`][]. **Returns:** the time for each start, 0 in
     the groups. The residual of the certificate bounds the relative error of every time.
 
-    A random walk between two ends, where it stays:
+    A random walk on a line of four cells, which stops at both ends:
 
         >>> from jaxcell import examples, mapping, markov
         >>> chain = examples.ruin()
@@ -222,7 +222,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the number of cells that all chains have; `owner` is a word such as "robot"."""
+    """Return the number of cells of all chains; errors name the chain of an `owner` ("robot")."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells

@@ -43,9 +43,9 @@ def limiting_distribution(
     It exists even if the chain is periodic. Only the weights of the persistent groups depend on
     `p`, the distribution of the start.
 
-    **Arguments:** a chain, its persistent groups, and the weights of the groups. They are numbers
-    that sum to 1; `"size"` for weights proportional to the sizes of the groups; or `"basin"`, the
-    default, for the probabilities of ending in each group from a random start.
+    **Arguments:** a chain, its persistent groups, and the weights of the groups: numbers that sum
+    to 1; `"size"`, for weights proportional to the sizes of the groups; or `"basin"`, the default,
+    for the probabilities of ending in each group from a random start.
 
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
     1-norm of `value P - value` and `|sum(weights) + leaving - 1|`.

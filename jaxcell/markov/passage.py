@@ -48,10 +48,10 @@ def first_passage(
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
-    """Compute the probabilities, for each start, that a chain has not arrived in a target, `there`.
+    """Compute, for each start, the probability that a chain has not arrived in the target `there`.
 
-    `value` contains the current probabilities, which are 1 outside the target at time 0. Returns
-    the probabilities after 0 to `steps - 1` more steps, and separately those after `steps` steps.
+    `value` contains the probabilities now; at time 0 they are 1 outside the target. Returns the
+    probabilities after 0 to `steps - 1` more steps, and separately those after `steps` steps.
     """
     leaving = chain.leaving
 

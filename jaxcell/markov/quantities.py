@@ -57,9 +57,9 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
 def kemeny_constant(chain: Chain) -> float:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
-    It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
-    chain, the number of steps is 0; authors who count the steps until the return to this cell
-    obtain 1 more. The relative error is close to that of rounding a number.
+    It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the start, the
+    number of steps is 0; authors who count the steps until the return to this cell obtain 1 more.
+    The relative error is close to machine precision.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
 
@@ -112,7 +112,7 @@ def slem(chain: Chain) -> float:
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the modulus. It is 1 for a periodic
     chain, which does not converge, and 0 for a chain of one cell.
 
-    Two cells, with a probability of 1/4 to change the cell in a step:
+    A chain of two cells that moves to the other cell with probability 1/4 in each step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -138,7 +138,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     **Arguments:** an irreducible chain of at most 2,000 cells, and a distance between 0 and 1/2.
     **Returns:** the number of steps; `inf` for a periodic chain, which does not converge.
 
-    Two cells, with a probability of 1/4 to change the cell in a step:
+    A chain of two cells that moves to the other cell with probability 1/4 in each step:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov

@@ -45,8 +45,8 @@ class ShortestPath:
     policy: Int[Array, "cells"]
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
-    """The certificate. Its residual is the largest relative gain in time that a change of an action
-    gives or, if larger, 1e4 times the largest gain in probability."""
+    """The certificate. Its residual is the larger of two numbers: the largest relative gain in time
+    from a change of one action, and 1e4 times the largest gain in probability."""
 
 
 def stochastic_shortest_path(
@@ -60,7 +60,7 @@ def stochastic_shortest_path(
     steps. For the other cells, the policy is improved until its probability of arriving is the
     largest (policy iteration, Howard 1960). Then its expected time over the paths that arrive is
     reduced, with actions that preserve this probability. The policy is changed only where the
-    change is strictly better, because the iteration could cycle between equally good policies.
+    change is strictly better; otherwise the iteration could cycle between equally good policies.
 
     **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
     in the goal have no effect. **Returns:** probabilities, times and the policy.

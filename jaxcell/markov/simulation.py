@@ -101,10 +101,10 @@ def simulate_arrival(
 class _Tables:
     """The alias tables of all chains (Walker 1977), from which steps are sampled fast.
 
-    The cells of all chains, each with the sink as a last cell, are numbered in turn as *places*. A
-    place has several table entries, one of which is drawn with equal probability. An entry has two
-    next places: `first` with the probability `part`, in units of 2^-32, and otherwise `second`. So
-    each step takes one random number, whatever the number of branches.
+    The cells of all chains are numbered consecutively as *places*; the sink is one more cell of
+    each chain. A place has several table entries, from which a step draws one with equal
+    probability. The entry leads to the place `first` with the probability `part`, in units of
+    2^-32, else to `second`. So each step takes one random number, whatever the number of branches.
     """
 
     first: Int[Array, "entries"]

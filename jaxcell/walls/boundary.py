@@ -30,11 +30,11 @@ class Boundary:
     length: Float[np.ndarray, "walls"]
     "The length of each wall, in metres."
     following: Int[np.ndarray, "walls"]
-    "The number of the wall that begins at the end of each wall."
+    "The index of the next wall, which begins where this wall ends."
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Build the walls that the centre of a disc robot cannot cross, around the free space."""
+        """Build the walls around the places where the centre of a disc robot can be."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
@@ -54,7 +54,7 @@ class Boundary:
 
     @functools.cached_property
     def preceding(self) -> Int[np.ndarray, "walls"]:
-        """The number of the wall that ends at the start of each wall."""
+        """The index of the previous wall, which ends where this wall begins."""
         return np.argsort(self.following)
 
     @functools.cached_property
@@ -111,7 +111,7 @@ def bump_gains(
 
     `heading` is the heading of the run to the wall, and `bump_turn` the angle at 45 degrees of
     incidence. At an incidence `i` the angle is `bump_turn sin(2 i)`. A robot that grazes its wall,
-    at more than 80 degrees, slides along it and turns by at least this angle, at most `bump_turn`.
+    at more than 80 degrees, slides along it and turns by an angle between this one and `bump_turn`.
 
     Returns the angle by this formula and the largest angle, in radians, counter-clockwise.
     """

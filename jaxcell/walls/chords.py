@@ -21,9 +21,9 @@ _OVERLAP = 1e-9
 class Chords:
     """The straight runs from wall to wall, for slices of headings.
 
-    A *slice* is an interval of headings. Each row of the arrays describes the runs from a stretch
-    of a wall, with the headings of a slice, to one wall. A stretch has a row for each wall that a
-    robot from there may meet. If headings are known exactly, a stretch has only one row.
+    A *slice* is an interval of headings. Each row of the arrays describes the runs from a piece of
+    a wall, with the headings of a slice, to one wall. A piece has a row for each wall that a robot
+    from there may meet. If headings are known exactly, a piece has only one row.
 
     A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
     the wall `hit`. The length of its run is at least `stretch[0]` and at most `stretch[1]` times
@@ -41,16 +41,16 @@ class Chords:
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
-    "The arc length on the wall where the stretch begins, in metres."
+    "The arc length on the wall where the piece begins, in metres."
     end: Float[np.ndarray, "rows"]
     hit: Int[np.ndarray, "rows"]
     "The wall at the end of the run."
     clearance: Float[np.ndarray, "2 rows"]
-    "A constant and a slope, which give the distance from a start to the line of the wall `hit`."
+    "The distance from a start to the line of the wall `hit`: a constant and the factor of `p`."
     stretch: Float[np.ndarray, "2 rows"]
-    "The smallest and the largest ratio of the length of a run to the `clearance` of its start."
+    "The smallest and the largest ratio of the length of a run to the distance by `clearance`."
     arc: Float[np.ndarray, "2 2 rows"]
-    "A constant and a slope, which give the arc length where a run ends, for each end of the slice."
+    "The arc length where a run ends: a constant and the factor of `p`, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
     "The largest change of `arc` that `displacement` causes, in metres, for each end of the slice."
 
@@ -65,7 +65,7 @@ class Chords:
         """
         turn = 2 * np.pi / slices
         width = 0.0 if known else turn
-        # The least length of a stretch: those of known headings are cut wherever the next wall
+        # The least length of a piece: those of known headings are cut wherever the next wall
         # changes.
         gap = 1e-9 if known else max(0.01, boundary.diameter * width / 8)
         level = max(0, int(np.log2(max(1.0, _WIDEST / turn))))
@@ -94,7 +94,7 @@ def _runs_in_group(
 ) -> tuple[np.ndarray, ...]:
     """Find the runs from all walls with the headings of a group of `2**level` slices.
 
-    Stretches are not shorter than `gap` metres. Returns the arrays of [`Chords`][] in their order.
+    Pieces are not shorter than `gap` metres. Returns the arrays of [`Chords`][] in the class order.
     """
     walls = np.arange(len(boundary.length))
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
@@ -141,7 +141,7 @@ def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pai
 
 
 def _cut(rows: Rows, pairs: Pairs, longest: float) -> tuple[Rows, Pairs]:
-    """Cut stretches into equal parts of at most `longest` metres."""
+    """Cut pieces of walls into equal parts of at most `longest` metres."""
     parts = np.maximum(1, np.ceil((rows.end - rows.begin) / longest)).astype(int)
     source, number = copies(parts)
     cut = rows.take(source)
@@ -159,9 +159,9 @@ def _cut_at_corners(
     high: Float[np.ndarray, "rows"],
     gap: float,
 ) -> tuple[Rows, Pairs]:
-    """Cut stretches where a ray with a first or last heading, `low` or `high`, passes a corner.
+    """Cut pieces where a ray with the least or largest heading, `low` or `high`, passes a corner.
 
-    No part is shorter than `gap` metres.
+    No new piece is shorter than `gap` metres.
     """
     at, wall = boundary.begin[rows.wall[pairs.row]], rows.wall[pairs.row]
     corners = boundary.begin[pairs.wall], boundary.begin[boundary.following[pairs.wall]]

@@ -64,7 +64,7 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """True if no error changes a heading that is known exactly at the start."""
+        """True if headings are exact at the start, and stay exact because no error changes them."""
         return not (self.turn or self.bump_turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
@@ -120,9 +120,9 @@ class WallFilter:
 
         **Arguments:**
 
-        - `workspace`: the room, for a robot with the radius of the workspace.
-        - `headings`: a robot starts with one of the headings `2 pi k / headings`, up to its error;
-            `None` if its heading is unknown.
+        - `workspace`: the room, with the radius of the robot.
+        - `headings`: a robot starts with one of the headings `2 pi k / headings`, to within
+            `errors.heading`; `None` if its heading is unknown.
         - `slices`: the number of slices of headings, if headings are not known exactly. Twice as
             many slices make sets about half as large, and need four times the memory.
         - `errors`: bounds of the errors of the robot; by default the robot moves exactly.

@@ -72,7 +72,7 @@ class Homing:
 
     @functools.cached_property
     def slices(self) -> int:
-        """The number of slices of headings for which the number of bumps is computed."""
+        """The number of slices of headings that `bumps` distinguishes."""
         own = self.filter.chords.slices
         return own if own <= _SLICES or own % _SLICES else _SLICES
 

@@ -1,4 +1,4 @@
-"""Find the walls that robots may meet after they leave a stretch of a wall."""
+"""Find the walls that robots may meet after they leave a piece of a wall."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from .boundary import ROUNDING, Boundary
 
 
 class Rows(NamedTuple):
-    """Stretches of walls that robots leave, each with a slice of headings."""
+    """Pieces of walls that robots leave, each with a slice of headings."""
 
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
@@ -22,13 +22,13 @@ class Rows(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of a row of `Rows` and a wall that robots from it may hit, sorted by row and wall."""
+    """Pairs of a row of `Rows` and a wall that its robots may hit, sorted by row and wall."""
 
     row: Int[np.ndarray, "pairs"]
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Copy pairs to new rows: row `k` gets the walls of `source[k]`, one of `rows` old rows."""
+        """Copy the pairs of `rows` rows to new rows: row `k` gets the walls of row `source[k]`."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         new, number = copies(np.diff(first)[source])
         return Pairs(new, self.wall[first[source][new] + number])
@@ -59,13 +59,13 @@ class Met(NamedTuple):
         *,
         apart: bool = False,
     ) -> "Met":
-        """Bound the runs from all places of a stretch, with all headings of a slice, to each wall.
+        """Bound the runs of each pair, from a piece of a wall with headings of a slice, to a wall.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
-        at the ends of the stretch with the ends of the slice, `low` and `high` in radians. A wall
-        is not kept if none of these four rays leads to it, or if nearer walls block every ray. A
-        ray from an end of a stretch that just passes a corner counts, unless the ends have rows of
-        their own (`apart`).
+        at the ends of the piece with the ends of the slice, `low` and `high` in radians. A wall is
+        not kept if none of these four rays leads to it, or if nearer walls block every ray. A ray
+        that only touches a corner continues. With `apart`, such rays from the ends of a piece are
+        ignored, because the ends have rows of their own.
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -143,7 +143,7 @@ def _times(distance: Float[np.ndarray, "n"], ratio: Float[np.ndarray, "n"]) -> n
 
 
 def _farthest_corner(boundary: Boundary, rows: Rows, pairs: Pairs) -> Float[np.ndarray, "pairs"]:
-    """Compute the largest distance between points of the stretch and the wall of each pair."""
+    """Compute the largest distance between points of the piece and the wall of each pair."""
     row, wall = pairs
     ends = [boundary.point(rows.wall, arc)[row] for arc in (rows.begin, rows.end)]
     corners = boundary.begin[wall], boundary.begin[boundary.following[wall]]
@@ -159,7 +159,7 @@ def _shortest_blocked(
     last: Bool[np.ndarray, "pairs"],
     most: Float[np.ndarray, "pairs"],
 ) -> Float[np.ndarray, "pairs"]:
-    """Compute a distance in metres beyond which walls block all rays of the row of each pair.
+    """Compute, for each pair, a distance in metres beyond which walls block every ray of its row.
 
     A chain of consecutive walls blocks all rays of a row if every wall faces the rays (`whole`), no
     ray passes before the start of the first wall (`first`), and no ray passes after the end of the
@@ -192,10 +192,10 @@ def _behind(
 ) -> Bool[np.ndarray, "pairs"]:
     """Check for each pair whether another wall, which blocks the row, is nearer on every ray.
 
-    `blocks` marks the pairs whose wall alone blocks the row. The difference of two distances along
-    a ray has the sign of a function that is linear in the place and, within the slice, a sum of its
-    values at both ends with weights that are not negative. So the rays from both ends of the
-    stretch with both headings at the ends of the slice decide.
+    `blocks` marks the pairs whose wall alone blocks the row. Which wall is nearer on a ray depends
+    on the sign of a function that is linear in the place and, within the slice, a sum of its values
+    at both ends with weights that are not negative. So it is enough to check four rays: from both
+    ends of the piece, with the headings at both ends of the slice.
     """
     row, _ = pairs
     behind = np.zeros(row.size, bool)

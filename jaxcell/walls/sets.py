@@ -160,10 +160,9 @@ def turned(
 
 
 def arrivals(chords: Chords, least: float) -> WallSet:
-    """Compute the set of one robot after a first run of at least `least` metres from anywhere.
+    """Compute the set of one robot that started anywhere, after a run of at least `least` metres.
 
-    The set contains the places from which a run in the opposite direction could have this length.
-    The number of slices must be even.
+    It contains places from which a run back can be that long. The number of slices must be even.
     """
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)

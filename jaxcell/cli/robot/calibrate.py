@@ -22,8 +22,8 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log run.jsonl of a robot that ran an anywhere.json. The angle by which a bump at 45 degrees
-    turns the robot is estimated from it, for `jaxcell localize --bump-turn`."""
+    """Log, run.jsonl, of a run of an anywhere.json. It is used to estimate the angle by which a
+    bump at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
     """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None

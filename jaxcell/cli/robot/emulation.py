@@ -64,7 +64,7 @@ class Emulation:
 
 
 def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
-    """Emulate a robot in a map, with the start in the options or, without one, in the task."""
+    """Emulate a robot in a map; the start is `options.start`, or that of the task, or random."""
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
     if isinstance(task, AnywhereTask):
@@ -145,7 +145,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
 def seen_from(
     cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Return the camera of an emulated patrol robot: a function that reports a visible intruder."""
+    """Return a function that reports the place of `intruder`, "x,y", from cells that see it."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

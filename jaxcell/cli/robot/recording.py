@@ -19,7 +19,7 @@ def recording_of(
     emulation: Emulation | None = None,
     viewer: str | None = None,
 ) -> "record.RobotRecording":
-    """Create the Rerun recording of a run, with the cells of the map if they are known."""
+    """Create the Rerun recording of a run from the pose `start`, shown live in `viewer`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     about = _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells

@@ -9,7 +9,7 @@ from ..output import Printing
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotReplay(Printing):
-    """Repeat a task with the observations in the log of a robot."""
+    """Run a task again on the observations in a log, without a robot."""
 
     example: ClassVar[str] = "runs/emulated/run.jsonl"
 
@@ -18,7 +18,7 @@ class RobotReplay(Printing):
     file: Path | None = None
     """File of the task, if it was moved after the run."""
     out: Path | None = None
-    """Folder for a Rerun recording of the run, run.rrd. A robot without Rerun cannot write it."""
+    """Folder for run.rrd, a recording of the run; this needs Rerun, which a robot may lack."""
 
     def run(self) -> int:
         from ...robot import load_task, read_log

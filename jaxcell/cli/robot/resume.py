@@ -82,8 +82,8 @@ def _new_directory(out: Path, log: str) -> Path:
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
     """Format the current pose of an emulated robot for `--start`: metres, metres, and degrees.
 
-    `pose` is its pose in the map, in metres and radians, when the emulation began. `before` and
-    `after` are its places relative to the start of the run, at that time and now.
+    `pose` is its pose in the map, in metres and radians, when the emulation began. Relative to the
+    start of the run, its place was `before` when the emulation began, and is `after` now.
     """
     x, y, heading = pose
     moved = complex(after[0] - before[0], after[1] - before[1])

@@ -31,9 +31,9 @@ class RobotRun(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
-    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 with its actions (create3), or any robot
-    with the topics cmd_vel, odom and bumper (base). The possible cells of the robot are published
-    on the topics candidates and candidate_squares."""
+    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 through its ROS actions (create3), or any
+    robot with the topics cmd_vel, odom and bumper (base). The possible cells of the robot are
+    published on the topics candidates and candidate_squares."""
     remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
     """Rules that rename topics of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Annotated[Path | None, Only(port=False, ros=False)] = None
@@ -56,8 +56,8 @@ class RobotRun(Printing):
     """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
     default 0.02 times the squared side of a cell, at least 0.0005 and at most 0.02."""
     noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
-    """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
-    veer in radians per metre."""
+    """Standard deviation of the relative error of each step and turn of the emulated robot, and of
+    the angle in radians by which it veers per metre."""
     physics: Annotated[bool, _EMULATED] = False
     """Move the emulated robot with a physics engine, as a Create 2 of its true size. Bumps then
     turn the robot, and its wheels may slip."""
@@ -72,8 +72,8 @@ class RobotRun(Printing):
     limit: AtLeastOne = 10_000
     """Number of observations after which the run ends without an answer."""
     until: Literal["known", "cycle"] = "known"
-    """Condition that ends the run of a filter: a knowledge cycle (cycle), or a knowledge cycle or a
-    single possible configuration, whichever comes first (known)."""
+    """Condition that ends the run of a filter: a knowledge cycle, a cycle of states that it cannot
+    leave (cycle), or, if it comes first, a single possible configuration (known)."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20

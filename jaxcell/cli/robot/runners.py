@@ -28,7 +28,7 @@ def runner_of(
     direction: int | None,
     before: LoggedRun | None,
 ) -> Runner:
-    """Return the header of a task's log, and a function that runs the task with a walker."""
+    """Return the log's header, and a function that runs the task with the robot's controller."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
         if getattr(options, name) not in (None, "known") and task.kind != kind:

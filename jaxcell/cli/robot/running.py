@@ -68,8 +68,8 @@ def run_robot(options: RobotRun) -> int:
     if options.simulate is not None:
         emulation = emulate(options.simulate, task, options, np.random.default_rng(options.seed))
     direction = _direction(options, task, emulation, before)
-    with contextlib.ExitStack() as kept:
-        return _Run(options, task, emulation, direction).start(before, kept)
+    with contextlib.ExitStack() as cleanup:
+        return _Run(options, task, emulation, direction).start(before, cleanup)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +79,7 @@ class _Run:
     emulation: Emulation | None
     direction: int | None
 
-    def start(self, before: LoggedRun | None, kept: contextlib.ExitStack) -> int:
+    def start(self, before: LoggedRun | None, cleanup: contextlib.ExitStack) -> int:
         """Run the task or continue the run `before`, and return the exit status."""
         options, task, emulation = self.options, self.task, self.emulation
         calibration = self._calibration()
@@ -97,8 +97,8 @@ class _Run:
             if options.simulate is None and not options.json and sys.stdin.isatty():
                 input("Press Enter when it stands there: ")
         # Import before the connection to the robot, because the imports take seconds.
-        viewer = None if options.live is None else kept.enter_context(shown_live(options.live))
-        place = options.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
+        viewer = None if options.live is None else cleanup.enter_context(shown_live(options.live))
+        place = options.out or Path(cleanup.enter_context(tempfile.TemporaryDirectory()))
         place.mkdir(parents=True, exist_ok=True)
         recording = None
         if has_module("rerun") and (options.out or viewer):
@@ -185,7 +185,7 @@ class _Run:
         return Calibration.load(path)
 
     def _robot(self, stack: contextlib.ExitStack) -> tuple[Any, list[Listener]]:
-        """Connect to the robot, let it drive, and return it with the listeners to its events."""
+        """Connect to the robot and enable its drive; return it and the listeners to its events."""
         if self.options.ros is not None:
             from ...robot import ros
 
@@ -203,7 +203,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Let a robot measure distances by its encoders, calibrated encoders, or a clock."""
+        """Return the robot, which measures distances by encoders, calibrated or not, or a clock."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":
@@ -231,7 +231,7 @@ def _direction(
 ) -> int | None:
     """Return the index of the start direction, or `None` if the robot does not know it.
 
-    Except on a patrol, an emulated robot knows it only from the options, like a real one.
+    Except on a patrol, an emulated robot knows no more about it than a real one.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

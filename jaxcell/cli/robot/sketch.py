@@ -30,10 +30,10 @@ class RobotSketch:
     """Heading of the robot at the start in degrees. The filter needs it only if its steps differ
     between directions, for instance because they are longer along a diagonal."""
     minimal: Annotated[bool, Only(file=True)] = False
-    """Merge states that have the same colours after every sequence of observations."""
+    """Merge states from which every sequence of observations gives the same outputs."""
     smallest: Annotated[bool, Only(file=True, minimal=False)] = False
-    """Run the smallest machine with the same outputs for all observations that can occur; it
-    detects few impossible observations."""
+    """Run the smallest machine with the same outputs for all observations that can occur. It
+    notices few of the observations that cannot occur."""
     flash: Annotated[int | None, Only(file=True)] = None
     """Flash memory of the board in bytes; by default 32256, as on an Uno."""
     out: Path | None = None

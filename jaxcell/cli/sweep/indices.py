@@ -12,9 +12,9 @@ from ..terminal import status, table
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepIndices(Printing):
-    """Estimate the Sobol indices of a sweep: the shares of parameters in the variance of results.
+    """Estimate the Sobol indices of a sweep: each parameter's share in the variance of the results.
 
-    Exit status: 0 done, 2 bad input, such as another design, or members that are not done."""
+    Exit status: 0 done, 2 bad input, such as a sweep of another design, or one that is not done."""
 
     example: ClassVar[str] = "runs/samples"
 

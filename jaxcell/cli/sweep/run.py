@@ -26,7 +26,7 @@ _OF_RUN = "engine", "scheduler_file", "workers", "timeout", "shard", "max_failur
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sweep(Printing):
-    """Run a task for many parameters, in chunks that survive crashes; --resume continues a sweep.
+    """Run a task for many parameter values, in chunks that survive crashes; --resume continues it.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input, or a full disk."""
 
@@ -40,9 +40,9 @@ class Sweep(Printing):
     scheduler_file: Annotated[Path | None, Only(engine="local")] = None
     """File with the address of a Dask scheduler, instead of --engine."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default one per processor."""
+    """Number of worker processes if --engine is processes or dask; by default one per processor."""
     resume: bool = False
-    """Continue the sweep in the folder, if any. Parameters may have additional values."""
+    """Continue the sweep in the folder, if any, even if values were added to its parameters."""
     anyway: Annotated[bool, Only(resume=True)] = False
     """Continue although files, the task or versions have changed. The attribute resumed_anyway of
     the result lists the changes."""
@@ -50,8 +50,8 @@ class Sweep(Printing):
     """Seconds after which a chunk is stopped, and computed again in halves. A single member that
     takes longer counts as failed. The engine local cannot stop a chunk, and has no timeout."""
     shard: str | None = None
-    """Compute only part I of N parts of the sweep, given as I/N such as 3/100, in a folder inside
-    that of the result; `jaxcell sweep merge` merges the parts."""
+    """Compute only part I of N parts of the sweep, given as I/N such as 3/100, in a subfolder of
+    the folder of the result; `jaxcell sweep merge` merges the parts."""
     max_failures: int | None = None
     """Number of failed members above which the sweep stops; by default it never stops."""
     out: Path | None = None
@@ -201,7 +201,7 @@ def in_a_line(failure: "sweep.Failure") -> str:
 
 @contextlib.contextmanager
 def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
-    """Yield a function that shows the progress of a sweep, after the text `doing`."""
+    """Yield a function that shows the progress of a sweep in a line that begins with `doing`."""
     with progress(doing) as say:
 
         def show(now: "sweep.Progress") -> None:

@@ -27,7 +27,7 @@ class SweepVerify(Printing):
     engine: str = "local"
     """Engine that computes chunks: local, processes, dask, or dask://host:port; see sweep."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default one per processor."""
+    """Number of worker processes if --engine is processes or dask; by default one per processor."""
 
     def run(self) -> int:
         prepare_tasks()

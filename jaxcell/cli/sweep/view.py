@@ -121,7 +121,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     """Find the index of a member along each dimension of a sweep.
 
     `given` contains `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a
-    grid parameter, or the number of a sample or of a member of a list.
+    grid parameter; for samples and lists it is an index from 0.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)
@@ -152,7 +152,7 @@ def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]
 
 
 def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
-    """Return the labels along each dimension: values of a grid parameter, or numbers from 0."""
+    """Return the labels along each dimension: the values of a grid parameter, else 0, 1, 2, ..."""
     own = {
         each.name: each.values.tolist() for each in spec.parameters if each.name == each.dimension
     }

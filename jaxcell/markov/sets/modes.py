@@ -24,7 +24,7 @@ class Modes:
     constant on each basin of attraction."""
     left: Complex[np.ndarray, "modes cells"]
     """Left eigenvectors: measures with `m P = value m`, which are large where mass gathers. The
-    product of the measure and the function is 1 for one mode, and 0 for two different modes."""
+    product of a measure and a function is 1 if both belong to the same mode, and 0 otherwise."""
     certificate: Certificate
 
 
@@ -43,14 +43,14 @@ def leading_modes(
 
     **Arguments:**
 
-    - `count`: the number of eigenvalues. There is one more if the last two are conjugate.
-    - `steps`: the number of steps that `P` takes, by default one per phase of a sequence.
+    - `count`: the number of eigenvalues. If this splits a conjugate pair, one more is returned.
+    - `steps`: the number of steps whose product is `P`, by default one per phase of a sequence.
     - `start`: the phase of the first step of a sequence of chains.
 
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
-    Two pairs of cells, with a probability of 1/10 to change the pair in a step:
+    Two pairs of cells; in each step the chain moves to the other pair with probability 1/10:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov

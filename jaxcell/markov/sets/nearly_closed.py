@@ -35,15 +35,15 @@ class NearlyClosedSets:
     begin: Int[np.ndarray, "cells"]
     "The set that contains each cell before the steps, or -1 if no set does."
     end: Int[np.ndarray, "cells"]
-    """The set that contains each cell after the steps, or -1. It is `begin` for almost-invariant
-    sets. Coherent sets have moved. An attracting region is the part of its basin with most mass."""
+    """The set that contains each cell after the steps, or -1: equal to `begin` for almost-invariant
+    sets, the moved sets for coherent sets, and the attracting regions in basins."""
     leakage: Float[np.ndarray, "sets"]
     "The share of the mass of each set that is outside the set after the steps."
     steps: int
-    "Number of steps in which the sets are hardly left."
+    "Number of steps between `begin` and `end`, in which hardly any mass leaves the sets."
     value: Float[np.ndarray, "values"]
-    """The leading eigenvalues or singular values. The number of values near 1 is the number of
-    sets, and a closed set has a value 1."""
+    """The leading eigenvalues or singular values. About as many of them are near 1 as there are
+    sets; a closed set has the value 1."""
     certificate: Certificate
 
     @property
@@ -91,11 +91,11 @@ def almost_invariant_sets(
     - `blur`: a chain that takes one more step in the search, such as a step to a neighbouring cell.
         Without it, a single cell that is mapped to itself is a set. The leakage ignores it.
 
-    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate shows
-    how far the span of the eigenvectors is from invariant: it is the largest 2-norm of the part of
-    an image outside the span, over the vectors of an orthonormal basis.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is 0 if the
+    span of the eigenvectors is invariant: it is the largest 2-norm, over the vectors of an
+    orthonormal basis, of the part of the vector's image outside the span.
 
-    Two pairs of cells, with a probability of 1/10 to change the pair in a step:
+    Two pairs of cells; in each step the chain moves to the other pair with probability 1/10:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -321,8 +321,8 @@ def _rotation(
     """Rotate the vectors of a basis so that each is large on one set of rows.
 
     This is SEBA (Froyland, Rock and Sakellariou 2019) with the row weights `root**2`. It does not
-    start from the basis itself, because a constant vector would never change. It starts from rows
-    that each represent one set, which a pivoted factorisation finds (Damle, Minden and Ying 2019).
+    start from the basis itself, in which a constant vector would never change, but from rows that
+    each represent one set. A pivoted factorisation finds them (Damle, Minden and Ying 2019).
     """
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root

@@ -60,7 +60,7 @@ class Window:
         return mass
 
     def pull(self, value: _Columns) -> _Columns:
-        """Compute the expected value at the end of the window, for a start in each cell."""
+        """Compute, for each start cell, the expected value at the end of the window."""
         for matrix in reversed(self.matrices):
             value = matrix @ value
         return value
@@ -78,7 +78,7 @@ class Subspace:
     block: Float[np.ndarray, "vectors vectors"]
     "The matrix in this basis; its eigenvalues are the leading eigenvalues."
     residual: float
-    "The largest 2-norm by which the matrix maps a vector of the basis out of the subspace."
+    "The largest 2-norm of the part of a basis vector's image that is outside the subspace."
     products: int
 
     def above(self, least: float) -> Float[np.ndarray, "rows above"]:
@@ -102,7 +102,7 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     leading eigenvalue is left.
 
     `product` is a function that multiplies the matrix by columns. The subspace has `count`
-    dimensions, or one more if the last eigenvalues are conjugate.
+    dimensions, or one more to complete a conjugate pair.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
         matrix, products = product(np.eye(rows)), rows

@@ -30,16 +30,16 @@ class Cycle:
     One backward sweep through the blocks computes the values of all states from the values of the
     states that begin a round, which are the unknowns of GMRES.
 
-    A sweep makes the errors of near states equal, but hardly reduces them if the chain stays there
-    for many rounds, like a drifter in a closed eddy. So states that begin a round are joined in
-    aggregates if their first steps lead to the same states. The preconditioner of GMRES is a
-    factorisation of the chain between aggregates, with a round as its step.
+    A sweep evens out the errors of neighbouring states, but hardly reduces their mean if the chain
+    stays among them for many rounds, like a drifter in a closed eddy. So states that begin a round
+    are joined in aggregates if their first steps lead to the same states. The preconditioner of
+    GMRES is a factorisation of the chain between aggregates, in which one step is one round.
     """
 
     order: Int[np.ndarray, "rows"]
     "The states, block by block."
     bounds: Int[np.ndarray, "bounds"]
-    "The index in `order` of the first state of each block, and the number of states."
+    "The index in `order` of the first state of each block; the last entry is the number of states."
     rows: list[scipy.sparse.csr_array]
     "For each block, the matrix of steps from its states to all states in the order `order`."
     again: Int[np.ndarray, "first"]
@@ -47,7 +47,7 @@ class Cycle:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the blocks of a matrix whose states are sorted by block, forwards or backwards."""
+        """Find the blocks if states are in the order of blocks, or in reverse; else `None`."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -107,8 +107,8 @@ class Cycle:
     def _between(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, linalg.SuperLU]:
         """Build the chain between aggregates of the states that begin a round.
 
-        **Returns:** the aggregate of each state, as a matrix of 0 and 1; the probability of each
-        aggregate one round later; and the LU factors of the chain, with a round as its step."""
+        **Returns:** the aggregate of each state, as a matrix `A` of 0 and 1; the probability `B` of
+        each aggregate one round after each state; and the LU factors of `A' (A - B)`."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
         into, first.indices = np.unique(first.indices, return_inverse=True)
@@ -137,7 +137,7 @@ class Cycle:
     def _round(
         self, again: Float[np.ndarray, "first"], right: Float[np.ndarray, "rows"]
     ) -> Float[np.ndarray, "rows"]:
-        """Compute the values of all states, backwards from those at the end of a round, `again`."""
+        """Compute all values in a backward sweep from `again`, those where a new round begins."""
         x = np.zeros_like(right)
         x[self.again] = again
         for block in range(len(self.rows) - 1, -1, -1):
@@ -147,9 +147,9 @@ class Cycle:
 
 
 def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Drop small probabilities if there are many, and enlarge the rest of each row to keep its sum.
+    """Drop small entries of a matrix with many entries, and scale each row to its old sum.
 
-    A matrix with few probabilities keeps all of them, because rare steps may join two closed parts.
+    A matrix with few entries keeps all of them, because rare steps may join two closed parts.
     """
     if matrix.nnz <= _MOST * matrix.shape[0]:
         return matrix
@@ -163,7 +163,7 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Divide states into maximal blocks; `after` is the first later state that each leads to."""
+    """Divide states into maximal blocks; `after[i]` is the first later state that `i` leads to."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))
@@ -171,7 +171,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Find the first state that the block from state `begin` leads to, where the block ends."""
+    """Find the end of the block from `begin`: the first state after it that a step leads to."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

@@ -26,7 +26,7 @@ class Levels:
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
     bounds: Int[np.ndarray, "bounds"]
-    "The index in `order` of the first state of each level, and the number of states."
+    "The index in `order` of the first state of each level; the last entry is the number of states."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
@@ -73,7 +73,7 @@ def eliminate(
     **Arguments:**
 
     - `step`: the matrix `Q`, not negative.
-    - `leaving`: the probability that a step from each state leaves all states, with all digits.
+    - `leaving`: for each state, the probability of a step to none of the states, with all digits.
     - `right`: the right-hand side, not negative.
     - `levels`: the levels of the matrix, if they are known.
     """

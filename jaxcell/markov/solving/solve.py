@@ -8,14 +8,14 @@ The matrix of a chain that hardly ever returns to a cell that it has left, such 
 that gather in gyres, is nearly triangular in the order of its strongly connected components. Its
 factors are sparse, so it is factored without trying products first.
 
-Matrices with more than 100,000 rows are solved by BiCGSTAB on two levels (`TwoLevel`), in 60 bytes
-per entry. If BiCGSTAB does not converge, a complete factorisation follows; if the matrix has more
-than half a million rows, its factors could exceed any memory, and products follow. The factors of a
-chain that is unrolled over the phases of a tide are not sparse in any order; it is a `Cycle`.
+Matrices with more than 100,000 rows are solved by BiCGSTAB with a two-level preconditioner
+(`TwoLevel`), in 60 bytes per entry. If it does not converge, a complete factorisation follows or,
+above half a million rows, where factors could exceed any memory, products. The factors of a chain
+that is unrolled over the phases of a tide are not sparse in any order, so `Cycle` solves it.
 
 If a part of the chain is left once in 10^10 steps or less often, all these methods return wrong
 answers with small residuals. Such chains are eliminated without subtractions, which takes some
-seconds for 10^5 cells of a plane.
+seconds for 10^5 cells in a plane.
 """
 
 import dataclasses
@@ -34,10 +34,10 @@ from .two_level import TwoLevel
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Sizes of matrices and numbers of products above which another method is used."""
+    """Sizes of matrices and numbers of matrix products above which another method is used."""
 
     small: int = 200
-    "Closed classes that together have at most this many cells are eliminated."
+    "Closed classes that together have at most this many cells are solved by elimination."
     trial: int = 60
     "Number of products after which it is decided again whether to continue with products."
     worthwhile: int = 400
@@ -45,9 +45,9 @@ class Limits:
     products: int = 50_000
     "Largest number of products."
     two_level: int = 100_000
-    "A matrix with more rows is solved by BiCGSTAB on two levels."
+    "A matrix with more rows is solved by BiCGSTAB with a two-level preconditioner."
     rough_steps: int = 60
-    "Largest number of steps of BiCGSTAB on two levels."
+    "Largest number of steps of BiCGSTAB with a two-level preconditioner."
     cycle: int = 20_000
     "A cycle with more rows is solved with GMRES."
     complete: int = 500_000
@@ -79,7 +79,7 @@ _ROUNDING, _ENOUGH = 4e-16, 1e-10
 def solve_transient(
     step: scipy.sparse.csr_array, right: Columns, *, adjoint: bool = False
 ) -> tuple[Columns, int]:
-    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, for `step`, the matrix `Q`.
+    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, where `Q` is `step`.
 
     The powers of `Q` must tend to 0, and `right` must not be negative. Returns the solution and the
     number of matrix products.
@@ -108,11 +108,11 @@ def factor_and_solve(
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
-    """Solve the equation of [`solve_transient`][] by factoring `I - Q`, or roughly if `Q` is large.
+    """Solve the equation of [`solve_transient`][] by factoring, or by iterating if `Q` is large.
 
-    `leaving` is the probability that a step from each row leaves all rows. `order` is `None` or an
-    order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix is
-    singular up to rounding; the number of products; and whether most digits are correct.
+    `leaving` is, for each row, the probability of a step to none of the rows. `order` is `None` or
+    an order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix
+    is singular up to rounding; the number of products; and whether most digits are surely correct.
     """
     products = 0
     try:
@@ -215,10 +215,10 @@ def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Columns, roughly: _RoughSolver
 ) -> tuple[Columns | None, int]:
-    """Solve by repeated rough solves for the residual or, if they do not converge, by products.
+    """Solve by iterative refinement with a rough solver or, if that fails, by repeated products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the
-    number of products.
+    number of matrix products.
     """
     products, columns = 0, []
     cycle = isinstance(roughly, Cycle)

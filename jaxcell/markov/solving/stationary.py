@@ -2,10 +2,10 @@
 
 Small chains are eliminated without subtractions, so that the probability of each cell has nearly
 all its digits, even if it is tiny. Larger chains are solved as described in `solve.py`. Products
-must converge to the same distribution from two starts, because the error of a very slow mode looks
-converged. If products are slow, the value of one cell of each class, its *root*, is set to 1, and a
-linear system gives the values of the other cells. The root must be a likely cell, because the
-matrix without an unlikely cell is still singular up to rounding.
+must converge to the same distribution from two starts, because from one start they may seem to
+converge while a slow mode remains. If they are slow, the value of one cell of each class, its
+*root*, is set to 1, and a linear system gives the values of the other cells. The root must be a
+likely cell, because the matrix without an unlikely cell is still singular up to rounding.
 """
 
 import contextlib
@@ -117,7 +117,7 @@ class Rooted:
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
         """Compute the expected visits to each cell, for each start, before a root is reached.
 
-        The matrix is inverted, or eliminated up to `small` rows or if rounding spoils the inverse.
+        Elimination replaces an inverse of at most `small` rows, and one that rounding spoils.
         """
         identity = np.eye(self.others.size)
         if self.others.size > small:

@@ -21,13 +21,13 @@ _SEED = 0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TwoLevel:
-    """A rough inverse of `I - Q` on two levels, the preconditioner of BiCGSTAB.
+    """A rough solver of equations with `I - Q`: BiCGSTAB with a two-level preconditioner.
 
-    An incomplete factorisation removes the differences of the error between near states. It exists
-    without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The remaining
-    error is nearly equal in near states, because a slow chain stays long among a few states before
-    it moves on, like a drifter in an eddy. So near states are joined in *aggregates*, and the chain
-    between aggregates has few states (Takahashi 1975).
+    An incomplete factorisation removes the differences of the error between neighbouring states. It
+    exists without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The
+    remaining error is nearly equal in neighbouring states, because a slow chain stays long among a
+    few states before it moves on, like a drifter in an eddy. So such states are joined in
+    *aggregates*, and the chain between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
@@ -37,7 +37,7 @@ class TwoLevel:
     aggregate: scipy.sparse.csr_array
     "A matrix with an entry 1 if the state of the row is in the aggregate of the column."
     coarse: linalg.SuperLU
-    "An incomplete factorisation of the matrix between aggregates."
+    "An incomplete factorisation of `A' (I - Q) A`, where `A` is the matrix `aggregate`."
     steps: int
     "Largest number of steps of BiCGSTAB."
 
