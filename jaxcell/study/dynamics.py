@@ -30,12 +30,11 @@ class SystemStudy(Study):
     params: tuple[str, ...] = ()
     """Values that replace default parameters of the system, such as T=0.5."""
     cells: tuple[int, ...] = ()
-    """Number of cells along each axis, or one number for all axes; by default as the system
-    defines."""
+    """Number of cells along each axis, or one number for all; by default those of the system."""
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
-        """The system, divided into the number of cells that the parameter `cells` gives, if any."""
+        """The system, with the number of cells in the parameter `cells`, if it is given."""
         system = load_system(self.system)
         if not self.cells:
             return system
@@ -61,7 +60,7 @@ class Dynamics(SystemStudy):
     """Values that replace default parameters of the system, such as T=0.5. With T=0.1:0.9:17, the
     attractors are followed along 17 values."""
     follow: WholeNumber = 0
-    """Number of steps in which a point outside the box may return before it counts as lost."""
+    """Number of steps for which a point may stay outside the box before it counts as lost."""
     by: Literal["cells", "orbits"] = "cells"
     """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
     cell's centre (orbits), which is slower but does not need small cells."""
@@ -136,7 +135,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Return the parameters `known`, with values from `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
+    """Return the defaults `known`, some replaced by `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

@@ -38,7 +38,7 @@ class CellStudy(Study):
 
     @property
     def smaller(self) -> str:
-        """The advice before "use larger cells" in the message of a `MemoryError`; may be empty."""
+        """Advice in a `MemoryError`, before the advice to use larger cells; may be empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -86,8 +86,8 @@ class MapStudy(CellStudy):
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
     collision: Collision = "swept"
-    """Part of a step that must be free: the whole step (swept), or its end (endpoint), as in the
-    dissertation."""
+    """Part of a step that must be free: all (swept), or only its end, as in Alam 2018
+    (endpoint)."""
 
     @property
     def _cut(self) -> _Cut:
@@ -120,7 +120,7 @@ class MapStudy(CellStudy):
 
 
 def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Parse the cell that a parameter gives as `x,y,heading` (metres, degrees) or a cell number."""
+    """Parse a cell, `x,y,heading` (metres, degrees) or its number. An error names `parameter`."""
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))

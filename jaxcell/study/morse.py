@@ -9,7 +9,7 @@ from .study import Say, silent
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Morse(SystemStudy):
-    """Find the recurrent sets of a dynamical system and which can lead to which, with proof."""
+    """Find recurrent sets of a dynamical system, and prove in which order orbits can visit them."""
 
     name: ClassVar[str] = "morse"
     command: ClassVar[str] = "morse"
@@ -17,8 +17,8 @@ class Morse(SystemStudy):
     task: ClassVar[str] = "morse"
 
     cells: tuple[AtLeastOne, ...] = ()
-    """Number of cells along each axis at the start, or one number for all axes; by default as the
-    system defines."""
+    """Number of cells along each axis at the start, or one number for all axes; by default the
+    numbers of the system."""
     depth: WholeNumber = 0
     """Number of bisections of boxes, along each axis in turn; after each bisection, boxes that are
     not recurrent are removed."""
@@ -26,8 +26,8 @@ class Morse(SystemStudy):
     """Number of further bisections that test the found sets. Sets that prove not to be recurrent
     are removed."""
     images: Literal["intervals", "mean-value", "corners"] = "mean-value"
-    """Method for images of boxes: interval arithmetic (intervals), also with the mean value theorem
-    (mean-value), or boxes around the images of corners (corners), which prove nothing."""
+    """Method for images of boxes: interval arithmetic (intervals), interval arithmetic and the mean
+    value theorem (mean-value), or images of corners (corners), which prove nothing."""
 
     def run(self, say: Say = silent) -> "dynamics.MorseSets":
         system = self.chosen

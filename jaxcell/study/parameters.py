@@ -63,7 +63,7 @@ class Limit:
         """Raise `ValueError` for a number that is beyond the bounds, or not finite.
 
         The error begins with the name of the parameter. The text `after`, such as a unit, follows
-        the bounds. The value may be `None`, which is accepted.
+        the bounds. `None` is accepted.
         """
         if value is None:
             return

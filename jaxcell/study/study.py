@@ -87,7 +87,7 @@ class Study:
         return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
-        """Return the parameters with which the computation of a result can be repeated, by name.
+        """Return the parameters, keyed by name, with which a result can be computed again.
 
         Parameters without effect are left out, and defaults that depend on the map are replaced by
         their values. The name of a parameter with a unit ends in the unit, such as `cell_m`.
@@ -101,7 +101,7 @@ class Study:
 
     @classmethod
     def spec_name(cls, parameter: str) -> str:
-        """Return the name of a parameter in a specification, which ends in its unit."""
+        """Return the name of a parameter in specifications: its own name, then its unit, if any."""
         unit = within(parameters(cls)[parameter], Unit)
         return parameter if unit is None else f"{parameter}_{unit.suffix}"
 
@@ -131,7 +131,7 @@ def _kinds(study: Any) -> dict[str, list[Any]]:
 
 @contextlib.contextmanager
 def about(parameter: str) -> Iterator[None]:
-    """Put the name of a parameter before the errors that a `with` block raises."""
+    """Put the name of a parameter before the message of a `ValueError` in a `with` block."""
     try:
         yield
     except ValueError as error:

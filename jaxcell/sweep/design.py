@@ -32,7 +32,7 @@ class Parameter:
 
     name: str
     dimension: str
-    "`name` if the parameter is in a grid, `member` in a list, and `sample` for random samples."
+    "The parameter's name if it is in a grid; `member` in a list; `sample` for random samples."
     values: np.ndarray
     "A one-dimensional array of 64-bit integers or floats, booleans, or strings."
 
@@ -47,7 +47,7 @@ class _Distribution:
     draw: Callable[[np.random.Generator, int], np.ndarray]
     "A function that draws a number of independent samples."
     quantile: Callable[[np.ndarray], np.ndarray]
-    "A function that computes quantiles, such as the median from 0.5."
+    "A function that computes quantiles at given probabilities: the median at 0.5."
 
 
 def read_parameters(
@@ -118,7 +118,7 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
     """Generate the points of a sampling design in the unit cube, of shape `(members, parameters)`.
 
-    With more samples, the designs `sobol` and `saltelli` keep their first points.
+    For `sobol` and `saltelli`, a larger number of samples only appends points.
     """
     if design not in _DESIGNS:
         raise ValueError(

@@ -75,8 +75,8 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     not 1, floats are NaN, integers are -1 (unsigned integers their maximum), and booleans are
     `False`.
 
-    **Arguments:** the folder of the store. **Returns:** a dataset with a dimension for each
-    parameter of a grid, or `member` or `sample`; its `status` is 1 where a member is done.
+    **Arguments:** the folder of the store. **Returns:** a dataset with the dimensions of its
+    [`Spec`][]; the variable `status` is 1 where a member is done.
 
     The number of periodic groups for two angles on one map:
 

@@ -48,8 +48,8 @@ def run_sweep(
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine that
         [`engine_named`][] returned.
     - `workers`: the number of processes of the engines `processes` and `dask`.
-    - `resume`: if true, continue an existing sweep in the folder, and try failed members again. The
-        sweep grows if `spec` has all its members and more.
+    - `resume`: if true, continue an existing sweep in the folder, and try failed members again. A
+        `spec` with all its members and new ones enlarges the sweep.
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
     - `chunks`: the numbers of the chunks to compute, without writing the final result; by default
@@ -136,7 +136,7 @@ class _Jobs:
         self._open: Counter[int] = Counter()
 
     def take(self) -> Job | None:
-        """Return the next job; `None` if there is none until a failure adds one."""
+        """Return the next job, or `None` if no job is left; a later failure may add jobs."""
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def split(self, job: Job) -> None:
@@ -151,7 +151,7 @@ class _Jobs:
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Return the outcome of a job, or a failure if its variables differ from the first result."""
+    """Return the outcome of a job, or a failure if its variables do not match the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)

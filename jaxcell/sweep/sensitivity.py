@@ -44,12 +44,12 @@ class SobolIndex:
 def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     """Estimate the first-order and total Sobol indices of each variable of a sweep.
 
-    The estimators are those of Saltelli et al. (2010), in `scipy.stats.sobol_indices`. The indices
-    of a constant variable are 0.
+    The estimators are those of Saltelli et al. (2010), as in `scipy.stats.sobol_indices`. The
+    indices of a constant variable are 0.
 
     **Arguments:** the folder of a complete sweep with the design `saltelli`. **Returns:** a
-    [`SobolIndex`][] for each variable with one finite number per member, each combination of grid
-    parameters, and each parameter of the table `[random]`.
+    [`SobolIndex`][] for each variable, each combination of grid parameters, and each parameter of
+    the table `[random]`. Variables without one finite number per member are left out.
 
     The periodic groups of one map at three angles:
 
@@ -105,8 +105,8 @@ def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.
     """Estimate first-order and total indices, and the ends of their confidence intervals.
 
     In Saltelli's design, A and B are independent samples. A row has the outputs at a point of A, at
-    the same point of B, and at the points of A with one parameter from B. Each of the returned
-    arrays has the shape `(2, parameters)`.
+    the point of B with the same number, and at the point of A with one parameter from B, for each
+    parameter in turn. Each of the returned arrays has the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -61,7 +61,7 @@ class Spec:
     path: Path
     "The file of the specification."
     folder: Path
-    "The folder of the original file, to which paths in the specification are relative."
+    "The folder of the user's file, to which its paths are relative, even if `path` is a copy."
     text: bytes
     "The content of the file."
     document: Mapping[str, Any]
@@ -84,7 +84,7 @@ class Spec:
 
     @classmethod
     def parse(cls, text: bytes, path: Path, folder: Path) -> "Spec":
-        """Parse a specification. Errors name `path`, and relative paths in it begin at `folder`."""
+        """Parse a specification. Errors name `path`; paths in the text are relative to `folder`."""
         try:
             document = tomllib.loads(text.decode("utf-8"))
             return cls._read(path, folder, text, document)
@@ -131,11 +131,11 @@ class Spec:
 
     @property
     def folders(self) -> list[Path]:
-        """The folders in which to look for relative paths, first that of the specification."""
+        """The folders for relative paths: that of the specification, then the current folder."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find the file or folder that a parameter names, also as `@NAME`; `None` if missing."""
+        """Find a file or folder by its path, or by its bundled name `@NAME`; `None` if missing."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)
@@ -199,9 +199,9 @@ class Spec:
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """Describe the differences between this specification ("there") and another ("here").
+        """Describe the differences from another specification, such as "seed: 1 there, 2 here".
 
-        Each text has the name of a field, and both values near their first difference.
+        This specification is "there", the other "here". Long values are cut around the difference.
         """
         if self.text == other.text:
             return []
@@ -220,9 +220,9 @@ class Spec:
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
         """Find the members of this specification in a smaller one, `old`.
 
-        **Returns:** for each dimension, the index in `old` of each index here, or -1 if it is new;
-        `None` if this specification lacks a member of `old`, or if the specifications differ in
-        another field.
+        **Returns:** an array for each dimension, with the index in `old` of the values at each
+        index of this specification, or -1 for new values; `None` if this specification lacks a
+        member of `old`, or if the specifications differ in another field.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -250,21 +250,20 @@ class Spec:
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _compared(self) -> dict[str, Any]:
-        """Return the document with a list of all values of each parameter."""
+        """Return the document, with ranges and distributions replaced by lists of their values."""
         tables: dict[str, dict[str, Any]] = {}
         for parameter in self.parameters:
             tables.setdefault(parameter.table, {})[parameter.name] = parameter.values.tolist()
         return {**self._rest(), **tables}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """Yield at each index the values of a dimension's parameters, in the order of their
-        names."""
+        """Yield, for each index along a dimension, the values of its parameters, sorted by name."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the names and values of nested fields as texts, because 1 and 1.0 must differ."""
+    """Yield the name of each nested field, and its value as text, in which 1 and 1.0 differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")

@@ -1,4 +1,4 @@
-"""Run a study as the task of a sweep, with other parameters for each member."""
+"""Run a study as the task of a sweep, with different parameters for each member."""
 
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
@@ -20,7 +20,7 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Create a study from parameters of TOML or JSON, in which a tuple may be a single value."""
+    """Create a study from parameters of TOML or JSON; a single value may stand for a tuple."""
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
     for name in parameters:
@@ -72,7 +72,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Create the study of each member of a batch. Its default seed is the seed of the sweep."""
+    """Create the study of each member of a batch, by default with the seed of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]

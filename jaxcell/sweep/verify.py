@@ -33,7 +33,7 @@ class Verified:
     chunks: int
     "The number of chunks of the sweep."
     damaged: tuple[str, ...]
-    "The names of the damaged chunks, files, and other records of the journal."
+    "The names of damaged chunks, of other damaged records of the journal, and of damaged files."
     recomputed: int
     "The number of entries of `damaged` that were repaired."
     status: SweepStatus

@@ -28,16 +28,16 @@ class AnywhereStudy(MapStudy):
     """Seed of the random starts, errors and choices."""
     anywhere: Annotated[bool, Only(collision="swept")] = False
     """Start robots anywhere, and track their possible positions along the walls instead of among
-    cells. The robots drive straight to the next bump, and count the steps."""
+    cells. A robot counts its steps while it drives straight from bump to bump."""
     heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
-    """Heading of the robots at the start: one of the directions (known), or any heading
-    (unknown)."""
+    """Headings that the robots may have at the start: only the directions of the map (known), or
+    all headings (unknown)."""
     errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
-    """Bounds of the errors: run=0.02 for the length of a run between two bumps, as a share of it,
-    and distance=0.05 in metres; turn=1 for a turn and heading=2 for the first heading, in degrees;
-    late=0.01 for the distance driven before a bump is felt, and displacement=0.03 for the distance
-    between the wall and the start of a run, in metres. With bump_turn=2, a bump at 45 degrees of
-    incidence also turns the robot toward the wall by 2 degrees."""
+    """Bounds of the errors, each as NAME=VALUE. In metres: distance=0.05 for the length of a run
+    between bumps; late=0.01 for the distance counted between meeting a wall and feeling the bump;
+    displacement=0.03 from a bump to the start of the next run. As a share: run=0.02 of the length
+    of a run. In degrees: turn=1 for a turn; heading=2 for the first heading; bump_turn=2 for the
+    turn toward the wall that a bump at 45 degrees of incidence causes."""
     measured: Annotated[bool, _ANYWHERE] = False
     """Let the robots measure the distance between bumps instead of counting steps."""
     robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
@@ -47,7 +47,7 @@ class AnywhereStudy(MapStudy):
     radius: Annotated[Length | None, _ANYWHERE] = None
     """Largest error in metres with which a robot counts as localized; by default half a cell."""
     slices: Annotated[AtLeastOne, _ANYWHERE] = 360
-    """Number of equal intervals of headings to track, if headings are not known exactly."""
+    """Number of equal intervals into which headings are divided, if they are not known exactly."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,7 +81,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The arguments `aim` and `ahead` of `walls.drive_anywhere`, if the study has them."""
+        """The parameters `aim` and `ahead` for `walls.drive_anywhere`; empty without them."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
@@ -165,10 +165,10 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Compute the median bumps and metres of plans over cells, for comparison with a trial.
+    """Compute the median number of bumps and the median length in metres of plans on cells.
 
-    The plans lead from the starts of the first robots to the goal. The medians are `None` if an
-    angle is not a multiple of the angle between directions.
+    The plans lead from the starts of the first robots of a trial to the goal, to judge the trial.
+    The medians are `None` if an angle is not a multiple of the angle between directions.
     """
     import numpy as np
 

@@ -26,12 +26,12 @@ class Cover(MapStudy):
     reliability: Annotated[float, Limit(gt=0, le=1)]
     """Probability of a turn without error."""
     target: str = "uniform"
-    """Wanted time at each position: uniform, an image (more where bright), or FILE.nc:VARIABLE."""
+    """Wanted time at each position: uniform, an image (by its brightness), or FILE.nc:VARIABLE."""
     weights: Literal["basin", "size"] = "basin"
     """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
     number of cells (size)."""
     directions: AtLeastOne | None = 360
-    """Number of directions."""
+    """Number of directions in which the robot can drive."""
 
     def check_files(self) -> None:
         super().check_files()

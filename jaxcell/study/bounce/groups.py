@@ -12,15 +12,15 @@ from ..study import Say, radians, silent
 
 
 MAX_AT_ONCE = 20_000_000
-"""The largest number of cells for which one dataset and one recording are made."""
+"""The largest number of cells times angles that is written as one dataset and one recording."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Groups(MapStudy):
     """Find the periodic groups of a bouncing robot, and the steps from every cell to its group.
 
-    More than 20 million cells, or more than fit in memory, are written one direction at a time to a
-    Zarr store, in place of a dataset and a recording.
+    With more than 20 million cells times angles, or more than fit in memory, the results are
+    written to a Zarr store, one direction at a time, instead of a dataset and a recording.
     """
 
     name: ClassVar[str] = "groups"
@@ -50,7 +50,7 @@ class Groups(MapStudy):
 
     @functools.cached_property
     def _free(self) -> int | None:
-        """The free memory in bytes, read once, so that all results are written in the same way."""
+        """The free memory in bytes, read only once, so that `at_once` and `written` agree."""
         return memory.free()
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":

@@ -32,8 +32,8 @@ class Localize(AnywhereStudy):
     """Bouncing angles among which the robot chooses at each bump. A robot that slips chooses the
     angle after which the expected entropy of its belief at the next bump is least."""
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
-    """Knowledge that the robot seeks: its cell, its position at any heading, or the class of cells
-    that no choice of these angles distinguishes."""
+    """Knowledge that the robot seeks: its cell, its position without its heading, or its class (all
+    cells that it cannot tell apart with these angles)."""
     aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
     """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts. With
     --anywhere it is the largest or the mean size of the set of possible positions."""
@@ -50,11 +50,11 @@ class Localize(AnywhereStudy):
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Add a trap state to the filter, for observations that cannot occur on the map."""
     smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
-    """Find the smallest automaton with the same outputs as the filter, or the same actions and
-    answers as the policy, and prove a lower bound on its states, in at most one minute."""
+    """Find the smallest automaton with the same outputs as the filter or the policy, and prove a
+    lower bound on its number of states. The search has a limit of one minute."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
-    """Error of the robot: the relative error of its steps and turns, and its veer in radians per
-    metre. A belief then localizes the robot instead of a filter."""
+    """Standard deviation of three errors: of steps and of turns, as shares, and of the veer, in
+    radians per metre. A belief then localizes the robot instead of a filter."""
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
     """Angle in degrees by which a bump at an incidence of 45 degrees turns the robot toward the
     wall. The wheel encoders do not measure it. At an incidence i the angle is sin(2 i) times as
@@ -64,9 +64,9 @@ class Localize(AnywhereStudy):
     travel, so the robot then drives back too far. At an incidence i the distance is cos(i)² times
     as large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
-    """Largest number of fine cells, into which a belief divides the cells of the map; by default
-    100,000, and up to 400,000 for a slip below 2 %. With more fine cells, the credible sets on
-    large maps are smaller, and the computation takes longer."""
+    """Largest number of fine cells, into which a belief divides the cells of the map. The default
+    is 100,000 for a slip of 2 % or more, and rises to 400,000 for smaller slips. With more fine
+    cells, the credible sets on large maps are smaller, and the computation takes longer."""
 
     @property
     def choice(self) -> dict[str, Any]:

@@ -59,8 +59,8 @@ class Navigate(AnywhereStudy, Plans):
     task: ClassVar[str] = ""
 
     start: str | None = None
-    """Start of the robot: "x,y,heading" in m and degrees, or a cell number; with --anywhere random
-    by default."""
+    """Start of the robot: "x,y,heading" in m and degrees, or a cell number. With --anywhere, robots
+    start at random by default."""
     goal: str
     """Goal, in the same form as the start; with --anywhere "x,y" in m."""
     goal_radius: Annotated[Length | None, Only(anywhere=True)] = None
@@ -69,8 +69,9 @@ class Navigate(AnywhereStudy, Plans):
     keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
-    """Relative error of the robot's steps and turns, and its veer in radians per metre. The result
-    then contains the probability that the plan succeeds, and a policy that surely succeeds."""
+    """Standard deviation of three errors: of steps and of turns, as shares, and of the veer, in
+    radians per metre. The result then also has the probability that the plan succeeds, and a policy
+    that is certain to reach the goal, if there is one."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -37,8 +37,8 @@ class Rooms(Study):
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360
     """Number of directions."""
     collision: Collision = "swept"
-    """Part of a step that must be free: the whole step (swept), or its end (endpoint), as in the
-    dissertation."""
+    """Part of a step that must be free: all (swept), or only its end, as in Alam 2018
+    (endpoint)."""
     seed: WholeNumber = 0
     """Seed of the rooms."""
 

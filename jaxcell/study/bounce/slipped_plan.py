@@ -25,7 +25,7 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 def slipped_plan(
     plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
-    """Find the probability that a plan brings a slipping robot to its goal, and a policy that does.
+    """Find the probability that a slipping robot reaches its goal with a plan and with a policy.
 
     `error` is the parameter `slip` of the study, and `step` the length of a step in metres.
     """

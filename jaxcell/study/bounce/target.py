@@ -76,7 +76,7 @@ def _variable(cells: CellSpace, path: Path, variable: str) -> Float[np.ndarray, 
 def _nearest(
     array: xr.DataArray, name: str, centres: Float[np.ndarray, "positions"]
 ) -> xr.DataArray:
-    """Find the index of the sorted coordinate `name` that is nearest to each centre."""
+    """Find the value of the sorted coordinate `name` nearest to each centre; return its index."""
     values = np.asarray(array[name], float)
     # The bound on coordinates keeps their differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():

@@ -23,8 +23,7 @@ class Team(MapStudy):
     robots: int | None = None
     """Number of robots that start at random cells; by default 2."""
     starts: tuple[str, ...] = ()
-    """Start of each robot instead of random cells: "x,y,heading" in m and degrees, or a cell
-    number."""
+    """Start of each robot, by default random: "x,y,heading" in m and degrees, or a cell number."""
     seed: int = 0
     """Seed of the random starts."""
     max_parts: AtLeastOne = 1000

@@ -35,16 +35,16 @@ class Drift(SeaStudy):
     task: ClassVar[str] = "drift"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Currents: NetCDF files of consecutive records or of separate velocities, a pattern such as
-    "2016_*.nc", a Zarr store, an OPeNDAP address, or @gyres."""
+    """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
+    "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
     grid: Path | None = None
     """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
     time: int | str | None = None
     """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
     records are read."""
     current: Literal["changing", "mean"] | None = None
-    """Current that carries drifters: the records in turn, and then again from the first (changing),
-    or the mean of the records (mean). By default changing, and mean with --method source."""
+    """Current that carries drifters: the records in turn, repeated without end (changing), or the
+    mean of the records (mean). By default changing, but mean with --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of the layers in metres; by default the depths in the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
@@ -61,22 +61,21 @@ class Drift(SeaStudy):
     one cell on average."""
     method: Literal["drifters", "source"] = "drifters"
     """Method to build the map of cells: sample points of each cell drift, and may leave the map
-    (drifters), or the map follows the rules of the dissertation, with turned disturbances and a
-    closed edge (source)."""
+    (drifters); or the rules of Alam 2018 apply, --spread turned and --edge uniform (source)."""
     rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
     """Probability that a drifter follows the current in a step, without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
-    """Ends of a step: along the current, or along the current turned by 45 degrees to either side
-    (turned); the cell at the end and all cells around it (all); or the cells to which sample points
-    of the cell drift (sampled). By default turned with --method source, and otherwise sampled."""
+    """Cells to which a step leads: the cell ahead along the current, and those at 45 degrees to
+    either side (turned); the cell ahead and all cells around it (all); or the cells that sample
+    points reach (sampled). By default turned with --method source, and otherwise sampled."""
     edge: Literal["uniform", "exit"] | None = None
-    """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
-    cell, as in the dissertation (uniform), or drift like all other drifters and may leave the map
+    """Rule for drifters at a coast or at the edge of the map: they stay or move to a random
+    neighbouring cell, as in Alam 2018 (uniform), or drift as elsewhere and may leave the map
     (exit). By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
-    """Rule for drifters that run ashore: they are held at the coast until the current carries them
-    off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
-    and so leave the map (strand)."""
+    """Rule for drifters that run ashore: they stay at the coast until the current carries them off,
+    with friction of the water at coasts (hold) or without friction (slip); or they strand, and so
+    leave the map (strand)."""
     land: Path | None = None
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
@@ -87,7 +86,7 @@ class Drift(SeaStudy):
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
     """Time in days after which the map is compared with simulated drifters; by default the median
-    time until drifters are in a group or off the map, in whole days up to 30."""
+    time until drifters reach a persistent group or leave the map, in whole days from 1 to 30."""
     backward: bool = False
     """Follow drifters backward in time from the last record, to find their origins."""
     start: str | None = None
@@ -95,7 +94,7 @@ class Drift(SeaStudy):
     goal: str | None = None
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
-    """GeoJSON file of polygons between which drifters at the surface are followed."""
+    """GeoJSON file of polygons, to compute the exchange of surface drifters between them."""
     drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
     """Number of drifters to simulate from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
@@ -106,10 +105,10 @@ class Drift(SeaStudy):
     """Time in seconds in which half of the drifters on a beach float again; by default they never
     float again."""
     range: Length | None = None
-    """Range in metres of cameras on drifters, to find drifters that see the whole sea bed."""
+    """Range in metres of cameras on drifters, which together have to see the whole sea bed."""
     search: Annotated[Duration | None, Only(range=True)] = None
-    """Time limit in seconds of the search for the fewest camera positions, which are by default
-    chosen greedily."""
+    """Time limit in seconds of a search for the fewest camera positions; by default there is no
+    search, and the positions are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
     leave in a day. They depend less on the duration of a step than persistent groups do. By default
@@ -125,7 +124,7 @@ class Drift(SeaStudy):
         self._place("goal")
 
     def currents(self) -> "xr.Dataset":
-        """Read the currents from the files, as the parameters ask."""
+        """Read the currents from the files, with the options that the parameters give."""
         names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
         options = {name: getattr(self, name) for name in names}
         options["depths"] = self.depths or None
@@ -211,7 +210,7 @@ class Drift(SeaStudy):
 
     @property
     def _step(self) -> "drift.DriftStep":
-        """The step of the map, with the duration and the rules that the parameters give."""
+        """The `DriftStep` of the map, with the duration and the rules from the parameters."""
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
         step = drift.METHODS[self.method]
@@ -232,7 +231,7 @@ class Drift(SeaStudy):
             return int(water.cell(*place))
 
     def _goal(self, waters: "list[drift.Water]") -> int | None:
-        """Return the number of the goal among the cells of all layers, or `None`."""
+        """Return the index of the goal among the cells of all layers, or `None` without a goal."""
         if (place := self._place("goal")) is None:
             return None
         lon, lat, depth = place

@@ -26,9 +26,8 @@ class Drifters(SeaStudy):
     task: ClassVar[str] = "drifters"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Trajectories: files (or a pattern of their names) of the Global Drifter Program, of
-    OpenDrift, of Parcels, or in the CF convention; a Zarr store; an OPeNDAP address; or
-    @drifters."""
+    """Trajectories: files (or a pattern of their names) of the Global Drifter Program, OpenDrift,
+    Parcels or the CF convention, a Zarr store, an OPeNDAP address, or the bundled @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0
     """Time in days between the two observations of a drifter that make up a move."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
@@ -37,13 +36,12 @@ class Drifters(SeaStudy):
     """West, south, east and north limits of the region to divide into cells, in degrees. The region
     may contain the date line."""
     least: AtLeastOne = 1
-    """Least number of observed moves from a cell; cells with fewer moves are left out of the
-    map."""
+    """Minimum number of observed moves from a cell; cells with fewer are left out of the map."""
     drogue: Literal["kept", "lost"] | None = None
     """Select drifters that still have their drogue (kept), or drifters that have lost it (lost) and
     so move with the wind too; by default all drifters."""
     after: Days | None = None
-    """Time in days of the computed distribution of drifters. By default it is the long run."""
+    """Time in days at which the distribution of drifters is computed; by default the long run."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find: parts of the water that drifters hardly leave."""
     samples: Annotated[int, Limit(ge=2)] = 100

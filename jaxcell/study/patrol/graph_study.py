@@ -32,9 +32,9 @@ class GraphStudy(Study):
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
     division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
-    """Use of the graph by several robots: all robots share the graph (shared), or each robot
-    patrols a part of it (partition). The result compares both uses. By default robots share the
-    graph."""
+    """Division of the graph among several robots: all patrol the whole graph (shared), or each
+    patrols a part of it (partition). The result compares both. By default all patrol the whole
+    graph, and nothing is compared."""
     speed: _Positive | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
@@ -44,8 +44,8 @@ class GraphStudy(Study):
     """Base station: a vertex where robots report news. The result contains the age of the news at
     the base."""
     charger: Annotated[str | None, Only(speed=False)] = None
-    """Vertex that each robot must visit at least once in --every steps. The walk is changed to meet
-    this condition, or with the strategy capture, the best walk that meets it is found."""
+    """Vertex to which each robot must return within --every steps. The walk is changed to meet this
+    condition; with --attack-time, a walk that meets it is optimized instead."""
     every: Annotated[int | None, Needed(charger=True)] = None
     """Largest number of steps between two visits to the charger."""
     baselines: bool = False
@@ -101,7 +101,7 @@ class GraphStudy(Study):
         return patrol.team.whole_times(graph, self.speed, self.time_unit)
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """Convert the names `wanted`, which a parameter gives, to numbers of vertices."""
+        """Return the numbers of the vertices `wanted` in `names`. An error names `parameter`."""
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -31,38 +31,38 @@ class PatrolGraph(GraphStudy):
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
     """Aim of the walk: a short mean commute time (commute), shortest paths to --vertex (toward),
-    fast convergence to its shares of time (mixing), a short mean time to a random vertex (kemeny),
+    fast convergence to the long run (mixing), a short mean time to a random vertex (kemeny),
     maximal entropy of steps (entropy) or of return times (return-time), or a high probability of
     capture within --attack-time (capture). With mixing, kemeny and return-time, all vertices have
-    equal shares of time, or the shares in --visits, and the walk may wait."""
+    equal shares of time, or the shares in --visits, and a robot may stay at a vertex."""
     emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
     """Two or more vertices to visit more often."""
     share: Share = 0.8
-    """Least share of steps on the shortest closed tour through the vertices of --emphasis."""
+    """Minimum share of steps on the shortest closed tour through the vertices of --emphasis."""
     constraints: Annotated[Path | None, Only(strategy="commute", speed=False)] = None
     """JSON file of bounds on the shares of steps along edges and of time at vertices:
     {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
     vertex: Annotated[str | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
-    """Number of shortest paths from each vertex to take into account. With one path, as in the
-    table of the dissertation, the walk takes the shortest path to the vertex."""
+    """Number of shortest paths from each vertex to take into account. With one path, as in Table
+    4.2 of Alam 2018, the walk takes the shortest path to the vertex."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
     memory_states: Annotated[
         AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
     ] = 1
-    """Number of memory states of a robot, which may change at each move. The result compares walks
-    with 1, 2, 4, ... states, a tour, and an upper bound."""
+    """Number of memory states of a robot; its state may change at each move. The result compares
+    walks with 1, 2, 4, ... states, a tour, and an upper bound."""
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
-    """File with a line "vertex share" for each vertex: its share of time, in any unit."""
+    """File with a line "vertex weight" per vertex; shares of time are proportional to weights."""
     values: Annotated[Path | None, Only(game=True)] = None
-    """File with a line for each vertex: "vertex value", with the value of its goods; or "vertex
-    value value reward cost", with the values for the patroller and for the adversary, the reward of
-    a patroller who catches the adversary there, and the cost for the adversary."""
+    """File with a line for each vertex: "vertex value", or "vertex value value reward cost". The
+    first value is that of the goods there to the patroller, and the second to the adversary. After
+    a capture there, the patroller gains the reward, and the adversary pays the cost."""
     game: bool = False
     """Also find the best mixture of the walks toward each vertex and of the commute walk, against
     an adversary who knows the mixture."""
@@ -208,7 +208,7 @@ class PatrolGraph(GraphStudy):
     def _walk(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
-        """Find the Markov chain of the strategy, with arguments for `GraphPatrol.of`."""
+        """Find the walk of the strategy; return it as keyword arguments of `GraphPatrol.of`."""
         import numpy as np
 
         if self.strategy == "toward":
@@ -284,7 +284,7 @@ class PatrolGraph(GraphStudy):
 def _compared(
     shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
 ) -> "patrol.team.Division":
-    """Compare the walks of robots that share the graph, if any, and of robots that divide it."""
+    """Compare robots that divide the graph with robots that share it, if `shared` is given."""
     import numpy as np
 
     rows, nothing = [], np.full(region.size, np.nan)

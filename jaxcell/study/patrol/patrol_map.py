@@ -34,26 +34,26 @@ class PatrolMap(CellStudy):
     robots: AtLeastOne | Literal["auto"] = 2
     """Number of robots; "auto" chooses the smallest number, up to 20, that reaches --capture."""
     capture: Annotated[Annotated[float, Limit(gt=0, lt=1)] | None, Needed(robots="auto")] = None
-    """Least probability of capture to reach, for the first of the attack times."""
+    """Probability of capture that the robots must reach, for the first of the attack times."""
     range: _Reach = 6.0
     """Range of sight of a robot in metres; walls block its view."""
     sight: Literal["centre", "cell", "source"] = "centre"
-    """Condition for a robot at the centre of a cell to see another cell: the centre of that cell is
-    in view (centre), the whole cell is in view (cell), or the robot's whole cell is in view from
-    the other centre (source, as in the attacks of the dissertation)."""
+    """Condition for a robot to see a cell. From the centre of the robot's cell, the centre (centre)
+    or the whole of the other cell (cell) must be in view; or from the centre of the other cell, the
+    robot's whole cell must be in view (source, as for attacks in Alam 2018)."""
     strategy: Literal["commute", "capture"] = "commute"
     """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
-    probability of capture at the weakest cell (capture). The latter is a local maximum, for the
-    first of the attack times and for --start."""
+    probability of capture at the weakest cell (capture). The maximum is local, for the first of the
+    attack times and for the distribution --start."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
-    """Least share of steps on the shortest closed tour through the cells that see the whole map.
-    With "auto" it is 0, 0.2, 0.5 or 0.8, whichever gives the highest probability of capture, or 0
+    """Minimum share of steps on the shortest closed tour through the cells that see the whole map.
+    With "auto", it is the one of 0, 0.2, 0.5 and 0.8 with the highest probability of capture, or 0
     on more than 2,000 cells."""
     start: Literal["stationary", "uniform", "worst"] = "stationary"
-    """Positions of the robots when an attack begins, among the cells that do not see the target: as
-    in the long run (stationary), uniform, or best for the adversary (worst)."""
+    """Distribution of each robot when an attack begins, over its cells that do not see the target:
+    as in the long run (stationary), uniform, or best for the adversary (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
-    """Least share of steps in which a robot chooses a neighbour uniformly."""
+    """Minimum share of steps in which a robot chooses a neighbour uniformly at random."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
     """Values of --randomness for which capture and entropy are compared."""
     starts: Annotated[AtLeastOne, _CAPTURE] = 2

@@ -1,4 +1,4 @@
-"""Report errors that come from the damaged folder of a sweep."""
+"""Report that the folder of a sweep is damaged, instead of the errors that the damage causes."""
 
 import contextlib
 from collections.abc import Iterator

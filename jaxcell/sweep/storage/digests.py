@@ -37,9 +37,9 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, keyed by file name.
 
-    Parameters and fixed values name these files. Images of map_server files are included. So are
-    user modules that the task or a value names (`FILE.py:NAME` or `MODULE:NAME`), and the user
-    modules that these import.
+    The files are those that parameters and fixed values name, the images of map_server files, and
+    user modules: those that the task or a value names (`FILE.py:NAME` or `MODULE:NAME`), and those
+    that they import.
     """
     known = {}
     columns = [parameter.values for parameter in spec.parameters]

@@ -21,7 +21,7 @@ def module_file(name: str) -> Path | None:
 
 
 def is_users(module: str, file: Path) -> bool:
-    """Return whether a module is the user's: not of Python, an installed package, or jaxcell."""
+    """Return whether a module is the user's, not from Python, an installed package, or jaxcell."""
     installed = _STANDARD in file.parents or any(part in _INSTALLED for part in file.parts)
     return module.partition(".")[0] != _OURS and not installed
 
@@ -29,9 +29,9 @@ def is_users(module: str, file: Path) -> bool:
 def imported_files(path: Path, name: str = "") -> dict[str, Path]:
     """Find the files of the user's modules that a file imports, directly or indirectly.
 
-    The files are parsed, not run. So imports inside functions are found, but imports whose names
-    are computed are not. `name` is the name of the module of the file, or empty for a script.
-    Returns the files, keyed by the names of their modules.
+    The files are parsed, not run: imports inside functions are found, but imports whose names are
+    computed are not. `name` is the module name of the file, or empty for a script. Returns the
+    files, keyed by the names of their modules.
     """
     files: dict[str, Path] = {}
     todo = list(_imported(path, name))

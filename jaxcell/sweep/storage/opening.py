@@ -24,8 +24,8 @@ def opened(
 ) -> Iterator[SweepStore]:
     """Open the store of a sweep, which the caller has locked, for a run.
 
-    The arguments and errors are those of `run_sweep`. An existing sweep grows if the specification
-    has all its members and more.
+    The arguments and errors are those of `run_sweep`. An existing sweep is enlarged if the
+    specification has all its members and new ones.
     """
     tidy(folder)
     if not (folder / JOURNAL).exists():
@@ -115,7 +115,7 @@ def _grow(
 ) -> None:
     """Replace a store by the store of a larger specification, and keep the members that are done.
 
-    `places` is from `Spec.places_in`. The new journal replaces the old one when it is on the disk.
+    `places` is from `Spec.places_in`. The old journal is replaced once the new one is on the disk.
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)

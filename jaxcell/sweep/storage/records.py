@@ -101,10 +101,10 @@ class Contents:
     frame: Computed | None = None
     chunks: dict[int, Record] = dataclasses.field(default_factory=dict)
     exported: Mapping[str, str] | None = None
-    "The SHA-256 of each file of the result; `None` if the result has to be written."
+    "The SHA-256 of each file of the result; `None` if the result is missing or out of date."
     readable: list[Record] = dataclasses.field(default_factory=list)
     damage: dict[str, Record | None] = dataclasses.field(default_factory=dict)
-    "The damaged records, by their descriptions; `None` for a record with a damaged header."
+    "The damaged records, keyed by description; `None` stands for one with a damaged header."
 
     @classmethod
     def read(cls, journal: Journal, *, check: bool) -> "Contents":

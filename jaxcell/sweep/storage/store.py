@@ -76,7 +76,7 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """The first result without its values, a template for all others; `None` before it."""
+        """The first result without its values, a template for others; `None` if there is none."""
         return self.contents.frame
 
     @property
@@ -130,7 +130,7 @@ class SweepStore:
         return np.full(shape, TO_DO, np.int8), arrays
 
     def write_failures(self) -> None:
-        """Write the failed members and tracebacks to `failures.json`; remove it if none failed."""
+        """Write the failures to `failures.json`, or remove this file if no member failed."""
         path, failures = self.folder / "failures.json", [*self.failures()]
         if not failures:
             path.unlink(missing_ok=True)
@@ -148,7 +148,7 @@ class SweepStore:
                 yield from self._failures(number, failed)
 
     def has_outcomes(self, number: int) -> bool:
-        """Check that each member of a chunk is done or has failed."""
+        """Return whether each member of a chunk is done or has failed."""
         return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
 
     def lost_files(self) -> list[str]:
@@ -164,7 +164,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result. The first result sets them."""
+        """Check that a result has the variables of the first result, or record it as the first."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -177,7 +177,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
-        """Record the result of a job, or the failure of its only member; return its failures."""
+        """Record the outcome of a job (a failed job has one member), and return the failures."""
         chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
         states, arrays = self.read(chunk.number)
         states.reshape(-1)[places] = DONE

@@ -271,7 +271,7 @@ _teams: dict[str, Team] = {}
 
 
 def _compute_apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Compute a job of a run in a child process of a Dask worker, which a timeout can kill."""
+    """Compute a job in a child process of a Dask worker, so that a timeout can kill the child."""
     return _teams.setdefault(run, Team({}, timeout)).compute(job)
 
 

@@ -14,7 +14,7 @@ from .work import Failure
 
 _FILE = "progress.json"
 SECONDS_BETWEEN = 1.0
-"""Least number of seconds between two writes of the progress."""
+"""Minimum time in seconds between two writes of the progress file."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Progress:
     """The progress of a run."""
 
     chunks: int
-    "The number of chunks of the run."
+    "The number of chunks of the sweep, or of those chosen for the run."
     done: int
-    "The number of chunks that have ended, in this run and earlier runs."
+    "The number of these chunks that have ended, in this run or in earlier runs."
     failed: int
     "The number of members that failed in this run."
     rate: float
@@ -81,7 +81,7 @@ def written_down(
 def read_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> tuple[float | None, float | None]:
-    """Read the members per second and the remaining seconds of a run; `None` if unknown."""
+    """Read the rate of a run in members per second, and the seconds left; `None` if unknown."""
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:

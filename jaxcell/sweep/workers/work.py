@@ -49,8 +49,8 @@ class Job:
     wide: bool
     "If true, JAX computes with 64 bits."
     length: int = 0
-    """The least number of members that the task is called with: if there are fewer, the last member
-    is repeated. All whole chunks have one length, so that JAX compiles a task once."""
+    """The minimum number of members in a call of the task: if the job has fewer, the last member is
+    repeated. All whole chunks have one length, so that JAX compiles a task once."""
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
@@ -67,7 +67,7 @@ class Job:
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """An array of a result."""
+    """A variable or coordinate of a result: its dimensions, values and attributes."""
 
     dimensions: tuple[str, ...]
     "The names of the dimensions, without the dimension of the members."
@@ -138,7 +138,7 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """Make the paths of a specification absolute. Raise if a study refuses its first chunk."""
+    """Make the paths of a specification absolute. Raise if its first chunk has wrong parameters."""
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
@@ -223,7 +223,7 @@ def failure(error: BaseException) -> Failed:
 
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Computed:
-    """Check the result of a task, and convert the values of its first `members` to arrays."""
+    """Check the result of a task; convert the values of its first `members` members to arrays."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
