@@ -138,10 +138,10 @@ class _Tables:
 def _measure(
     tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 cycles"]:
-    """Compute the six fields of `GroupTotals` for cycles of headings, each in its own grid.
+    """Compute the six fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    `ways` contains the way of each heading of each cycle. The *place* of a wall in a layer is its
-    number in this layer of all cycles, `cycle * slots + slot`.
+    `grid` contains the grid of each cycle, and `ways` the way of each of its headings. The *place*
+    of a wall in a layer is its number in this layer of all cycles, `cycle * slots + slot`.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T

@@ -55,9 +55,8 @@ def joint_image(
 
     A robot that bumps stays in its position, and turns by its bouncing angle once, even if it meets
     several robots and walls. So two robots are never in one position, and the order of the robots
-    makes no difference. Two robots *collide* if they would meet, or if a robot that bumps
-    blocks the step of the other robot. Robots are points: discs wider than a cell are not kept
-    apart.
+    makes no difference. Two robots *collide* if they would meet, or if a robot that bumps blocks
+    the step of the other robot. Robots are points: discs wider than a cell are not kept apart.
 
     The function works under `jit`, and under `vmap` over any of the arguments.
 

@@ -47,7 +47,7 @@ class AngleGroups:
     wall: Int[np.ndarray, "slots"]
     "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "For each slot, the slot that represents the group which a robot reaches from its wall."
+    "For each slot, the slot that represents the group which is reached from this slot."
     lead: Int32[np.ndarray, "slots"]
     "Number of steps and bumps from a slot to its group; see [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups

@@ -26,7 +26,7 @@ class PersistentGroups:
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups to the first `cells` states: a [`ChainSequence`][] at phase 0."""
+        """Restrict the groups to the first `cells` states, phase 0 of a [`ChainSequence`][]."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))

@@ -51,8 +51,9 @@ class SectionCycles:
     leads: Bool[Array, "*batch slots"]
     "A mask of the leaders."
     lead: Int[Array, "*batch slots"]
-    """Count of applications of the map from each slot to its group: for a slot in its group, 1
-    minus the duration of the return that ends there, as all its cells are in the group."""
+    """Number of applications of the map from each slot to its group. For a slot in its group it is
+    1 minus the duration of the return that ends at the slot, so 0 or negative, because all cells of
+    this return are in the group."""
     period: Int[Array, "*batch slots"]
     "The period of each group, in the entry of its leader."
     lowest: Int[Array, "*batch slots"]

@@ -118,7 +118,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert differences of indices to distances in cells, the shorter on periodic axes."""
+        """Convert index differences to distances in cells, the shorter way on periodic axes."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):

@@ -24,7 +24,7 @@ _BYTES = 1500
 def bounded_map(
     cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
 ) -> Bounded:
-    """Find the cells where a robot with bounded errors may be after a step from each cell.
+    """Find the cells where a robot with bounded errors may be, a step after it was in each cell.
 
     The map contains all possible moves. Boxes contain the robot at each time of a step: a bump is
     possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the

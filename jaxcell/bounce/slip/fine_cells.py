@@ -237,9 +237,9 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Choose the share, at most 1, of a fine direction over which headings are distributed.
+    """Choose the share, at most 1, of a fine direction over which samples of headings are spread.
 
-    If headings drift little, but are distributed over a whole fine direction, too many of them
+    If headings drift little, but are spread over a whole fine direction, too many of them
     change to another fine direction. The share is the smallest for which the variance of these
     changes, in fine directions, is at least the variance of the drift, and at least that of the
     sideways displacement, in squares, of headings that are uniform in one fine direction.
