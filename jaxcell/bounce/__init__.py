@@ -17,8 +17,7 @@ collision. Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
 through the cells where it bumps. The first-return map to these cells has tens of times fewer cells.
 The groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find
 the groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result
-of `walls` to `wall_groups`. The results of studies are `BounceGroups`, and `RoomGroups` for random
-rooms.
+of `walls` to `wall_groups`. Studies return `BounceGroups`, or `RoomGroups` for random rooms.
 
 **Localization** (section 2.4). A robot may start in any cell. Each observation excludes cells,
 until the number of possible cells stays the same and the filter repeats its states (a *knowledge
@@ -29,9 +28,9 @@ most maps. `localization_policy` finds the choice with the fewest bumps; the res
 `LocalizationPolicy` and `AdaptivelyLocalized`.
 
 **A robot that slips** is in a fine cell (`FineCells`): a square, the direction in which the robot
-believes to be heading, and the error of this belief. With random errors the map is a hidden Markov
+believes it is heading, and the error of this belief. With random errors the map is a hidden Markov
 model, `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`. `slipping_run`
-drives such a robot until its belief is in few cells. At each bump the robot takes the angle that
+drives such a robot until its belief covers few cells. At each bump the robot takes the angle that
 leaves the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs of a plan.
 `slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the probability that a
 robot with this policy has arrived; the result is `SlippedPlan`.

@@ -27,8 +27,8 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
-    Directions in which steps lead from each position to the same target form a class, a *way*. On a
-    grid, steps of one cell in 360 directions have 16 ways.
+    Directions whose steps lead to the same target, from every position, form a class, a *way*. On a
+    grid, 360 directions with steps of one cell form 16 ways.
     """
 
     target: Int[Array, "ways positions"]
@@ -146,7 +146,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """Compute the images and the bumps of [`bounce_image`][], by direction, with NumPy or JAX."""
+    """Compute the images and bumps of [`bounce_image`][], a row per direction, in NumPy or JAX."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
@@ -161,14 +161,14 @@ def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
 
 
 def check_cell(cell: int, size: int, name: str = "start") -> int:
-    """Return a cell, or raise `ValueError` about the argument `name` if it does not exist."""
+    """Return `cell`, or raise `ValueError` about the argument `name` if there is no such cell."""
     if not 0 <= cell < size:
         raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {size - 1}")
     return int(cell)
 
 
 def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
-    """Define four quantities of a class of results: the time, and x, y and heading of its robots.
+    """Define four properties of a class of results: the time, and x, y and heading of its robots.
 
     `path` is the attribute of a result that contains the cells of the robots over time, and `dims`
     are its dimensions, such as `"time robot"`.
@@ -187,7 +187,7 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
 
 
 def candidate_poses(path: str) -> tuple[Any, Any, Any]:
-    """Define three quantities of a class of results: x, y and heading of the possible cells.
+    """Define three properties of a class of results: x, y and heading of the possible cells.
 
     `path` is the attribute of a result that contains these cells.
     """

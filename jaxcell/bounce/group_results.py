@@ -80,7 +80,7 @@ class BounceGroups(Result):
     def by_angle(self) -> Iterator[AngleGroups]:
         """Yield the groups of each angle in a compact form, without arrays over all cells.
 
-        [`jaxcell.record.save_cells`][] uses this method to write results that exceed the memory.
+        [`jaxcell.record.save_cells`][] uses this method to write results that do not fit in memory.
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
@@ -137,7 +137,7 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """Reduce `values` over the cells of each group with `collect`; missing groups have -1."""
+        """Reduce `values` over the cells of each group with `collect`; -1 pads shorter rows."""
         table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
         for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)

@@ -46,12 +46,12 @@ def bounce_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
-    """Find the periodic groups of a bounce map with its first-return map from bump to bump.
+    """Find the periodic groups of a bounce map, by means of its first-return map from bump to bump.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][].
 
-    **Returns:** the same groups as [`jaxcell.mapping.periodic_groups`][] of that map, which takes
-    many times as long (see the rows `groups` of the benchmarks).
+    **Returns:** the groups that [`jaxcell.mapping.periodic_groups`][] finds for that map, in a
+    fraction of its time (see the rows `groups` of the benchmarks).
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -93,7 +93,7 @@ def group_summary(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> GroupSummary:
-    """Count the periodic groups of a bounce map, with their periods, basins and transients.
+    """Count the periodic groups of a bounce map, and find their periods, basins and transients.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** the number of groups, and
     the period, the basin and the longest transient of each group.

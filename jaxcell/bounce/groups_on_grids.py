@@ -1,16 +1,16 @@
 """Totals over the periodic groups of many grids and bouncing angles at once, in NumPy.
 
-Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
-after `360 / gcd(360, angle)` bumps (in degrees) it is the first heading again. So the headings form
-independent cycles. The *layer* of a heading is the set of walls where robots with this heading
-bump. From a wall of one layer, a robot goes to a wall of the next layer, and from the last layer to
-the first. The map from the first layer to itself has the periodic groups of all layers. Headings
-with equal steps form a class, a *way*, and have equal layers. So cycles with the same ways are
-followed once.
+At every bump a robot turns by the bouncing angle, whatever wall it meets, and after `360 / gcd(360,
+angle)` bumps (in degrees) it has its first heading again. So the headings form independent cycles.
+The *layer* of a heading is the set of squares where robots with this heading bump, its walls. From
+a wall of one layer, a robot runs to a wall of the next layer, and from the last layer to the first.
+So the first-return map of the first layer determines all periodic groups of the cycle. Headings
+with equal steps form a class, a *way*, and have the same layer. So of all cycles with the same
+ways, only one is followed.
 
 The module `section` lists the same groups one by one. If only totals are needed, this module takes
-0.6 of its time for the rooms of Figure 2.7 (the row `group_study` of the benchmarks), and a third
-for all angles of a room (`chapter_2/angle_study.py` of the experiments).
+0.6 times as long for the rooms of Figure 2.7 (the row `group_study` of the benchmarks), and a third
+as long for all angles of a room (`chapter_2/angle_study.py` of the experiments).
 """
 
 import dataclasses
@@ -102,7 +102,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the six fields of `GroupTotals` for each grid and cycle, a sequence of ways."""
+    """Compute the six fields of `GroupTotals` for each grid and each cycle, a row of ways."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -119,7 +119,8 @@ def _measured(
 class _Tables:
     """The tables of [`Walls`][], with merged axes.
 
-    `behind` has a row per grid and way (class of directions), the others per grid and two ways.
+    `behind` has a row for each grid and way (class of directions). The other tables have a row for
+    each grid, way before a bump, and way after it.
     """
 
     ways: int
@@ -137,17 +138,17 @@ class _Tables:
 def _measure(
     tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 cycles"]:
-    """Compute the six fields of `GroupTotals` for cycles of headings, each in its own grid.
+    """Compute the six fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    `ways` are the ways of the headings of each cycle. The walls of a layer are numbered over all
-    cycles, and such a number is a *place*.
+    `grid` contains the grid of each cycle, and `ways` the way of each of its headings. The *place*
+    of a wall in a layer is its number in this layer of all cycles, `cycle * slots + slot`.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T
     turn = layer * tables.ways + np.roll(ways, -1, axis=1).T
     base = (np.arange(cycles) * slots)[:, None]
     live = (tables.behind[layer[0]] >= 0).ravel()
-    image, mappings = _once_around(tables, turn)
+    image, duration = _once_around(tables, turn)
     periodic = live & periodic_cells(image)
 
     # As in `jaxcell.mapping.section`: `into` is the number of cells of a group on the last run to a
@@ -166,14 +167,14 @@ def _measure(
 
     lead = np.zeros(live.size, np.int64)
     lead[at] = 1 - into
-    around, _ = _mappings_to_groups(tables, layer, turn, groups, lead)
+    around, _ = _leads_by_layer(tables, layer, turn, groups, lead)
     # A place whose first return is periodic may reach its group before that return.
-    weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
+    weight = np.where(live & ~periodic, np.where(periodic[image], around, duration), 0)
     leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
-    _, transient = _mappings_to_groups(tables, layer, turn, groups, lead)
+    _, transient = _leads_by_layer(tables, layer, turn, groups, lead)
 
-    period = np.bincount(leader[at], mappings[at], live.size + 1)[:-1].astype(np.int64)
+    period = np.bincount(leader[at], duration[at], live.size + 1)[:-1].astype(np.int64)
     leads = (period > 0).reshape(cycles, slots)
     period = period.reshape(cycles, slots)
     basin = np.bincount(leader, cells, live.size + 1)[:-1].reshape(cycles, slots)
@@ -192,35 +193,35 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Follow a robot from each place of the first layer through all layers, back to the first.
+    """Follow a robot from each wall of the first layer through all layers, back to the first.
 
-    `turn` contains the row of the tables for each way and the next way. Returns the place where
-    each robot arrives, and the number of mappings until then.
+    For each bump, `turn` contains the row of `tables.next` and `tables.length`. Returns the place
+    (number of a wall) where each robot arrives, and the number of steps and bumps until then.
     """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
-    mappings = np.zeros(slot.size, np.int64)
+    duration = np.zeros(slot.size, np.int64)
     following, length = tables.next.ravel(), tables.length.ravel()
     for there in turn:
         run = there[cycle] * slots + slot
         slot = following[run]
-        mappings += 1 + length[run]
-    return cycle * slots + slot, mappings
+        duration += 1 + length[run]
+    return cycle * slots + slot, duration
 
 
-def _mappings_to_groups(
+def _leads_by_layer(
     tables: _Tables,
     layer: Int[np.ndarray, "order cycles"],
     turn: Int[np.ndarray, "order cycles"],
     groups: list[tuple[np.ndarray, np.ndarray]],
     lead: Int[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Count the mappings from each place to its group, from the last layer back to the first.
+    """Count the steps and bumps from each wall to its group, from the last layer to the first.
 
-    `layer` and `turn` are rows of the tables. `groups` contains, for the layer after each layer,
-    the periodic places and the numbers of periodic cells on the runs to them. `lead` contains
-    counts of the first layer, which follows the last. Returns new counts of the first layer, and
-    the longest transient of each cycle.
+    `layer` contains rows of `tables.behind`, and `turn` rows of the other tables. For each layer,
+    `groups` contains the periodic places (numbers of walls) of the next layer, and the number of
+    periodic cells on the run to each. `lead` contains counts for the first layer, which follows the
+    last. Returns new counts for the first layer, and the longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

@@ -70,10 +70,10 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    """For each group, the slot (a wall of a leading direction) that represents it. A group of other
-    directions is represented by the slot of the equal group of leading directions."""
+    """For each group, the slot (a wall of a leading direction; see [`Headings`][]) that represents
+    it. Groups that differ only by a turn of all their cells have the same slot."""
     number: Int[np.ndarray, "groups"]
-    """Numbers of groups: in direction `d`, slot `s` represents the group `number[begin[d] +
-    place[s]]`."""
+    """Numbers of groups, cycle by cycle. The cycle of direction `d` begins at `begin[d]`, and slot
+    `s` represents its group `number[begin[d] + place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]

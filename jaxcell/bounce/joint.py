@@ -54,10 +54,9 @@ def joint_image(
         bumps blocks the robot behind it.
 
     A robot that bumps stays in its position, and turns by its bouncing angle once, even if it meets
-    several robots and walls. So two robots never come to one position, and the order of the robots
-    makes no difference. Two robots *collide* if they would meet, or if a robot that bumps
-    blocks the step of the other robot. Robots are points: discs wider than a cell are not kept
-    apart.
+    several robots and walls. So two robots are never in one position, and the order of the robots
+    makes no difference. Two robots *collide* if they would meet, or if a robot that bumps blocks
+    the step of the other robot. Robots are points: discs wider than a cell are not kept apart.
 
     The function works under `jit`, and under `vmap` over any of the arguments.
 

@@ -25,9 +25,9 @@ def noisy_bounce_map(
     with probability `reliability`. Otherwise it turns to another direction that differs by at most
     `error`; all such directions are equally probable (Alg. 3.3).
 
-    **Arguments:** a cell space; the bouncing angle and the largest error in radians,
-    counter-clockwise, both whole numbers of directions; a reliability above 0 and at most 1; and a
-    motion. **Returns:** the Markov chain of the cells.
+    **Arguments:** a cell space; the bouncing angle, counter-clockwise, and the largest error, both
+    in radians, as multiples of the angle between two directions; a reliability above 0 and at most
+    1; and a motion. **Returns:** the Markov chain of the cells.
 
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
     degrees, one is to the North, and one to the South:

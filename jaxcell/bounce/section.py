@@ -25,9 +25,9 @@ class CellsOfDirection:
 
     image: Int32[np.ndarray, "positions"]
     group: Int32[np.ndarray, "positions"]
-    "The periodic group that each cell reaches; groups are numbered by their smallest cells."
+    "The group that each cell reaches; groups are numbered in the order of their smallest cells."
     step: Int32[np.ndarray, "positions"]
-    "Number of mappings from each cell to its periodic group; 0 for cells in the group."
+    "Number of steps and bumps from each cell to its periodic group; 0 for cells in the group."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class AngleGroups:
 
     [`Headings`][] defines the leading directions. Each of their walls has a *slot*, which is its
     index in the arrays. The groups of all cells follow from the groups of the walls, and are
-    computed one direction at a time, because all cells may exceed the memory.
+    computed one direction at a time, because those of all cells may not fit in memory.
     """
 
     cells: CellSpace
@@ -47,9 +47,9 @@ class AngleGroups:
     wall: Int[np.ndarray, "slots"]
     "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "For each slot, the slot that represents the group which the wall reaches."
+    "For each slot, the slot that represents the group which is reached from this slot."
     lead: Int32[np.ndarray, "slots"]
-    "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
+    "Number of steps and bumps from a slot to its group; see [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
     "The groups of all directions."
     period: Int32[np.ndarray, "groups"]
@@ -67,7 +67,7 @@ class AngleGroups:
     def of_walls(
         self, direction: int
     ) -> tuple[Int32[np.ndarray, "walls"], Int32[np.ndarray, "walls"]]:
-        """Find the group of each wall of a direction, and the number of mappings to the group."""
+        """Find the group of each wall of a direction, and count the steps and bumps to it."""
         way = self.runs.steps.way[direction]
         slots = self.first[direction] + np.arange(np.diff(self.runs.begin)[way])
         place = self.groups.place[self.leader[slots]]

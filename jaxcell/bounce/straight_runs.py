@@ -59,7 +59,7 @@ class Runs:
         return cls(steps, begin, square, np.concatenate(behind), bump, place, ahead, length)
 
     def of_way(self, way: int) -> slice:
-        """Return the slice of arrays over walls that selects the walls of one way."""
+        """Return the slice that selects the walls of one way from an array over all walls."""
         return slice(self.begin[way], self.begin[way + 1])
 
     def of_directions(
@@ -82,7 +82,7 @@ class Runs:
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
-        """Yield the free squares, sorted by the straight runs of a way, about a million at a time.
+        """Yield the free squares, one straight run of a way after another, about a million at once.
 
         Each part has the squares, the walls at the ends of their runs, counted from the first wall
         of the way, and the numbers of steps to these walls.

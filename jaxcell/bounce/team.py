@@ -38,8 +38,8 @@ def team_trajectory(
     one direction to either side. All such turns that lead to new joint states are tried. The part
     that visits the most new positions is chosen; among equal parts, the part with the fewest
     collisions, and then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
-    ...). The trajectory ends when all positions are visited that can be reached from the starts by
-    steps in any directions. Only positions where a step ends count as visited.
+    ...). The trajectory ends when all positions that can be reached from the starts, by steps in
+    any directions, have been visited. Only positions where a step ends count as visited.
 
     **Arguments:**
 
@@ -88,8 +88,8 @@ def team_trajectories(
     All runs, and all turns that they try, are simulated at once.
 
     **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
-    is called with the largest number of parts and the smallest number of visited positions of any
-    run. **Returns:** a trajectory for each run.
+    is called with the largest number of parts and the smallest number of visited positions among
+    all runs. **Returns:** a trajectory for each run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 
@@ -164,7 +164,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions that robots can reach from their starts `position`, with the starts."""
+    """Count the positions that robots reach from their starts `position`, including the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:

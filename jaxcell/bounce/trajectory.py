@@ -69,7 +69,7 @@ class TeamTrajectory(Result):
         Int[np.ndarray, "parts"],
         quantity("part", "first time of the part", "mappings", kind="index"),
     ]
-    "The first time of each part. All parts but the first begin with a turn of one robot."
+    "The time at which each part begins. All parts but the first begin with a turn of one robot."
     uncovered_positions: Annotated[
         Int[np.ndarray, "uncovered"],
         quantity(
@@ -155,7 +155,7 @@ class TeamTrajectory(Result):
 
     @functools.cached_property
     def _first_visits(self) -> Int[np.ndarray, "2 positions"]:
-        """The time of the first visit to each position, and the visitor; -1 without a visit."""
+        """The time of the first visit to each position, and the robot that makes it, or -1."""
         position, first = np.unique(self.cell % self.cells.positions, return_index=True)
         visits = np.full((2, self.cells.positions), -1, np.int32)
         visits[:, position] = np.divmod(first, self.cell.shape[1])

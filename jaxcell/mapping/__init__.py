@@ -3,8 +3,8 @@
 A simple map `C` sends each of finitely many cells to one image. A cell is *periodic* if a power
 of the map returns it to itself. The orbit of a periodic cell is a *periodic group*, and the number
 of its cells is the *period*. Every other cell is *transient* and reaches exactly one group. The
-cells that reach a group are its *basin*, and the number of mappings until a cell is on its group is
-the *step* of the cell (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.3.4).
+cells that reach a group are its *basin*. The *step* of a cell is the number of applications of the
+map until the cell is in its group (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.3.4).
 
 **Simple maps.** The state moves by `e(i+1) = C(e(i))` (Eq. 2.2, 3.4). With `C^m` the `m`-th power,
 
@@ -13,14 +13,14 @@ the *step* of the cell (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.3.4).
     the step of z      is the least s >= 0 for which C^s(z) is periodic.
 
 Groups are numbered from 0 in the order of their smallest cells. `periodic_groups` finds them, and
-works under `jit` and `vmap`. On a processor it visits one cell after another, in one compiled loop
+works under `jit` and `vmap`. On a CPU it visits one cell after another, in one compiled loop
 (Alg. 2.1, time `O(N)`). On an accelerator it doubles the map, `C, C^2, C^4, ...`, which is
 `O(N log N)` work in `O(log N)` rounds, each over all cells at once.
 
 **Sections.** A *section* is a set of cells that every orbit visits, such as the cells where a robot
 bumps. The first-return map to the section has the same groups as the whole map. Together with the
-number of mappings until each return, it determines the group, step and period of every cell; see
-`section_cycles`.
+number of applications of the map until each return, it determines the group, step and period of
+every cell; see `section_cycles`.
 
 **Generalized maps.** A generalized map, or Markov *chain*, sends each cell to several images with
 probabilities. It maps a distribution over the cells, a row vector, by (Eq. 3.5, 5.5)
@@ -38,8 +38,8 @@ These are properties of the graph of `P` alone: persistent groups are its strong
 components without exit. `persistent_groups` finds them in time proportional to the number of edges,
 and `transient_groups` finds the domiciles.
 
-Arrays of JAX stay on their device, such as a GPU. Only persistent and transient groups, and
-periodic groups of large maps in the memory of the host, are found on the host.
+Arrays of JAX stay on their device, such as a GPU. But persistent and transient groups are found on
+the host, and so are the periodic groups of large maps that are in its memory.
 
 A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """

@@ -26,7 +26,7 @@ class PersistentGroups:
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups to the first `cells`: those of a [`ChainSequence`][] at phase 0."""
+        """Restrict the groups to the first `cells` states, phase 0 of a [`ChainSequence`][]."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))
@@ -92,8 +92,8 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     other cells are transient. The components are found on the host, in time proportional to the
     number of edges.
 
-    **Arguments:** a chain, or a [`ChainSequence`][]. The groups of a sequence are those of its
-    period map, but are found in the unrolled chain, because the period map is not sparse.
+    **Arguments:** a chain, or a [`ChainSequence`][]; its groups are those of its period map, but
+    are found in the unrolled chain, which is sparse. **Returns:** the group of each cell.
 
     Cells 1 and 2 lead to each other, cell 3 leads to itself, and cell 0 leads to both groups:
 

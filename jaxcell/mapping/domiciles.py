@@ -45,7 +45,7 @@ class TransientGroups:
         return np.array([len(domiciles) == 1 for domiciles in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
-        """Restrict the groups to the first `cells`: those of a [`ChainSequence`][] at phase 0."""
+        """Restrict the groups to the first `cells` states, phase 0 of a [`ChainSequence`][]."""
         group = np.asarray(self.group[:cells])
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
@@ -126,9 +126,9 @@ def _outermost(
     def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
         """Find, for each cell, the first of the lists `seeds` to which it leads.
 
-        A depth-first search goes backward along the steps, and numbers strong components as it
-        finishes them. In the graph, a node for each list precedes the cells. The search from this
-        node numbers the cells that no earlier search has reached.
+        In the graph, edges lead from a node for each list to its cells, and backward along steps. A
+        depth-first search, list after list, numbers strong components as it finishes them. So cells
+        that lead to a list, but to no earlier list, have the numbers just below that of the list.
         """
         ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])

@@ -21,12 +21,12 @@ class Chain:
     """A generalized cell mapping: every cell has several images with probabilities.
 
     It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
-    `b`-th image of every cell and its probability. Unused entries of a cell with fewer images have
+    `b`-th image of every cell and its probability. Unused entries of a cell with fewer images hold
     the cell itself and probability 0; they are not edges of the chain. If the probabilities of a
-    cell sum to less than 1, the rest is the probability to leave the space for a *sink*, from which
-    nothing returns. Probabilities are never rescaled.
+    cell sum to less than 1, the rest is the probability of leaving the space for a *sink*, from
+    which nothing returns. Probabilities are never rescaled.
 
-    Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space in one of ten steps:
+    Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space with probability 0.1:
 
         >>> import numpy as np
         >>> from jaxcell import mapping

@@ -16,7 +16,7 @@ class PeriodicGroups:
     group: Int[Array | np.ndarray, "*batch cells"]
     "The number of the group that each cell reaches; groups are ordered by their smallest cells."
     step: Int[Array | np.ndarray, "*batch cells"]
-    "Number of mappings until each cell is on its periodic group; 0 for cells of the group."
+    "Number of applications of the map until each cell is in its group; 0 for cells of the group."
     group_period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group; entries past `count` are 0."
     count: Int[Array | np.ndarray, "*batch"]
@@ -46,7 +46,7 @@ class GroupSummary:
     basin: Int[Array | np.ndarray, "*batch groups"]
     "Number of cells that reach each group, including the cells of the group."
     transient: Int[Array | np.ndarray, "*batch groups"]
-    "Longest transient of each group: the largest number of mappings from a cell to the group."
+    "Longest transient of each group: the most applications of the map from a cell to the group."
 
     def totals(self) -> "GroupTotals":
         """Compute statistics over all groups of each map, with NumPy."""
@@ -69,7 +69,7 @@ class GroupTotals:
     count: Int[np.ndarray, "*batch"]
     "Number of periodic groups."
     longest_transient: Int[np.ndarray, "*batch"]
-    "The largest number of mappings from a cell to its group."
+    "The largest number of applications of the map from a cell to its group."
     shortest_period: Int[np.ndarray, "*batch"]
     "The smallest number of cells of a group."
     longest_period: Int[np.ndarray, "*batch"]
@@ -98,7 +98,7 @@ def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
 def periodic_cells(
     image: Int[Array | np.ndarray, "cells"],
 ) -> Bool[Any, "cells"]:
-    """Find the cells that return to themselves under a map, a JAX or NumPy array.
+    """Find the cells that return to themselves under a map, given as a JAX or NumPy array.
 
     The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. Then
     the images are the periodic cells: if `f^m` and `f^2m` have equally many images, `f^m` permutes
@@ -130,10 +130,10 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group of each cell, and sum the weights before the group.
+    """Find the smallest cell of the group that each cell reaches, and sum the weights on the way.
 
     The sum is over the cells of the orbit before its first cell in the group. If all weights are 1,
-    it is the number of mappings until the cell is on its group.
+    it is the number of applications of the map until the cell is in its group.
     """
     xp = image.__array_namespace__()
     cells = image.shape[0]

@@ -26,10 +26,10 @@ _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    It works under `jit` and `vmap`. A processor maps every cell once. If the map is large, and many
-    of its cells have no preimage, these cells are removed first, except under `jit`. An accelerator
-    doubles the map: the number of rounds is about the binary logarithm of the longest transient or
-    period, and each round is a few gathers.
+    It works under `jit` and `vmap`. On a CPU it maps every cell once. If the map is large, and many
+    of its cells have no preimage, these cells are removed first, except under `jit`. On an
+    accelerator it doubles the map: the number of rounds is about the binary logarithm of the
+    longest transient or period, and each round is a few gathers.
 
     **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
 

@@ -14,21 +14,21 @@ class Section:
     """The first-return map of a simple map to a *section*, a set of cells that every orbit meets.
 
     It is a simple map with far fewer cells and the same cycles. Each cell of the section has a
-    *slot*, an index of the arrays. The arrays may be longer than the section, so that many sections
-    share one compiled program; `live` marks the slots in use.
+    *slot*, an index into the arrays. The arrays may be longer than the section, so that many
+    sections share one compiled program; `live` marks the slots in use.
 
     Outside the section the map must be one-to-one: no cell is the image of two cells outside, as on
-    straight runs. Then a slot and the number of mappings to it identify a cell.
+    straight runs. Then the slot that the orbit of a cell meets first, and when, identify the cell.
     """
 
     successor: Int[Array | np.ndarray, "*batch slots"]
     "The slot to which each slot returns."
     duration: Int[Array | np.ndarray, "*batch slots"]
-    "Number of mappings until the return, at least 1."
+    "Number of applications of the map until the return, at least 1."
     lowest: Int[Array | np.ndarray, "*batch slots"]
-    "The smallest cell on the orbit from each slot to its successor, including the successor."
+    "The lowest cell number on the orbit from each slot to its successor, including the successor."
     live: Bool[Array | np.ndarray, "*batch slots"]
-    "A mask of the slots in use. The other slots fill up the array, and return to themselves."
+    "A mask of the slots in use. The other slots are padding, and return to themselves."
 
 
 def bucket(size: int) -> int:
@@ -42,8 +42,8 @@ def bucket(size: int) -> int:
 class SectionCycles:
     """The periodic groups of a map, found from a section. One slot of each group is its *leader*.
 
-    A cell that first meets the section in slot `s`, after `t` mappings, reaches the group of
-    `leader[s]` in `max(0, t + lead[s])` mappings.
+    A cell that first meets the section in slot `s`, after `t` applications of the map, reaches the
+    group of `leader[s]` after `max(0, t + lead[s])` applications.
     """
 
     leader: Int[Array, "*batch slots"]
@@ -51,12 +51,13 @@ class SectionCycles:
     leads: Bool[Array, "*batch slots"]
     "A mask of the leaders."
     lead: Int[Array, "*batch slots"]
-    """The number of mappings from each slot to its group. For a slot on its group it is 1 minus the
-    duration of the return to the slot, because all cells of that return are on the group."""
+    """Number of applications of the map from each slot to its group. For a slot in its group it is
+    1 minus the duration of the return that ends at the slot, so 0 or negative, because all cells of
+    this return are in the group."""
     period: Int[Array, "*batch slots"]
-    "The period of each group in mappings, in the entry of its leader."
+    "The period of each group, in the entry of its leader."
     lowest: Int[Array, "*batch slots"]
-    "The smallest cell of each group, in the entry of its leader."
+    "The lowest cell number of each group, in the entry of its leader."
 
 
 @jax.jit
@@ -69,8 +70,8 @@ def section_cycles(section: Section) -> SectionCycles:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import mapping
-        >>> slots = [jnp.array(x) for x in ([1, 0], [2, 1], [1, 0])]
-        >>> section = mapping.Section(*slots, live=jnp.array([True, True]))
+        >>> successor, duration, lowest = (jnp.array(x) for x in ([1, 0], [2, 1], [1, 0]))
+        >>> section = mapping.Section(successor, duration, lowest, live=jnp.array([True, True]))
         >>> cycles = mapping.section_cycles(section)
         >>> cycles.leads.tolist(), int(cycles.period[0])
         ([True, False], 3)

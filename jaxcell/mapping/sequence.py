@@ -100,7 +100,7 @@ class ChainSequence:
     def pull(
         self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the expected value `steps` steps after phase 0; the value of the sink is 0."""
+        """Compute the expected value `steps` steps after each cell at phase 0; 0 for the sink."""
         last = steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 

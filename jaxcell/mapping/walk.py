@@ -1,7 +1,7 @@
-"""Find periodic groups on a processor in one walk over the map, cell by cell.
+"""Find periodic groups on a CPU in one walk over the map, cell by cell.
 
 XLA compiles the loop to one function of machine code. Each step reads and writes only a few bytes.
-To prevent XLA from copying arrays, a step reads only from arrays that it has already written.
+So that XLA copies no array, a step that has written to an array never reads its old contents.
 """
 
 from typing import Any
@@ -53,8 +53,8 @@ def _chains(
     The argument `period` is an array of zeros into which the periods are written. It has an entry
     per cell and one more entry, or a single entry to discard the periods. Returns
 
-    - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
-        chain, -1 minus the smallest cell of the group.
+    - `chain`: for each cell, 1 plus the first cell of its chain, as 0 marks cells not yet visited;
+        for the first cell of a chain, -1 minus the smallest cell of the group.
     - `place`: for each cell, its position in its chain; for the first cell of a chain, the number
         of steps to the group.
     - `period`: for the smallest cell of each group, its period; 0 for other cells. The additional
@@ -140,7 +140,7 @@ def _ended(
 
     If `number` is `None`, the smallest cell of a group stands for the number of the group.
     Cells are processed from the last to the first, because a chain starts with its smallest cell,
-    whose entries all its cells need.
+    whose entries are needed until all other cells of the chain are done.
     """
 
     def step(state: Any) -> Any:

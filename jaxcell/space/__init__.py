@@ -1,7 +1,7 @@
 """State spaces: maps of rooms, and their division into cells.
 
 A pose of a robot in the plane is a point of the state space `X = E x S^1`, where `E` is the free
-space: the boundary minus the obstacles, less a margin of the robot's radius. Cell mapping divides
+space: the boundary minus the obstacles, shrunk by the radius of the robot. Cell mapping divides
 `X` into cells, and follows the centre of each cell (Alam 2018, section 2.3; Hsu 1980).
 
 **The map.** With `W` the polygon of the boundary and `O` the union of the obstacles, the
@@ -10,8 +10,8 @@ in
 
     E = { p in F : no wall is nearer to p than r },
 
-which is the set of Eq. 2.1 and 3.1 with its edge: a robot may touch a wall. Coordinates are metres,
-and angles are radians, counter-clockwise from the x axis (East).
+the set of Eq. 2.1 and 3.1 including its edge: a robot may touch a wall. Coordinates are metres, and
+angles are radians, counter-clockwise from the x axis (East).
 
 **The cells.** Squares of side `cell` cover the bounding box of `W`, from its lower left corner. A
 square is free if its centre lies in `E`; the `N_E` free squares are the *positions*, counted row by

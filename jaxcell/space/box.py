@@ -10,7 +10,7 @@ from .cells import TOLERANCE
 
 
 Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
-"""The treatment of points beyond the ends of an axis: they go to a `"sink"`, are continued from the
+"""The treatment of points beyond the ends of an axis: they go to a `"sink"`, come back in at the
 other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 
 
@@ -21,7 +21,7 @@ class Box:
     Cells are numbered from 0, and the index along the last axis changes fastest:
     `array.reshape(box.cells)` turns an array over cells into an array over the axes. A point on the
     face between two cells, with a tolerance of 1e-9 of a cell, belongs to the upper cell. Two sinks
-    have the numbers after the cells: `outside` for points that left the box, and `nowhere` for
+    are numbered after the cells: `outside` for points that left the box, and `nowhere` for
     points with a coordinate that is not finite.
 
     A box is hashable. Its methods take arrays of NumPy or JAX, and work under `jit` and `vmap`.
@@ -118,7 +118,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert differences of indices to distances in cells, the shortest on periodic axes."""
+        """Convert index differences to distances in cells, the shorter way on periodic axes."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):

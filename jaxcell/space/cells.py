@@ -30,7 +30,7 @@ class CellSpace:
     [`CellSpace.of_grid`][] from a grid.
 
     A corridor of three squares, with the directions East and West; cell 4 is the middle square,
-    Westward:
+    facing West:
 
         >>> from jaxcell import space
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
@@ -69,8 +69,8 @@ class CellSpace:
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
         """Divide the free space of a map into cells, whose side is in metres.
 
-        **Raises:** `ValueError` if no cell is free, or for more than `2**31 - 1` cells;
-        `MemoryError` if the squares do not fit the free memory.
+        **Raises:** `ValueError` if no cell is free, or if there are more than `2**31 - 1` cells;
+        `MemoryError` if the squares do not fit in the free memory.
         """
         _check_side(cell)
         left, bottom = workspace.boundary.min(axis=0).tolist()
@@ -266,7 +266,7 @@ def suggested(
     directions: int | None,
     robot_radius: float | None,
 ) -> tuple[Workspace, float, int]:
-    """Return a map, and the side of cells and number of directions that are given or suggested."""
+    """Read a map, a side of cells and a number of directions, as given or as the map suggests."""
     workspace = Workspace.load(path)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)

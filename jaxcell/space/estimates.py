@@ -38,7 +38,7 @@ _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 def cutting(extent: Extent) -> float | int:
-    """Estimate the bytes to divide a map into cells: the grid and the positions."""
+    """Estimate the bytes needed to divide a map into cells: those of the grid and the positions."""
     return cutting_bytes(extent.squares, extent.positions)
 
 
@@ -51,7 +51,7 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to find the periodic groups from the cells where robots bump."""
+    """Estimate the bytes needed to find the periodic groups from the cells where robots bump."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
@@ -62,7 +62,7 @@ def groups(extent: Extent, motion: Motion) -> float | int:
 
 
 def counts(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to count the periodic groups, but not to list the group of each cell."""
+    """Estimate the bytes needed to count the periodic groups without listing their cells."""
     ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
         return section(extent, motion)
@@ -70,7 +70,7 @@ def counts(extent: Extent, motion: Motion) -> float | int:
 
 
 def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
-    """Estimate the bytes of `tables` of walls, or of tests for blocked steps if these take more."""
+    """Estimate the bytes of the grid, plus the larger of `tables` and tests for blocked steps."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
@@ -81,7 +81,7 @@ def images(extent: Extent, angles: int, motion: Motion) -> float | int:
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes to find the periodic groups and list them one direction at a time."""
+    """Estimate the bytes needed to find the periodic groups and list them by direction."""
     return section(extent, motion) + 50 * extent.positions
 
 
@@ -110,8 +110,8 @@ def choice(extent: Extent, motion: Motion) -> float | int:
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
     """Estimate the bytes of the coverage by several noisy bouncing angles, computed one by one.
 
-    In measurements, all cells were persistent if bumps led to three of eight directions, and
-    proportionally fewer cells if they led to fewer directions.
+    Persistent cells take the most memory. In measurements, all cells were persistent if bumps led
+    to three of eight directions, and a smaller share, in proportion, if they led to fewer.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
@@ -138,7 +138,7 @@ def draws(cells: int, samples: int) -> float | int:
 
 
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
-    """Estimate the bytes of a walk on a graph; a weighted one has a matrix over pairs of edges."""
+    """Estimate the bytes of a walk on a graph; a weighted walk has a matrix over pairs of edges."""
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
@@ -153,9 +153,9 @@ def check(
 ) -> float | int:
     """Refuse a study that takes more memory than is free, and return the estimated bytes.
 
-    `need` estimates the bytes. In the error, `doing` describes the study, and `also` begins the
-    sentence with the remedies, such as the smallest cell that would fit. This cell must not exceed
-    `step`, the length of a step in metres, unless `step` is `None`.
+    `need` estimates the bytes. In the error, `doing` describes the study, and `also` precedes the
+    suggested remedy, such as larger cells that would fit. Their side is at most `step`, the length
+    of a step in metres, unless `step` is `None`.
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))

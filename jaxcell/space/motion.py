@@ -14,7 +14,7 @@ from .segments import crossed_squares, meets_wall
 
 @dataclasses.dataclass(frozen=True)
 class Rule:
-    """A rule of collision: the part of a step that has to stay in the closed free space.
+    """A collision rule: the part of a step that has to stay in the closed free space.
 
     To add a rule, add an entry to `RULES`, and its name to `Collision`.
     """

@@ -26,7 +26,7 @@ def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndar
 
     A polygon has no holes, so it cannot surround free squares. The squares are therefore divided as
     in a boustrophedon decomposition: a run of blocked squares in a row continues the polygon of the
-    run below it only if neither run overlaps another run of the other row. A wall around a room
+    run below it only if neither of the two overlaps a third run in these rows. A wall around a room
     becomes four polygons.
 
     The vertices of each polygon are counter-clockwise, in units of squares.
@@ -84,7 +84,7 @@ def rasterise(
     the environment. Row 0 is at the bottom.
 
     **Raises:** `ValueError` for more than 2^30 squares; `MemoryError` if the grid and the arrays of
-    a [`jaxcell.space.CellSpace`][] do not fit the free memory.
+    a [`jaxcell.space.CellSpace`][] do not fit in the free memory.
     """
     xmin, ymin, xmax, ymax = bounds
     # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 may round to more than 3.

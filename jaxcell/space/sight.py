@@ -15,8 +15,8 @@ from .workspace import edges, polygons
 
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
-"""A value of `part` in [`visible_cells`][] for which a cell is visible if its centre is. Rays that
-graze a corner do not count."""
+"""The value of `part` in [`visible_cells`][] with which a cell counts as visible if its centre is
+visible. Rays that graze a corner do not count."""
 
 
 def visible_cells(
@@ -26,7 +26,7 @@ def visible_cells(
 
     A point is visible if it is no farther than `reach` and the segment to it stays in the closed
     environment. A cell is wholly visible if all points of its square that lie in the environment
-    are visible. A cell that a thin wall divides may be visible from no cell, not even from its own
+    are visible. A cell that a thin wall divides may be invisible from all cells, even from its own
     centre.
 
     Sight runs along walls and grazes corners. It does not pass between two obstacles that meet in a
@@ -45,7 +45,7 @@ def visible_cells(
     **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`. It takes a
     byte per pair of positions.
 
-    **Raises:** `MemoryError` if the pairs do not fit the free memory.
+    **Raises:** `MemoryError` if the pairs do not fit in the free memory.
 
     In a corridor of three squares, the far corners of the next square are 1.58 m away:
 
@@ -129,7 +129,7 @@ class _Scene:
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
-        """List the parts of targets: the index of the pair, and corners relative to the viewer."""
+        """List the parts of all targets: the index of their pair, and corners from the viewer."""
         pair, within = copies(self.first[target + 1] - self.first[target])
         part = self.part[self.first[target][pair] + within]
         return pair, part - self.centre[viewer[pair], None]
@@ -168,10 +168,10 @@ def _at(
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
     """Yield the shadows of walls for viewers at all positions, a few viewers at a time.
 
-    A shadow is given by the index of its viewer among them, and by the ends of the wall that casts
-    it, relative to the viewer. Of an obstacle, only the far walls, whose free side is away from the
-    viewer, cast shadows, because a viewer may stand on a near wall. A wall whose line passes
-    through the viewer hides nothing. `width` is the number of places that a viewer may see.
+    A shadow is given by the index of its viewer among these few, and by the ends of the wall that
+    casts it, relative to the viewer. Only the far walls of an obstacle, whose free side faces away
+    from the viewer, cast shadows, because a viewer may stand on a near wall. A wall whose line
+    passes through the viewer hides nothing. `width` is the number of squares tested per viewer.
     """
     tree = shapely.STRtree(shapely.linestrings(scene.walls[:, 1:]))
     points = shapely.points(scene.centre)

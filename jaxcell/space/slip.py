@@ -41,8 +41,8 @@ class Slip:
     heading: float = 0.0
     "Standard deviation of the drift of the heading per metre of travel, in radians, from 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of the position at which the robot feels a wall, in metres. A bump that is
-    felt too early is before the wall; one that is felt too late, at the end of a step, is lost."""
+    """Standard deviation of the position at which the robot feels a wall, in metres. So it may feel
+    a wall just beyond the end of a step, or miss a wall just before the end."""
     give: float = 0.0
     "Distance in metres by which the bumper is pressed in before the robot feels a bump."
     bump_turn: float = 0.0
@@ -51,8 +51,8 @@ class Slip:
     a head-on bump does not turn the robot."""
     bump_skid: float = 0.0
     """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
-    travel, so a robot that measures its way back with the encoders goes too far. At an incidence
-    `i` it is multiplied by `cos(i)**2`."""
+    travel, so a robot that measures its way back with the encoders goes too far. The distance is
+    multiplied by `cos(i)**2` at an incidence `i`."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -70,7 +70,7 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Create a slip with one number for `step`, `turn` and `heading`, and `others` by name."""
+        """Create a slip with `slip` as `step`, `turn` and `heading`; `others` are other fields."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
@@ -197,7 +197,7 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive one straight stretch of the length `leg`; the last arguments are normal errors.
+        """Drive one straight stretch of length `leg`; the last three arguments are normal errors.
 
         Returns the end of the stretch, the heading at this end, the heading along the chord, the
         distance to a wall on the stretch (or `inf`), and the tangent of the incidence at this wall.

@@ -72,11 +72,11 @@ def _way(direction: int, directions: int, motion: Motion, grid: tuple[int, int])
 def line_places(
     square: Int[np.ndarray, "*shape"], grid: tuple[int, int], step: tuple[int, int]
 ) -> Int[np.ndarray, "*shape"]:
-    """Number the squares of a grid along the lines that repeated steps of one offset follow.
+    """Number the squares of a grid along the lines on which a robot repeats one step.
 
     The number grows by one from each square to the next square on its line, and the numbers on
     different lines do not overlap. The squares may be in several grids of one shape, counted one
-    after the other. The offset `step` is `(row, column)`.
+    after the other. A step moves the robot by `step`, a number of rows and of columns.
     """
     rows, columns = grid
     # The number of steps from where the line begins.

@@ -20,7 +20,7 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions in which steps lead from each start to the same square form a class, a *way*. The
+    Directions whose steps lead to the same square, from every start, form a class, a *way*. The
     squares from which a step is possible are computed for one way at a time, to save memory.
     """
 

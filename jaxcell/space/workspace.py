@@ -113,9 +113,9 @@ class Workspace:
     def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The free space of a point robot: the boundary minus the union of the obstacles.
 
-        Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
-        a map of 8 m). So polygons that are meant to touch do touch, although the rounding of
-        float64 separates their vertices.
+        Vertices are rounded to multiples of 10^-13 times the next power of ten above the largest
+        coordinate (10^-12 m in a map of 8 m). So polygons that are meant to touch do touch, even if
+        the rounding of float64 separates their vertices.
         """
         rounding = coordinate_rounding(self.boundary, self.obstacles)
         # NumPy would warn of the denormal numbers that GEOS meets in slivers.
@@ -127,7 +127,7 @@ class Workspace:
 
     @functools.cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """The free space of the centre of the robot: the environment less a margin of its radius.
+        """The space for the robot's centre: the environment less a margin of the robot's radius.
 
         Around a convex corner of an obstacle the margin is an arc of 16 chords per quarter circle.
         So the margin is up to 0.13 percent too narrow there. The free space may have several
@@ -176,7 +176,7 @@ class Workspace:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a map file in the format of its suffix, completely or not at all.
+        """Write a map file in the format that its suffix indicates, completely or not at all.
 
         A `.json` file keeps everything. A grid, `.txt` or `.map`, keeps the squares of side `cell`
         whose centre is free. A map_server file, `.yaml` or `.yml`, keeps these squares in an image
@@ -254,7 +254,7 @@ def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
 def _check_polygons(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> None:
-    """Refuse polygons without area, polygons that meet themselves, and obstacles outside."""
+    """Refuse polygons that have no area or touch themselves, and obstacles outside the boundary."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
     shapes = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
 

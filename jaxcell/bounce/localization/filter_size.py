@@ -169,7 +169,7 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Hash the angle and the heading of each set; the hash of its walls is added to the result."""
+    """Hash each set's angle and heading after `bumps` bumps; headings repeat after `order`."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 

@@ -93,7 +93,7 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     **Arguments:** the bounce map, a filter, and a cell. **Returns:** the run. It has no candidates
     if the filter was built for another map and ends in its trap.
 
-    A corridor of three squares looks the same from its other end, so two configurations remain:
+    A corridor of three squares looks the same from both ends, so two configurations remain:
 
         >>> import math
         >>> from jaxcell import bounce, examples

@@ -1,8 +1,8 @@
 """Robots that start off the centres of cells, and how often a filter fails to locate them.
 
 The filter assumes a robot at the centre of a cell. A robot that starts off the centre makes the
-same steps of whole cells. So it stays off the centre, and walls stop it in other cells than the
-filter expects.
+same steps of whole cells. So it stays off the centre, and may bump in cells where the filter
+expects no bump.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ class Shares(NamedTuple):
     lost: float
     "Share of the robots that make an observation that the filter excludes."
     wrong: float
-    "Share of the robots that are not lost, but whose cell is none of the possible cells."
+    "Share of the robots that are not lost, but whose cell is not among the possible cells."
 
 
 @dataclasses.dataclass(eq=False)
@@ -62,8 +62,8 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly over the free cells, at any point in the square of their cell.
 
-        Points in obstacles are drawn again. The steps of a `walker` follow [`walker_path`][], and
-        other steps are straight.
+        Points in obstacles are drawn again. If `walker` is true, each step has the two stretches of
+        [`walker_path`][]; otherwise it is straight.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -107,10 +107,10 @@ class OffCentre:
 
 
 def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
-    """Compute the start of a step and the ends of its two stretches, for each direction.
+    """Compute the path of a robot that drives a step in two straight stretches, for each direction.
 
-    Points are in cells, relative to the start. The stretches are those of
-    [`jaxcell.space.stride_legs`][], and lead from the centre of a cell to that of another.
+    The stretches of [`jaxcell.space.stride_legs`][] lead from the centre of a cell to that of
+    another. The path is its start and the ends of both stretches, in cells relative to the start.
     """
     first, turn, rest = stride_legs(cells.directions, 1.0, motion.in_cells(cells.cell)).T
     heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
@@ -129,7 +129,7 @@ def filter_shares(
 ) -> Shares:
     """Measure how often a filter fails to locate robots that start anywhere in the cells.
 
-    Robots turn by `shift` directions at a bump. The steps of a `walker` follow [`walker_path`][].
+    Robots turn by `shift` directions at a bump, and `walker` is as in [`OffCentre.drawn`][].
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition

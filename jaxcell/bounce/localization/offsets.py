@@ -3,10 +3,10 @@
 A step moves a robot by whole cells, so its offset within its cell stays the same. Offsets with
 which robots bump in the same cells form a class. For the robots of one class, the map is exact.
 
-To find the classes, lines divide the square of all offsets into faces. For an offset on a line, the
-path of a step bends or ends on an edge of a square, or passes through a corner of a square. For all
-offsets of a face, the paths pass through the same squares, so each class is a union of faces.
-Offsets on lines, such as the centre of a cell, belong to no class.
+To find the classes, lines divide the square of all offsets into faces. From an offset on a line,
+the path of some step bends or ends on an edge of a square, or passes through a corner of a square.
+From all offsets of a face, the paths pass through the same squares, so each class is a union of
+faces. Offsets on lines, such as the centre of a cell, belong to no class.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ class Offsets:
     cells: CellSpace
     motion: Motion
     offset: Float[np.ndarray, "classes 2"]
-    "One offset of each class from the lower left corner of a cell, in sides of a cell."
+    "One offset of each class from the lower left corner of a cell, whose side is 1."
     bumped: Bool[np.ndarray, "classes cells"]
     "A mask of the cells where a robot of each class bumps."
 
@@ -53,7 +53,7 @@ class Offsets:
     ) -> "Offsets":
         """Find the classes of offsets with which robots bump in the same cells in all directions.
 
-        **Raises:** `ValueError` if walls are not along the grid, or for more than `limit` classes.
+        **Raises:** `ValueError` if walls are not along the grid, or `limit` classes do not suffice.
         """
         if not cells.gridded:
             raise ValueError(

@@ -57,8 +57,8 @@ class LocalizationPolicy(States):
     ]
     fixed: Homing
     """A sequence of turns at successive bumps that is the same for all starts and observations. The
-    robot bumps once more after the last turn, and is then localized. With the goal `"position"`, a
-    single position is possible at some bump of the sequence, but not always at the last bump."""
+    robot bumps once more after the last turn, and is then localized. With the goal `"position"`,
+    the position is known at some bump of the sequence, but may be uncertain again at the last."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
@@ -212,7 +212,7 @@ def localization_policy(
     A robot that knows neither its place nor its heading counts the steps to its first bump. Then it
     turns at each bump by the angle that the policy chooses for its observations so far. After the
     next run, only the cells at that distance from a wall remain possible. Runs are straight, so two
-    cells never lead to one cell with equal observations (all cells of a line are at different
+    cells with equal observations never lead to the same cell (all cells of a line are at different
     distances from its wall). Therefore the bumps that are still needed depend on the set of
     possible cells alone, and a policy is a choice in an AND-OR graph of sets.
 
@@ -221,7 +221,7 @@ def localization_policy(
     - `bounces`: the angles to choose from, in radians, counter-clockwise.
     - `goal`: the `"cell"`, the `"position"` with any heading, or the `"class"` of cells that no
         choice of these angles distinguishes. If a cell or a position cannot be determined, the
-        policy stops at the class too.
+        policy stops once the class is known.
     - `aim`: minimise the largest number of bumps (`"worst"`), or the mean over all starts
         (`"mean"`).
     - `limit`: the largest number of cells of all searched sets together. If the search reaches the
@@ -291,9 +291,9 @@ def _all_runs(
     images: Int[np.ndarray, "angles walls"],
     lengths: Int[np.ndarray, "angles walls"],
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Count the bumps of a run from each cell until the policy ends, and find its last state.
+    """Count the bumps from each cell until the policy ends, and find the state in which it ends.
 
-    A turn by each angle at each wall leads to the wall `images`, after `lengths` steps.
+    After a turn by angle `a` at wall `w`, wall `images[a, w]` is `lengths[a, w]` steps ahead.
     """
     # Next bumps are listed in the order of this key.
     width = int(roadmap.length.max()) + 1

@@ -124,7 +124,7 @@ class AllPlans:
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
-        """List the goals, the entries that lead to them, and the index of the entry of each."""
+        """List the goals, the entries that lead to them, and each goal's index in the entries."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
@@ -132,7 +132,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to `entries`, ascending indices; index -1 (no entry) has no routes."""
+        """Find the routes to `entries` (ascending indices); -1 (no entry) has no routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)

@@ -142,14 +142,14 @@ def plan(
 
     The dissertation searches one graph for each angle, in which a turn by this angle costs `keep`
     and any other turn `change`, whatever the previous turn was. With `method="layered"` the plan is
-    the cheapest path of these graphs. The methods differ for plans with three or more bumps: turns
-    by A, B, A cost `2 keep + change` in the layered search, and `keep + 2 change` in the exact
-    search; turns by A, A, B, B cost `2 keep + 2 change` and `3 keep + change`.
+    the cheapest path in any of these graphs. The methods differ for plans with three or more bumps.
+    In the layered search, turns by A, B, A cost `2 keep + change`, and turns by A, A, B, B cost
+    `2 keep + 2 change`. In the exact search they cost `keep + 2 change` and `3 keep + change`.
 
     **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
     counter-clockwise, the two costs, a motion and a method.
 
-    **Returns:** the plan. With whole costs its cost is a whole number; without a path it is -1.
+    **Returns:** the plan. Its cost is -1 if there is no path, and whole if both costs are whole.
 
     A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a turn takes one
     bump:

@@ -25,10 +25,10 @@ class Roadmap:
     is on the *line* of one wall: a robot in the cell runs to that wall, and no two cells of a line
     are equally far from it. So a wall and a length identify a cell, and a run follows the line.
 
-    The cells that a robot can turn into at a bump are the *entries*. A robot that reaches a cell
-    after a bump has passed the last entry that is on the line of the cell and not beyond the cell.
-    So a plan to the cell is a plan to that entry and a run along the line, and the routes from each
-    wall to each entry determine the routes between all pairs of cells.
+    The cells that a robot can turn into at a bump are the *entries*. After a bump, a robot reaches
+    a cell only by way of the nearest entry on its line, which is the cell itself or before it. So a
+    plan to the cell is a plan to that entry and a run along the line, and the routes from each wall
+    to each entry determine the routes between all pairs of cells.
 
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
@@ -51,7 +51,7 @@ class Roadmap:
     keep: int | float
     "Cost of a step, and of a bump with the same angle as the previous bump."
     change: int | float
-    "Cost of a bump with another angle than the previous bump."
+    "Cost of a bump with an angle other than that of the previous bump."
     method: Method
     space: Mapping[str, Any]
     "A description of the cells and of the motion, which is stored in files."
@@ -149,11 +149,11 @@ class Roadmap:
 
     @property
     def small(self) -> np.dtype:
-        """The smallest NumPy type for indices of angles, because there are many indices."""
+        """The smallest NumPy type for indices of angles, to save memory."""
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def after(self, cell: Int[np.ndarray, "..."] | int, turn: int) -> Int[np.ndarray, "..."]:
-        """Move robots by a step, or turn robots at walls by angle `turn` (-1 for no turn)."""
+        """Move robots by a step; at walls, turn them by the angle of index `turn` (-1: no turn)."""
         turned = cell if turn < 0 else self.turned[turn, self.wall[cell]]
         ahead = self.order[np.minimum(self.place[cell] + 1, self.size - 1)]
         return np.where(self.length[cell] > 0, ahead, turned)

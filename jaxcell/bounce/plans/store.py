@@ -119,7 +119,7 @@ def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
 
 
 def read_routes(path: Path, entries: Int[np.ndarray, "entries"]) -> Routes:
-    """Read the routes to entries, in ascending order, from a store of plans."""
+    """Read the routes to `entries`, which are in ascending order, from a store of plans."""
     store: Any = zarr.open_group(path, mode="r")
     return Routes(*(store[name].oindex[entries] for name in ("cost", "layer", "turn")))
 

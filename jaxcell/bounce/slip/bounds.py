@@ -24,10 +24,10 @@ _BYTES = 1500
 def bounded_map(
     cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
 ) -> Bounded:
-    """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
+    """Find the cells where a robot with bounded errors may be, a step after it was in each cell.
 
-    The map contains all possible moves. Boxes bound the position of the robot along a step: a bump
-    is possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the
+    The map contains all possible moves. Boxes contain the robot at each time of a step: a bump is
+    possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the
     robot is always in the set of possible cells if the error of its heading is at most
     `cells.reach` fine directions.
 
@@ -183,8 +183,8 @@ def _add_moves(
     """Add the moves from the squares `possible` of a row of fine cells, which have one heading.
 
     A robot may move to any square in `box`, which is relative to its square and is enlarged by
-    `half`. The moves along x, to any squares of the grid, are added to `right`. The moves along y,
-    from any squares to free squares, are added to `up`.
+    `half`. A move is divided into a move along x to any square of the grid, which is added to
+    `right`, and a move along y to a free square, which is added to `up`.
     """
     fine = cells.fine
     height, width = fine.free.shape

@@ -24,7 +24,7 @@ SAMPLES = 128
 # Number of squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
-"The default limit of the number of fine cells, if errors are 2 % or more."
+"The default limit on the number of fine cells, for errors of 2 % or more."
 # Assumptions of `FineCells.within`: the drift of a heading in standard deviations, the steps during
 # which it drifts, the turn after a bump in radians, and the cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
@@ -40,9 +40,9 @@ class FineCells:
 
     A robot that slips believes that its heading is a direction of the map, the *believed*
     direction. The length of its steps depends on this direction. So a fine cell is a square, a
-    believed direction, and the error of the heading in fine directions: `z = row * squares +
-    square`, where `row = direction * (2 reach + 1) + reach + off`. An odd number of fine squares
-    lie along the side of a cell, so that its centre is the centre of a fine square.
+    believed direction, and the error `off` of the heading, from `-reach` to `reach` fine
+    directions: `z = row * squares + square`, where `row = direction * (2 reach + 1) + reach + off`.
+    The number of fine squares along the side of a cell is odd, so one of them is at its centre.
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
@@ -170,7 +170,7 @@ def slip_map(
 
     **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
     length of a step in metres, by default one cell of the map. **Returns:** a hidden Markov model,
-    whose robot starts at the centre of any cell.
+    in which the robot starts at the centre of a random cell.
 
     In a corridor of three cells, a robot in the middle that looks East moves on:
 
@@ -237,12 +237,12 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Choose the share, at most 1, of a fine direction over which headings are distributed.
+    """Choose the share, at most 1, of a fine direction over which samples of headings are spread.
 
-    If headings drifted little, but were distributed over a whole fine direction, too many of them
-    would change to another one. These changes, in fine directions, should have at least the
-    variance of the drift, and at least the variance of the sideways displacement, in squares, of
-    headings that are uniform in one fine direction. The share is the smallest with this property.
+    If headings drift little, but are spread over a whole fine direction, too many of them
+    change to another fine direction. The share is the smallest for which the variance of these
+    changes, in fine directions, is at least the variance of the drift, and at least that of the
+    sideways displacement, in squares, of headings that are uniform in one fine direction.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.

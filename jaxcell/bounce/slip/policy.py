@@ -15,7 +15,7 @@ _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlipPolicy:
-    """A choice of angles at bumps that brings a robot that slips to a goal."""
+    """A choice of angles at bumps that brings a slipping robot to a goal."""
 
     choice: Int[np.ndarray, "fine"]
     "The number of the angle to turn by at a bump in each fine cell."
@@ -34,15 +34,15 @@ class SlipPolicy:
 def slip_policy(
     hidden: HiddenMap, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
-    """Find the policy that certainly brings a robot to a goal, in the least mean time.
+    """Find the policy that is certain to bring a robot to a goal, in the least mean time.
 
     The robot is assumed to know its fine cell. Value iteration bounds the times from both sides.
     The times `T` after a sweep are lower bounds. If another sweep adds at most `d < 1` to each
     time, `T / (1 - d)` are upper bounds, and prove that the robot arrives.
 
-    **Arguments:** a hidden map, a mask of the goal, and the distribution of the start; only cells
-    that can be reached from the start count. **Returns:** the policy. Its certificate fails if no
-    policy is certain to bring the robot to the goal.
+    **Arguments:** a hidden map, a mask of the goal, and the distribution of the start; cells that
+    cannot be reached from the start are ignored. **Returns:** the policy. Its certificate fails if
+    no policy is certain to bring the robot to the goal.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
@@ -107,7 +107,7 @@ def arrival_by(
 class PolicyRobot:
     """A robot that follows a policy, and knows its cell only as a belief from its observations.
 
-    At a bump it takes the angle after which the mean time to the goal, over its belief, is least.
+    At a bump it takes the angle with the least mean time to the goal, averaged over its belief.
     """
 
     def __init__(

@@ -129,7 +129,7 @@ def slipping_run(
 
     - `hidden`: the map of fine cells that [`jaxcell.bounce.slip_map`][] returns.
     - `bounces`: the angles of `hidden` in radians, counter-clockwise. At each bump the robot
-        chooses one of them by its belief.
+        chooses one of them according to its belief.
     - `start`: the cell where the robot starts, which it does not know.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
@@ -138,7 +138,7 @@ def slipping_run(
 
     **Returns:** [`Slipped`][], the run and its beliefs.
 
-    A corridor of three cells looks the same from its other end:
+    A corridor of three cells looks the same from both ends:
 
         >>> import math
         >>> from jaxcell import bounce, examples, space

@@ -27,7 +27,7 @@ _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
 
 
 class _Loader(yaml.BaseLoader):
-    """A loader that refuses aliases, because a few lines with aliases can fill any memory."""
+    """A YAML loader that refuses aliases, because a few lines of them can exhaust the memory."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
@@ -121,7 +121,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     trinary; other keys are ignored. Occupied and unknown pixels are both obstacles. As in
     map_server, the channels of a pixel, including alpha, are averaged first.
 
-    The path of the image is relative to `folder`. Images over Pillow's limit of size (about 9 *
+    The path of the image is relative to `folder`. Images above Pillow's size limit (about 9 *
     10^7 pixels) are refused before decoding. Returns keyword arguments of `Workspace`.
     """
     try:
@@ -228,7 +228,7 @@ def _grid_fields(
 def _grid_of(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> tuple[Bool[np.ndarray, "rows columns"], tuple[float, float]]:
-    """Return the blocked squares of a map, with row 0 at the bottom, and the lower left corner."""
+    """Return the blocked squares of a map (row 0 is the lowest), and its lower left corner."""
     if fields["cell"] is None:
         raise ValueError("cell: a grid needs the side of its squares, and this map suggests none")
     x, y = fields["boundary"].min(axis=0).tolist()

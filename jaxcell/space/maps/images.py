@@ -5,7 +5,7 @@ from PIL import Image
 
 
 def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.Image:
-    """Decode a picture of one of the formats of Pillow, by default any.
+    """Decode a picture in one of the given formats, by default any format that Pillow knows.
 
     **Raises:** `PIL.UnidentifiedImageError` for another format; `ValueError` for a picture that is
     too large, broken or cut short.

@@ -1,9 +1,9 @@
-"""Read and write map files in the format of their suffix, and the JSON format of jaxcell.
+"""Read and write map files in the format that their suffix indicates.
 
-The module `grid_files` reads and writes the other formats. A map is represented by the keyword
-arguments of `Workspace`. In JSON, `format` ("jaxcell-map"), `version` (1) and `boundary` are
-required; `units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown
-keys are refused, so that a misspelt key is noticed.
+The module `grid_files` reads and writes all formats except the JSON format of jaxcell. A map is
+represented by the keyword arguments of `Workspace`. In JSON, `format` ("jaxcell-map"), `version`
+(1) and `boundary` are required; `units` ("m" by default, or "cm", "mm", "ft") applies to all
+lengths in the file. Unknown keys are refused, so that a misspelt key is noticed.
 """
 
 import json
@@ -40,7 +40,7 @@ _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a map file in the format of its suffix, as keyword arguments of `Workspace`."""
+    """Read a map file, in the format that its suffix indicates, as arguments of `Workspace`."""
     path = Path(path)
     check_file(path, "a map")
     suffix = path.suffix.lower()
@@ -65,7 +65,7 @@ def write_map(
     fields: Mapping[str, Any],
     environment: shapely.Polygon | shapely.MultiPolygon,
 ) -> None:
-    """Write or replace a map file in the format of its suffix; see `Workspace.save`.
+    """Write or replace a map file in the format that its suffix indicates; see `Workspace.save`.
 
     A grid is written from the environment, the other formats from the polygons in `fields`.
     """

@@ -80,8 +80,8 @@ def random_room(
     """Draw the free cells of a room with rectangular obstacles at random places.
 
     The sides of an obstacle are a twentieth to a fifth of the sides of the room, at least one cell.
-    Obstacles may overlap and touch walls. A room is drawn again if its free cells are not connected
-    by their edges, at most a thousand times. The room depends on the seed and on `number`.
+    Obstacles may overlap and touch walls. A room is drawn again, at most a thousand times, if its
+    free cells are not connected by their edges. The room depends on the seed and on `number`.
     """
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):
