@@ -22,13 +22,13 @@ other cells of a bounded *disturbance set* `A(z)`,
 which makes the sea a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)`
 (Eq. 5.5). A `DriftStep` has the duration and the rules of a step; `METHODS` has the rules of the
 dissertation, and rules that agree better with simulated drifters. `exit_shares` computes the
-probability of each exit. `drift_maps` computes a map for each phase of a periodic current
-(`Flow.repeated`). The phase is the point in the period at which a step begins.
+probability of leaving the map by each exit. `drift_maps` computes a map for each phase of a
+periodic current (`Flow.repeated`). The phase is the point in the period at which a step begins.
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters, and `distances_by_cell` shows for which cells the map is wrong.
-A `MarkovTest` is the Chapman-Kolmogorov test on sets of cells. `nearest_step` chooses the `dt` of
-the map that is nearest to the drifters up to a time of interest, by default `asked_hours`.
+A `MarkovTest` is the Chapman-Kolmogorov test on sets of cells. `nearest_step` chooses the `dt`
+whose map agrees best with the drifters up to a time of interest, by default `asked_hours`.
 
 **Long-term behaviour** (Alg. 5.1). `long_term_behaviour` finds, in time proportional to the number
 of edges plus the time of linear solves:

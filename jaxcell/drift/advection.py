@@ -71,7 +71,7 @@ def advect(
 def carried(
     flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
 ) -> tuple[_Points, _Points]:
-    """Move points as [`advect`][] does, but compile once for many numbers of points or steps."""
+    """Move points like [`advect`][], with one compilation for many numbers of points or steps."""
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)

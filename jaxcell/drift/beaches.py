@@ -49,7 +49,7 @@ def beaching(
     - `chain`: the map of a layer, from [`jaxcell.drift.drift_maps`][].
     - `at_coast`: the mask of the cells that get a beach, from [`coast`][].
     - `duration`: duration of a step, in seconds.
-    - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
+    - `afloat`: the time in seconds in which half of the drifters strand if they stay at a coast.
     - `stranded`: the time in seconds in which half of the drifters on a beach float again; infinite
         by default, so that beaches are persistent groups.
 
@@ -127,7 +127,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Compute the share of drifters that are stranded after `seconds`, rounded to whole steps.
+        """Compute the share of drifters that are stranded after `seconds` (rounded to whole steps).
 
         The drift map is that of `behaviour`; `afloat` and `stranded` are as for [`beaching`][].
         """

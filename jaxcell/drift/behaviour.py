@@ -107,8 +107,8 @@ def long_term_behaviour(
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `throw`: whether to raise an error if absorption times, probabilities or the limiting
-        distribution are inaccurate; each `certificate` reports this in any case. They are
-        inaccurate if times exceed some 10^9 steps, as in an eddy that almost traps drifters.
+        distribution are inaccurate, which their `certificate` reports in any case. This happens
+        if absorption times exceed some 10^9 steps, as in an eddy that almost traps drifters.
 
     **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
     when they are first read.

@@ -43,12 +43,12 @@ def nearly_closed_sets(
     - `chain`: the map, from [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds per step.
     - `count`: the number of sets to find; fewer may be returned.
-    - `hours`: the time in which drifters may leave, rounded to whole steps, or to whole periods
-        of a periodic current.
+    - `hours`: the time for which drifters drift, rounded to whole steps, or to whole periods of a
+        periodic current. Those that are then outside their set have left it.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
-    The surface of the bundled sea at its first record has three eddies, two of them side by side:
+    The bundled sea at its first record has three eddies; the two in the East make up one set:
 
         >>> from jaxcell import drift, examples
         >>> water, flow = examples.gyres()
@@ -86,8 +86,8 @@ def coherent_sets(
 
     - `water`, `flow`: the cells, and the flow of the same layer at all records.
     - `hours`: the length of the window.
-    - `count`: the number of sets; by default the number of singular values before their largest
-        gap, from 2 to `most`.
+    - `count`: the number of sets; by default the number of singular values, from 2 to `most`,
+        that lie above the largest gap between two successive ones.
     - `start`: the beginning of the window, in seconds as in `Flow.time`.
     - `steps`: the number of steps in which the window is mapped.
     - `most`: the largest number of sets that is tried if there is no `count`.
@@ -130,7 +130,7 @@ def _blur(water: Water) -> Chain:
 class ClosedSets(Result):
     """The nearly closed sets of each layer: sets of cells that few drifters leave.
 
-    Two cells between which drifters seldom move, in steps of an hour:
+    Two cells that a drifter in 1000 leaves in an hour; at this rate 1/e are left after 1011 h:
 
         >>> import numpy as np
         >>> from jaxcell import drift, examples, mapping
@@ -203,7 +203,7 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """Numbers of sets in pictures, by layer; sets matched between layers share a number."""
+        """The label of each set in pictures, by layer; sets one above another share a label."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property

@@ -29,7 +29,7 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "For each drifter, the number of cells in its group that it can reach and no earlier one can."
+    "The number of cells in its group that each drifter can reach but no earlier drifter can."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,11 +58,11 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
     In a persistent group any cell leads to all others, so the cell with the smallest number is
-    chosen. The dissertation draws a cell at random. The cells of a transient group are examined
-    from the longest absorption time to the shortest, and in the order of their numbers if times are
-    equal. A cell is chosen unless a chosen cell leads to it within the group. If times are equal,
-    the dissertation chooses the cell that leads to the most other cells; in a map without
-    disturbances, cells with equal times lead to equally many cells.
+    chosen. The cells of a transient group are examined from the longest absorption time to the
+    shortest, and in the order of their numbers if times are equal. A cell is chosen unless a chosen
+    cell leads to it within the group. The dissertation draws the cell of a persistent group at
+    random, and if times are equal it chooses the cell that leads to the most other cells; in a map
+    without disturbances, cells with equal times lead to equally many cells.
 
     Fewer cells may suffice: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
@@ -118,10 +118,10 @@ def _first_ancestor(
     """For each cell in `order`, find the first source that leads to it within its transient group.
 
     `sources` and the result are positions in `order`; a result beyond the end of `order` means that
-    no source leads to the cell. Only phases count at which `same` is true: the cell is then in the
-    same group as at phase 0. Dijkstra's algorithm begins at an additional node with an edge to each
-    source, whose weight grows with the position of the source. The edges of `within` stay in a
-    group and have weight 0, so the distance to a cell shows its first source.
+    no source leads to the cell. A path counts only if it ends at a phase at which `same` is true:
+    the cell is then in the same group as at phase 0. Dijkstra's algorithm begins at an additional
+    node with an edge to each source, whose weight grows with the position of the source. The edges
+    of `within` have weight 0 and stay in a group, so the distance to a cell shows its first source.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -163,10 +163,10 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     """Compute how the number of cells that may be visited grows with the number of drifters.
 
-    Every drifter is dropped in the cell of
-    [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds the most cells. Any number of
-    drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
-    (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
+    Each drifter is dropped in one of the cells of
+    [`minimum_deployment`][jaxcell.drift.minimum_deployment]: the one that adds the most cells. For
+    any number of drifters, this covers at least the share `1 - 1/e` of the largest possible number
+    of cells (Nemhauser, Wolsey and Fisher 1978). It takes seconds for 10,000 cells.
 
     **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of
     chains, for drifters that are dropped at phase 0 and may visit cells at any phase. **Returns:**

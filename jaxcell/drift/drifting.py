@@ -1,4 +1,4 @@
-"""Drifters at points instead of cells: they follow the flow, diffuse, and stop off the map."""
+"""Drifters at points instead of cells: they follow the flow, diffuse, and stop once off the map."""
 
 import math
 

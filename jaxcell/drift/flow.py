@@ -86,7 +86,7 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, without the copy of the first record at the end of a period."""
+        """The rate at each record; in a periodic flow without the last, which repeats the first."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
@@ -141,7 +141,7 @@ class Flow:
 def _extended(
     water: Water, rate: Float[np.ndarray, "records axes rows columns"]
 ) -> Float[np.ndarray, "records axes rows columns"]:
-    """Extend a flow from water to sea without data and, if drifters slip, to land at the coast."""
+    """Extend a flow to sea without data and, if the coast is `"slip"`, to land beside the water."""
     wet = water.number >= 0
     if (gaps := water.gaps).any():
         turns = 3 if water.wraps else 1

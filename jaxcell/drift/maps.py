@@ -29,7 +29,7 @@ EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
 """The exits through which drifters leave the map."""
-# An unused slot; -1 is the sink.
+# The index that stands for no target; -1 is the sink.
 _NONE = -2
 
 # Cells of origin, their end points, and points or squares of each of them, one row per branch.
@@ -175,7 +175,7 @@ def exit_shares(
     **Returns:** the probability from each cell at each phase, for each of `EXITS`: sea without
     data, stranding on land, and the edge of the grid in the east, north, west and south.
 
-    One cell, whose water moves East by half a cell in a step, so that 3 of 5 points leave the map:
+    One cell, whose water moves East by half a cell in a step; 3 of 5 columns of points leave it:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import drift, examples
@@ -218,7 +218,7 @@ def _exit_shares(
 
 
 def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
-    """Find which of the `EDGES`, by index, drifters from `origin` cross to reach each square."""
+    """Find the edge, an index of `EDGES`, that drifters from `origin` cross to reach a square."""
     up, right = (
         at - at.clip(0, size - 1)
         for at, size in zip((row, column), water.number.shape, strict=True)
@@ -229,7 +229,7 @@ def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Sq
 
 
 def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:
-    """Set the duration and substeps of a step; return it, and the time when each phase begins."""
+    """Set the duration and substeps of a step; return the new step, and when each phase begins."""
     duration = step.seconds(water, flow)
     needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
     if flow.period is None:
@@ -255,7 +255,7 @@ def _ends(
     duration = step.seconds(water, flow)
 
     def carry(right: np.ndarray, up: np.ndarray) -> tuple[_Points, _Points]:
-        """Move the points that lie `right` and `up`, in cells, from the centre of each cell."""
+        """Move points with the flow; they begin `right` and `up` of each centre, in cells."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps
@@ -293,7 +293,7 @@ def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarra
 
 
 def _diffused(x: _Ends, y: _Ends, deviation: _Points) -> tuple[_Points, _Points, _Points]:
-    """Spread the point of each cell with a normal distribution, integrated over nearby squares.
+    """Spread each cell's end point by a normal distribution, and integrate it over near squares.
 
     **Returns:** the columns and rows of the squares, and their shares.
     """
@@ -327,7 +327,7 @@ def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points,
 
 
 def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
-    """Find each cell's image and the image's neighbours; if `exits` is true, -1 is off the map."""
+    """Find the image of each cell and its neighbours: off the map -1 if `exits`, else `_NONE`."""
     image = water.landing(x, y, exits=exits)
     row, column = _squares_around(water, image, x, y)
     cell, land = water.at(row[1:], column[1:])
@@ -349,7 +349,7 @@ def _squares_around(
 
 
 def _set_probabilities(targets: _Squares, rho: float) -> _Points:
-    """Compute the probabilities of Eq. 5.4; row 0 is the image, and repeated targets get 0."""
+    """Compute Eq. 5.4 for `targets`: row 0 has the images, repeated cells have probability 0."""
     counts = np.ones(targets.shape, bool)
     for branch in range(1, len(targets)):
         new = (targets[branch] != targets[:branch]).all(axis=0)

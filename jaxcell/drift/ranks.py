@@ -19,8 +19,8 @@ def basin_ranks(
     `basins` contains, for each layer, the group of each square, or -1. In the first layer groups
     are ranked by the sizes of their basins. In each following layer, groups are matched one to one
     with groups of the layer above, so that the overlap of basins is largest. Groups without a match
-    get new ranks, by size. In this example the second layer exchanges the numbers of two groups,
-    and has a third one:
+    get new ranks, by size. In this example the numbers of two groups are swapped in the second
+    layer, which has a third group, too:
 
         >>> import numpy as np
         >>> from jaxcell.drift.ranks import basin_ranks

@@ -74,12 +74,12 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Compute where drifters from each region are after `seconds`, rounded to whole steps."""
+        """Compute where drifters from each region are after `seconds` (rounded to whole steps)."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
     def with_drifters(self, water: Water, flow: Flow, count: int, seed: int = 0) -> "Exchange":
-        """Add confidence intervals from drifters that are simulated in the current without cells.
+        """Add confidence intervals from simulated drifters, which are at points instead of cells.
 
         **Arguments:**
 

@@ -112,7 +112,7 @@ class Sea:
         return layer, row, column
 
     def on_squares(self, values: npt.ArrayLike, fill: float | int = np.nan) -> np.ndarray:
-        """Put values of all cells on the squares of the layers, for pictures and files."""
+        """Arrange values of all cells on grids of the layers; squares without water get `fill`."""
         values = np.asarray(values)
         grid = np.full(self.number.shape, fill, np.result_type(values, fill))
         grid[self.squares] = values
@@ -137,7 +137,7 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Mark the cells for which `mask`, over phases and cells, is true at one phase or more."""
+        """Mark the cells where `mask`, with an entry per phase and cell, is true at any phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 

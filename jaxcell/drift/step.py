@@ -37,12 +37,12 @@ class DriftStep:
     """The duration in seconds, negative for a step backward in time; by default the
     [`jaxcell.drift.crossing_time`][]."""
     spread: str = "turned"
-    """The rule for disturbances. With `"turned"`, they lead to the ends of the displacement turned
-    by 45 degrees to either side. With `"all"`, they lead to the eight neighbours of the image; then
-    connected water tends to be one persistent group. With `"sampled"`, `samples` x `samples` points
-    of the cell drift instead of the centre; the probability of a cell is the share of the points
-    that end in it (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires
-    `"sampled"`, and spreads the points at the end of the step."""
+    """The rule for disturbances. With `"turned"`, they turn the displacement by 45 degrees to
+    either side. With `"all"`, they lead to the eight neighbours of the image; then connected water
+    tends to be one persistent group. With `"sampled"`, `samples` x `samples` points of the cell
+    drift instead of the centre; the probability of a cell is the share of the points that end in it
+    (Hsu 1987), and `rho` has no effect. A flow with a diffusivity requires `"sampled"`, and spreads
+    the points at the end of the step."""
     rho: float | int = 0.8
     "The probability of the image, from 0 to 1."
     samples: int = 5
@@ -105,6 +105,6 @@ METHODS: Mapping[str, DriftStep] = {
     "drifters": DriftStep(spread="sampled", edge="exit", method="rk4", substeps=4),
     "source": DriftStep(),
 }
-"""Steps without a duration. The rules of `"drifters"` agree best with simulated drifters. The rules
-of `"source"` are those of Alam 2018, section 5.4.3: the grid spreads drifters more than the water
-does, and no drifter leaves the map."""
+"""Steps by name, without a duration. The rules of `"drifters"` agree best with simulated drifters.
+The rules of `"source"` are those of Alam 2018, section 5.4.3: the grid spreads drifters more than
+the water does, and no drifter leaves the map."""

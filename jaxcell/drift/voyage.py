@@ -29,8 +29,8 @@ class Voyage:
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. The
-    probabilities, times and values below are for drifters that begin at phase 0."""
+    """The action at each phase in each cell: -1 up, 1 down, 0 drift (and in the goal). The fields
+    from `probability` to `value` are for drifters that begin at phase 0."""
     chain: Chain
     """The chain of a drifter that follows the actions and stays in the goal. Its states are the
     cells at each phase, phase after phase."""
@@ -43,10 +43,10 @@ class Voyage:
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
-    """Certificate of the policy, from [`jaxcell.markov.Optimum`][] or
+    """The error of the policy, from [`jaxcell.markov.Optimum`][] or
     [`jaxcell.markov.ShortestPath`][]."""
     arrival: Certificate
-    "Certificate of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
+    "The error of `conditional_time`, from [`jaxcell.markov.conditional_hitting_times`][]."
 
     @property
     def action(self) -> Int[Array, "cells"]:
@@ -124,8 +124,8 @@ def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.9
     - `discount`: the discount factor per step, more than 0 and less than 1; the dissertation does
         not name its value.
 
-    **Returns:** the voyage. If an eddy almost traps drifters, 64-bit numbers are too inaccurate;
-    `certificate` and `arrival` then show this.
+    **Returns:** the voyage. If an eddy almost traps drifters, even 64-bit numbers give inaccurate
+    results, as `certificate` and `arrival` then show.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):

@@ -28,7 +28,7 @@ COASTS = ("hold", "slip", "strand")
 class Water:
     """The water cells of one layer of the sea, numbered row by row.
 
-    Each square of the grid is a cell of water, land, or sea without data. The surface of the
+    Each square of the grid is a water cell, land, or sea without data. The surface of the
     bundled sea:
 
         >>> from jaxcell import bundled, drift
@@ -73,7 +73,7 @@ class Water:
     def of(cls, currents: xr.Dataset, layer: int = 0, coast: str = "hold") -> "Water":
         """Number the water cells of one layer.
 
-        If the longitudes form a circle, the last column is beside the first.
+        If the grid goes round the Earth, the last column is beside the first.
 
         **Arguments:**
 
@@ -147,7 +147,7 @@ class Water:
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
-        """The eight neighbours of each cell, in the order of `NEIGHBORS`, -1 if it is not water."""
+        """The eight neighbours of each cell, in the order of `NEIGHBORS`; -1 for no water."""
         around = np.pad(self.number, ((1, 1), (0, 0)), constant_values=-1)
         beside = {"mode": "wrap"} if self.wraps else {"constant_values": -1}
         around = np.pad(around, ((0, 0), (1, 1)), **beside)
@@ -160,7 +160,7 @@ class Water:
 
     @property
     def sides(self) -> Float[np.ndarray, "axes cells"]:
-        """The lengths of each cell along the x and y axes of the grid, in metres."""
+        """The sides of each cell along the x and y axes of the grid, in metres."""
         return np.stack([side[self.row, self.column] for side in (self.dx, self.dy)])
 
     @property
@@ -199,7 +199,7 @@ class Water:
         return int(self.number[row, column])
 
     def on_grid(self, values: np.ndarray, fill: float | int = np.nan) -> np.ndarray:
-        """Put values of the cells on the squares of the grid, for pictures and files."""
+        """Arrange values of the cells on the grid; squares without water get `fill`."""
         grid = np.full(self.number.shape, fill, np.result_type(values, type(fill)))
         grid[self.row, self.column] = values
         return grid
@@ -236,8 +236,8 @@ class Water:
 
         **Arguments:**
 
-        - `x`, `y`: end points in cells.
-        - `origin`: the cell where drifters in a column of `x` and `y` began; by default every cell.
+        - `x`, `y`: the end points, in columns and rows of the grid.
+        - `origin`: the cell where each column of drifters began; by default 0, 1, 2, ...
         - `exits`: whether a drifter that ends off the grid or in sea without data leaves the map,
             so that its cell is -1. With the coast `"strand"`, drifters that end on land leave too.
         """

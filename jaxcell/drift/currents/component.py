@@ -41,7 +41,7 @@ class Component:
     """The rows and columns of the values to read. For values on cell faces they extend beyond the
     block, so that both faces of each cell are read, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The indices of the block's cells among all cells to whose centres face values are averaged."
+    "The indices of the block's cells in the averages over faces, which extend beyond the block."
     mask: Mask | None
     "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float

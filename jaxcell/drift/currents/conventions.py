@@ -1,4 +1,4 @@
-"""The names that CF, ocean models, radars and products give to variables, as one table."""
+"""A table of the names that CF, ocean models, radars and data products give to variables."""
 
 import dataclasses
 import re
@@ -20,19 +20,19 @@ class Convention:
     """Names that identify a variable or a dimension."""
 
     role: Role
-    """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`)
-    have two names, the first for the component towards the East or along x."""
+    """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift (`"stokes"`) consist
+    of two variables; the first of their names is for the component towards the East or along x."""
     names: tuple[str, ...] = ()
     """Names of the variable or dimension in lower case, the preferred name first. In the name of a
     flag, `{}` stands for the name of the flagged variable."""
     standard_names: tuple[str, ...] = ()
-    "Standard names of CF."
+    "CF standard names that identify the variable or dimension."
     units: tuple[str, ...] = ()
     "Units that identify the variable, because no other role has them."
     along: Along = "dims"
     """The directions of a velocity: East and North (`"earth"`), or x and y of the grid (`"grid"`).
     With `"dims"` the dimensions decide: x and y for cell faces, East and North for longitude and
-    latitude. A velocity on cell faces without a known standard name is always along x and y."""
+    latitude. On cell faces, a velocity without a known standard name is always along x and y."""
     point: Literal["t", "u", "v", ""] = ""
     """The points at which a variable of NEMO is given: cell centres (`"t"`), or eastern (`"u"`) or
     northern (`"v"`) cell faces; empty for other models."""

@@ -34,7 +34,7 @@ class Field:
     v: Float[np.ndarray, "kept layers y x"]
     "The components of the velocity in m/s, per record or averaged; NaN where there is no water."
     water: Bool[np.ndarray, "layers y x"]
-    "The cells with a velocity at every record, read or interpolated in time."
+    "The cells of water: those with a velocity at a share `LEAST_PRESENT` of the records or more."
     land: Bool[np.ndarray, "layers y x"]
     "True on land and sea bed. A grid square that is neither land nor water is sea without data."
     notes: tuple[str, ...]
@@ -53,7 +53,7 @@ class FieldReader:
     coast: Land | None = None
     "The land for files without a mask; by default the land of Natural Earth."
     gaps: str = "open"
-    '`"open"`, or `"land"` if all squares without a velocity count as land.'
+    '`"open"` if squares without a velocity may be sea, an open edge; `"land"` if all are land.'
 
     @property
     def names(self) -> str:
@@ -171,8 +171,8 @@ class FieldReader:
 
         Squares with a velocity at any record (`seen`) are sea. Squares below the bed (`deep`), or
         below a square of sea, are sea bed. For all other squares the mask of the file decides.
-        Without a mask, the depth of the sea bed decides, which is not positive on land. Without
-        this depth, a coastline decides.
+        Without a mask, the depth of the sea bed decides: a square without a positive depth is
+        land. Without this depth, a coastline decides.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -238,7 +238,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], moves_unmasked: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Return the error for a mask in which land and water seem to be exchanged."""
+        """Return the error for a mask in which land and water seem to be swapped."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(
@@ -273,7 +273,7 @@ class FieldReader:
     ) -> Bool[np.ndarray, " layers"]:
         """Mark the layers that have water.
 
-        Raise for a layer without water if the caller chose it, or some record has a velocity there.
+        Raise if no layer has water, or if a dry layer was chosen or has a velocity at some record.
         """
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):

@@ -12,7 +12,7 @@ from .netcdf import OceanFile
 
 
 LEAST_PRESENT = 0.8
-"""The least share of the records at which a water cell has a velocity; gaps are interpolated."""
+"""The least share of the records at which a cell must have a velocity to count as water."""
 
 _BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
 

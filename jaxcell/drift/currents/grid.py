@@ -169,7 +169,7 @@ def _angle(
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians; return it, and a phrase that names its source.
 
-    The angle is in radians if the file declares radians and its angle agrees with the angle
+    Radians are chosen if the file declares them and the angle in radians agrees with the angle
     `computed` from the positions. Otherwise the unit with the better agreement is chosen, because
     some files omit the unit, and some files of CROCO have radians but declare degrees.
     """

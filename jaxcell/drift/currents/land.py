@@ -94,7 +94,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read land from a file. By `version`, its time and size, the cache notices a changed file."""
+    """Read land from a file; the cache reads it again if `version`, its time and size, changes."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     shapes: Any

@@ -23,7 +23,7 @@ class Mask:
     water: Bool[np.ndarray, "#levels y x"]
     "True for water: a mask per level, or a single mask for all levels."
     why: str
-    "A phrase on the value that means water or land, such as `1 is water, by its name`."
+    "The meaning of a value, and how it is known, such as `1 is water, by its name`."
 
 
 def read_mask(

@@ -127,7 +127,7 @@ def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Silence warnings about several fill values, calendars, Zarr metadata, and closed files."""
+    """Silence warnings on double fill values, rare calendars, Zarr metadata, and closed files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xr.SerializationWarning)
         warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")

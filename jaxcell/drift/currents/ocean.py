@@ -54,8 +54,8 @@ def open_currents(
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
     below a square with a velocity is the sea bed. For other squares the mask decides; without a
-    mask, the depth of the sea bed; and without this depth, a coastline: a square that contains land
-    is land.
+    mask, the depth of the sea bed decides; without this depth, a coastline decides: a square that
+    contains land is land.
 
     If the columns go round the Earth, repeated columns are left out, and the last column is beside
     the first. Rows that repeat other rows because the grid is folded in the North count as land.
@@ -75,8 +75,8 @@ def open_currents(
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
         levels follow the sea bed, any depth is possible, by default 0. Above the highest level and
-        below the lowest, the velocity is that of the nearest level. If the file lacks levels, a
-        depth farther from its levels than the thickness of a layer is an error.
+        below the lowest, the velocity is that of the nearest level. If the file has only some
+        levels, a depth farther from them than the thickness of a layer is an error.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
@@ -88,7 +88,7 @@ def open_currents(
     - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts have errors of some kilometres.
-    - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.
+    - `gaps`: `"open"` for the rules above, or `"land"` if all squares without a velocity are land.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:

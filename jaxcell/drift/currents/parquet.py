@@ -16,7 +16,7 @@ _NEEDED = ("lon", "lat", "time", "particle_id", "trajectory", *_NAMES)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read the positions in a table, as variables on `obs` with the attributes of their columns.
+    """Read the columns with positions, and their attributes, as variables on the dimension `obs`.
 
     **Raises:** `ValueError` for a file that is not Parquet; `ModuleNotFoundError` without PyArrow.
     """

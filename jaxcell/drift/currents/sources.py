@@ -25,7 +25,7 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
     """Open all files of a source as one, as a context manager.
 
     Records of several files are joined in chronological order, and variables of different names are
-    combined. The variables of `grid`, which do not change in time, replace variables of the source.
+    combined. Those variables of `grid` that do not change in time replace variables of the source.
     Velocities are not read yet, only positions and times.
     """
     with contextlib.ExitStack() as stack:
@@ -37,7 +37,7 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
 
 
 def source_name(source: Source) -> str:
-    """Return the name by which results mention a source: its file names, without folders."""
+    """Return the name of a source in results: its file names, without folders."""
     if isinstance(source, xr.Dataset):
         return Path(str(source.encoding.get("source", "dataset"))).name
     return _joined([Path(path).name for path in _paths(source)])
@@ -91,7 +91,7 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
-    """Find longitudes and latitudes that differ between files, as on the points of a C-grid."""
+    """Find longitudes and latitudes that differ between files, as for u and v on a C-grid."""
     known: dict[str, tuple[OceanFile, np.ndarray]] = {}
     clashing = set()
     for file in files:
@@ -115,7 +115,7 @@ def _clashing_positions(files: list[OceanFile]) -> set[str]:
 
 
 def _with_grid(file: OceanFile, grid: OceanFile) -> OceanFile:
-    """Add the variables of another file that do not change in time."""
+    """Add those variables of the file `grid` that do not change in time."""
     fixed, moving = grid.dataset, file.dataset
     for dim, size in fixed.sizes.items():
         if axis_kind(fixed, str(dim)) == "time":

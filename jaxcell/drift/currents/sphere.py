@@ -22,7 +22,7 @@ _FOLDED = 0.9
 
 
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Wrap longitudes in degrees to -180 up to but not including 180."""
+    """Wrap longitudes to the interval from -180 to 180 degrees; 180 becomes -180."""
     return (lon + 180.0) % 360.0 - 180.0
 
 
@@ -210,10 +210,9 @@ def on_sphere(
 def turned(
     x: Float[np.ndarray, "*any"], y: Float[np.ndarray, "*any"], angle: Float[np.ndarray, "..."]
 ) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
-    """Turn vectors counter-clockwise by an angle in radians, for example from a grid to the Earth.
+    """Turn vectors counter-clockwise by an angle in radians.
 
-    With the angle from East to the x axis, components along the axes of the grid become components
-    to the East and North."""
+    The angle from East to the x axis turns components along x and y to East and North."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 

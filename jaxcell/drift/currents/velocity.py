@@ -30,7 +30,7 @@ class Velocity:
 
 
 class _Pair(NamedTuple):
-    """The variables of [`Velocity`][]; `why` is `None` if they were found by their names only."""
+    """The variables of a [`Velocity`][]; `why` is `None` if only their names identified them."""
 
     u: str
     v: str

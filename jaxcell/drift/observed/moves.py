@@ -72,9 +72,9 @@ class CountedMoves:
 
     @functools.cached_property
     def _images(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of cells and, for each move into a cell, the flat index of its end among them.
+        """The images of cells in a chain, and for each move into a cell the index of its image.
 
-        All resampled chains have the same images, so that programs are compiled only once.
+        Indices are into the flattened array. All chains have these images, to compile only once.
         """
         cells, inside = self.water.cells, self.end >= 0
         pairs, pair = np.unique(
@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the western and southern bounds of all observations, and how many boxes they span."""
+    """Return the western and southern bounds of `seen`, and the numbers of columns and rows."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell whose centre is nearest to each point; -1 if it is beyond `Water.reach`."""
+    """Find the cell whose centre is nearest to each point; -1 off the grid or outside the water."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)

@@ -28,7 +28,7 @@ _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Build a property: the field `name` of [`Spread`][] for the estimates not made per cell."""
+    """Build a property, described by `meaning`: `name` in `spread`, without the values per cell."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -38,7 +38,7 @@ def _of_all(name: str, meaning: str) -> Any:
 class ObservedDrift(SeaLayers):
     """The long-term behaviour of observed drifters, from the chain of their moves.
 
-    A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
+    A hundred drifters begin in one cell; 60 leave it in a day, so the mean stay is 40 ± 4 hours:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -68,7 +68,7 @@ class ObservedDrift(SeaLayers):
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that few drifters leave."
     after: float | int | None = None
-    "The time for which `distribution` is estimated, in seconds; `None` for the long run."
+    "The seconds from a uniform release to the `distribution`; `None` for the long run."
 
     @classmethod
     def of(
@@ -87,8 +87,8 @@ class ObservedDrift(SeaLayers):
         **Arguments:**
 
         - `seen`, `moves`: the trajectories, and their moves from [`jaxcell.drift.count_moves`][].
-        - `after`: the seconds from a uniform release of drifters until their distribution is
-            estimated; by default the distribution is that in the long run.
+        - `after`: the time in seconds after a uniform release of drifters at which to estimate
+            their distribution; by default it is estimated for the long run.
         - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
         - `say`: a function that is called with the name of each stage of the computation.
@@ -120,7 +120,7 @@ class ObservedDrift(SeaLayers):
 
     @property
     def when(self) -> str:
-        """The time `after`, in words."""
+        """The time of the `distribution`, in words."""
         return "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
 
     drifters = from_part("seen.drifters", "", "drifters that were observed", kind="count")
@@ -174,8 +174,8 @@ def _answers(
 ) -> Float[np.ndarray, "answers"]:
     """Compute the estimates from a chain whose steps last `lag` seconds, as one array.
 
-    They are those of `_OF_ALL`, the leakage and hours of each set, and for each cell whether it is
-    persistent, its absorption time, and its share of the drifters after the seconds `after`."""
+    The array has what `_OF_ALL` names; the leakages of the sets, and their hours; and for each cell
+    whether it is persistent, its absorption time, and its share of the drifters after `after`."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600

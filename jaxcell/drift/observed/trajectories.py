@@ -97,7 +97,7 @@ class Trajectories:
         return cls(*places, source, since, drogued)
 
     def with_drogue(self, kept: bool) -> "Trajectories":
-        """Select the observations of drifters with a drogue if `kept` is true, otherwise without.
+        """Select the observations of drifters with their drogue if `kept`, else of those without.
 
         **Raises:** `ValueError` if `drogued` is unknown, or no observation is left.
         """

@@ -28,7 +28,7 @@ def answer(drift: "SeaDrift") -> tuple[str, ...]:
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Explain the current assumed after the last record; `None` if records cover the time asked."""
+    """Explain which current follows the last record; `None` if records cover the time asked for."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -101,7 +101,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Describe the number of groups and the time to reach them, by the duration of a step."""
+    """Describe how the number of groups and the time to reach them depend on a step's duration."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"
@@ -134,7 +134,7 @@ def _reach(drift: "SeaDrift") -> str | None:
 
 
 def _diffusion(drift: "SeaDrift") -> str | None:
-    """Compare the requested diffusivity with the diffusivity that the grid adds."""
+    """Compare the requested diffusivity with what the grid adds; `None` if none is requested."""
     wanted, grid = drift.diffusivity, drift.grid_diffusivity
     if wanted is None:
         return None

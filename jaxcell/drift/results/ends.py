@@ -27,8 +27,9 @@ ALMOST_FOREVER = 10_000
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
-"""On maps above `LARGE` states (cells times phases) a linear solve takes seconds. Probabilities of
-such maps are computed only if states times ends (groups or exits) are at most `LARGEST_SOLVE`."""
+"""On maps of more than `LARGE` states (cells times phases) a linear solve takes seconds. There
+probabilities are computed only if states times ends (groups or exits) are at most
+`LARGEST_SOLVE`."""
 
 _probability = functools.partial(derived, kind="share", padding="NaN: not known")
 _time = functools.partial(derived, units="h", kind="time")
@@ -128,7 +129,7 @@ class Ends(Result):
 
     @property
     def _knows_exits(self) -> bool:
-        """True if the probability of leaving is known for each exit, not only for all together."""
+        """True if the probability of leaving is known for each exit, and not only in total."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
@@ -186,7 +187,7 @@ class LayerEnds(Ends):
     def exits(self) -> Float[np.ndarray, "exits states"]:
         """The probability of leaving the map in a step through each exit.
 
-        If the current is unknown, as for observed drifters, all exits together have one row.
+        If the current is unknown, as for observed drifters, there is a single row for all exits.
         """
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
@@ -199,10 +200,9 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving_by_way(self) -> Float[np.ndarray, "exits cells"]:
-        """The probability of leaving the map in the end through each exit, from each cell.
+        """The probability of ever leaving the map through each exit, from each cell.
 
-        On large maps with several exits it is NaN unless it is certainly 0, because the linear
-        solves would take too long.
+        On large maps with several exits it is NaN unless known to be 0, because solves take long.
         """
         if self._solvable(self._possible_exits):
             return self._leaving_by(self.exits)
@@ -221,7 +221,7 @@ class LayerEnds(Ends):
     def _leaving_by(
         self, in_a_step: Float[np.ndarray, "exits states"]
     ) -> Float[np.ndarray, "exits cells"]:
-        """Compute probabilities of leaving in the end from those `in_a_step`; NaN if inaccurate."""
+        """Compute the probabilities of ever leaving, from those `in_a_step`; NaN if inaccurate."""
         behaviour, cells = self.behaviour, self.water.cells
         possible, sure = np.any(in_a_step, axis=1), self.begins.sure_to_leave
         # No solve is needed if from each cell no drifter (0) or every drifter (1) leaves.
@@ -322,7 +322,7 @@ class LayerEnds(Ends):
     def checks(self) -> Checks:
         """Return checks that groups, probabilities and absorption times agree with the chain.
 
-        Any residual of times passes, because no solve is accurate if cells almost trap drifters.
+        Absorption times may have any residual: no solve is accurate if cells almost trap drifters.
         """
         P = self.behaviour.chain.to_scipy()
         entries, total = P.tocoo(), np.asarray(P.sum(axis=1)).ravel()

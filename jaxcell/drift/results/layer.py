@@ -169,9 +169,9 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """A phrase on the best other duration or method, and the distance of its map from drifters.
+        """The best other duration or method, in words, and the distance of its map from drifters.
 
-        It is `None` if this map is near the drifters, or if no other map is nearer.
+        It is `None` if this map agrees well enough or is large, or if no other agrees better.
         """
         if self.compared.worst <= FAR or self._large:
             return None
@@ -199,7 +199,7 @@ class Layer(LayerEnds, Compared):
         **Arguments:**
 
         - `sets`: the number of the set that contains each cell, or -1 if no set does.
-        - `first`: the number that set 0 has in the result; the numbers of the other sets follow.
+        - `first`: the number that the result gives to set 0; sets 1, 2, ... get the next numbers.
         """
         replay, duration = self.compared.replay, self.behaviour.duration
         seen = [

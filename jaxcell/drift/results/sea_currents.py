@@ -23,7 +23,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 def _by_time(name: str, meaning: str) -> Any:
-    """Build a property: the field `name` of the [`Distance`][] of each layer, at each time."""
+    """Build a property, described by `meaning`: the array `name` of each layer's [`Distance`][]."""
     return derived("layer compared", meaning, "1", kind="share")(
         lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
@@ -126,7 +126,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups by duration: in row 0 by maps, in row 1 by cell centres alone."""
+        """The number of groups by duration: row 0 for the maps, row 1 if only cell centres move."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:

@@ -95,7 +95,7 @@ class SeaDrift(SeaCurrents):
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that few drifters leave."
     sets_listed: bool = True
-    "True if a terminal shows a table of the nearly closed sets."
+    "True if a table of the nearly closed sets is printed."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
@@ -173,7 +173,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the step's duration; return the step, and maps and distances if computed."""
+            """Choose the step's duration; return the step, and any maps made for the choice."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -224,7 +224,7 @@ class SeaDrift(SeaCurrents):
         )
 
     def with_closed_sets(self, count: int, *, listed: bool = True) -> "SeaDrift":
-        """Add nearly closed sets of each layer, and a test of the maps on these sets."""
+        """Add nearly closed sets of layers, printed if `listed`, and a test of the maps on them."""
         chains = [layer.behaviour.chain for layer in self.layers]
         sets = ClosedSets.of(self.waters, chains, self.step, count)
         tests, first = [], 0
@@ -294,9 +294,9 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """Few cells from which all cells of the surface may be visited.
+        """A small set of cells from which all cells of the surface may be visited.
 
-        In a steady current they are the fewest, in a periodic current those of a greedy search.
+        In a steady current it is the smallest set, in a periodic current that of a greedy search.
         """
         chain = self.layers[0].behaviour.chain
         if isinstance(chain, Chain):

@@ -89,14 +89,14 @@ class SeaLayers(Ends):
     def _on_squares(
         self, values: Callable[[LayerEnds], npt.ArrayLike], fill: float | int = np.nan
     ) -> Any:
-        """Put values of the cells of each layer on the squares of the grid."""
+        """Arrange values of each layer's cells on the grid; squares without water get `fill`."""
         return self.sea.on_squares(
             np.concatenate([np.asarray(values(layer)) for layer in self.layers]), fill
         )
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """Numbers of groups in pictures, by layer; groups matched between layers share a number."""
+        """The label of each group in pictures, by layer; groups one above another share a label."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )
@@ -187,7 +187,7 @@ class SeaLayers(Ends):
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """For each transient group, the groups where its drifters may end; -1 for off the map."""
+        """For each transient group, the groups where its drifters may end; -1 is off the map."""
         return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")

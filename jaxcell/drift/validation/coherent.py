@@ -73,8 +73,8 @@ def ridges(
     """Find the cells on a ridge of some values, such as [`ftle`][].
 
     A cell is on a ridge if its value is among the highest, and not below the values of the two
-    neighbours across the ridge. The direction across is the one of four directions in which the
-    values curve downward most. Cells at a coast or the edge of the grid are on no ridge.
+    neighbours across the ridge. Of four directions, the one along which the values curve downward
+    most is across the ridge. Cells at a coast or the edge of the grid are on no ridge.
 
     **Arguments:**
 
@@ -115,7 +115,7 @@ class Agreement:
     near: float
     "The share of the border cells that are near a ridge."
     expected: float
-    "The share of all cells that are near a ridge: the expected `near` of random borders."
+    "The share of all cells that are near a ridge; if borders were random, `near` would equal it."
 
     @property
     def ratio(self) -> float:

@@ -33,7 +33,7 @@ class Diagnosis:
     whole_pieces: int
     "Number of persistent groups that fill a whole connected piece of water."
     locked: int
-    "Number of persistent groups of one cell in a larger piece, although water flows out of it."
+    "Number of other persistent groups of a single cell, although water flows out of this cell."
     ashore: int
     "Number of persistent groups that are a single cell from which water flows onto land only."
     groups: int
@@ -62,7 +62,7 @@ class Diagnosis:
         )
 
     def remedies(self, spread: str) -> tuple[str, ...]:
-        """Return the names of the parameters of a step that may remove the warning, if any.
+        """Return the names of the parameters of a step whose change may remove the warning.
 
         A longer `duration` may help if the mean drift is less than two cells, and `"sampled"` may
         help if it is not the `spread` already.
@@ -129,7 +129,7 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 
 
 def group_counts(water: Water, flow: Flow, steps: Sequence[DriftStep]) -> Int[np.ndarray, "steps"]:
-    """Count the persistent groups for several steps.
+    """Count the persistent groups of several drift maps, each made with one of the `steps`.
 
     The groups follow from the possible moves, not from their probabilities, so all values of `rho`
     between 0 and 1 give the same groups.

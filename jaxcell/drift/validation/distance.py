@@ -87,7 +87,7 @@ def distances(
     - `maps`: chains over the cells, or sequences of chains, each with its seconds per step.
     - `sampling`: the points at which drifters begin; by default `Sampling()`.
     - `hours`: the times of the comparison, each rounded to whole steps of the map, at least one.
-        `Distance.replay` also has the cells of drifters at the exact times.
+        `Distance.replay` has the simulated drifters at the exact times, too.
 
     **Returns:** the [`Distance`][] of each map.
 
@@ -189,7 +189,7 @@ def nearest_step(
     step: DriftStep,
     hours: float | int | None = None,
 ) -> DriftStep:
-    """Choose the duration of a step for which the maps of layers are nearest to drifters.
+    """Choose the duration of a step whose maps of the layers agree best with simulated drifters.
 
     In every step the grid spreads drifters by up to a cell, which favours few long steps. But in a
     long step the current changes, and a few points do not represent a whole cell. The durations
@@ -246,13 +246,13 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
-    """Return the median of `hours`, rounded up to whole days from 1 to 30, in hours."""
+    """Return the median of `hours`, rounded up to 24, 48, 72, ... hours, but at most 720."""
     median = float(np.median(hours)) if hours.size else 0.0
     return 24.0 * min(max(1, math.ceil(median / 24 - 1e-6)), round(_MONTH / 24))
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return the hours of the comparison: 6 and 24 if they are before `asked`, and `asked`."""
+    """Return the hours of the comparison: 6 and 24, if they are less than `asked`; and `asked`."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 
@@ -263,7 +263,7 @@ def nearest_maps(
     step: DriftStep,
     hours: float | int | None = None,
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
-    """Choose the step as [`nearest_step`][] does; return it with maps and distances of the layers.
+    """Choose the step as [`nearest_step`][] does; return it with each layer's map and `Distance`.
 
     Maps are made from the flows in `by`, and drifters move with the flows in `flows`. If cells
     times phases exceed `MOST_CELLS`, no durations are tried, and `None` is returned for the maps.

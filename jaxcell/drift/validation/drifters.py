@@ -171,12 +171,12 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation between two distributions; leaving the map is an outcome, too."""
+    """Compute the total variation of two distributions; off the map counts as one more cell."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 
 def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the larger of two Wasserstein distances: that over columns and that over rows.
+    """Compute the Wasserstein distances over columns and over rows, and return the larger one.
 
     It is a lower bound on the distance over cells, and needs no linear program. Drifters off the
     grid are left out. On a grid that goes round the Earth, distances are measured along the shorter

@@ -1,4 +1,4 @@
-"""The Chapman-Kolmogorov test, which compares steps of a map with drifters on sets of cells."""
+"""The Chapman-Kolmogorov test of a drift map on sets of cells, against simulated drifters."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from ...mapping.sequence import as_sequence
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MarkovTest(Result):
-    """The share of each set's drifters that are in the set later, by a map and by simulation.
+    """The share of each set's drifters that are in it later, as a map predicts and as simulated.
 
     If the drifters are a Markov chain, the `n`-th power of the map predicts the shares after `n`
-    steps (Prinz et al. 2011). A *case* is a set and a time. According to the map, half of the
-    drifters of set 0 are still in it after a step; of four simulated drifters, only one is:
+    steps (Prinz et al. 2011). A *case* is a set and a time. By the map, half of the drifters of
+    set 0 are still in it after a step; of four simulated drifters only one is, which is 0.25 apart:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -67,7 +67,7 @@ class MarkovTest(Result):
         - `seen`: for each time, three items: the number of steps, the cells in which simulated
             drifters began at phase 0, and the cells in which they ended (-1 off the map).
         - `depth`: depth of the cells, in metres.
-        - `first`: the number that set 0 has in the result; the numbers of the other sets follow.
+        - `first`: the number that the result gives to set 0; sets 1, 2, ... get the next numbers.
         """
         steps = as_sequence(chain)
         rows = []

@@ -20,7 +20,7 @@ class Sampling:
     drifters: int = 1_000_000
     "The largest number of drifters."
     least: int = 3
-    "The least number of points per side of a cell; rather than fewer points, fewer cells are used."
+    "The least number of points per side of a cell; if there are too many cells, some have none."
     most: int = 6
     "The largest number of points per side of a cell; doubled if drifters diffuse."
     part: int = 64
@@ -44,7 +44,7 @@ class Replay:
     cell: Int[np.ndarray, "times drifters"]
     "The cell of each drifter at each time; -1 if the drifter has left the grid."
     half: Bool[np.ndarray, "drifters"]
-    "The mask of every second drifter of a cell, for estimates of noise."
+    "True for every second drifter from each cell; the two halves are compared to estimate noise."
 
     @classmethod
     def of(
@@ -62,7 +62,7 @@ class Replay:
         **Arguments:**
 
         - `water`, `flow`: the cells, and the flow of the same layer at all records.
-        - `hours`: the times at which the cells of drifters are wanted, in hours.
+        - `hours`: the times at which to record the cells of the drifters, in hours.
         - `sampling`: the points at which drifters begin.
         """
         times = np.unique(np.asarray(hours, float)) * 3600

@@ -24,7 +24,7 @@ class Layers:
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The index of the shallowest level if it is not in `places`: below its water is bed, not land."
+    "The index of the shallowest level if it is not read; dry squares below its water are sea bed."
     note: str = ""
 
 
@@ -67,7 +67,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """Return the depth of a velocity with a single level, and a phrase that names its source."""
+    """Return the depth of a velocity with a single level, and a phrase that explains this depth."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue

@@ -37,8 +37,8 @@ class Axes:
     def between(self) -> int | None:
         """The axis (-2 for y, -1 for x) along which the velocity is staggered, or `None`.
 
-        A staggered velocity is on the cell faces, between the centres. Along eta_u and xi_v
-        of ROMS a velocity is at the centres, so these dimensions do not count as staggered.
+        A staggered velocity is on the cell faces, between the centres. The dimensions
+        eta_u and xi_v of ROMS run over centres, so they do not count as staggered.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
@@ -113,7 +113,7 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether one of the dimensions is over the nodes or elements of the SCHISM model."""
+    """Return whether one of the dimensions runs over the nodes or elements of a SCHISM grid."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 

@@ -35,7 +35,7 @@ class RecordTimes:
     values: Shaped[np.ndarray, " records"]
     "The time of each record, as datetime64."
     start: cftime.datetime | None = None
-    "The epoch of a non-standard calendar, January 1 of the first record's year; otherwise `None`."
+    "January 1 of the first record's year if the calendar is not standard; otherwise `None`."
     dated: bool = True
     "False if the file gives no date, so that times are counted from 1970-01-01."
     note: str = ""
@@ -113,7 +113,7 @@ def _decoded(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of a non-standard calendar to the standard date as many days after `start`."""
+    """Convert a non-standard date to a standard date, keeping the number of days since `start`."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
@@ -129,8 +129,8 @@ def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.nd
     """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
     A date or time selects the nearest record, which must be within half the median time between
-    records. Of two equally near records the later one is selected, so that a date, which means
-    midnight, selects the daily mean of that day, which is dated at noon.
+    records. Of two equally near records the later one is selected: a date means midnight, and so
+    selects the daily mean that is dated at noon of the same day.
     """
     records = np.arange(len(times.values))
     if when is None:

@@ -17,7 +17,7 @@ _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Convert an MITgcm file to the dimensions of ROMS, and its cell faces to the order of ROMS.
+    """Rename the dimensions of an MITgcm file and order its cell faces as in a file of ROMS.
 
     In a file of MITgcm the first face lies before the first cell centre, in a file of ROMS after
     it. So the first face moves to the end, or is left out if there are more faces than centres.

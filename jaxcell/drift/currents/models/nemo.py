@@ -1,7 +1,7 @@
 """Files of NEMO, whose dimensions do not distinguish cell centres from cell faces.
 
 `u` is on the eastern cell faces and `v` on the northern cell faces, along the axes of a curved
-grid. The dimensions of all points have the same names. Centres are in another file, the mesh.
+grid. The positions of the cell centres are in another file, the mesh.
 """
 
 import dataclasses
@@ -78,9 +78,9 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
 
 
 def _at_levels(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """Select the levels of a mesh variable, along `dim`, that the velocity has along `depth`.
+    """Select the levels of a mesh variable that the velocity has too, and rename `dim` to `depth`.
 
-    If the velocity has no levels, the highest level is selected.
+    If the velocity has no levels (`depth` is `None`), the highest level is selected.
     """
     if depth is None:
         return array.isel({dim: 0}, drop=True)

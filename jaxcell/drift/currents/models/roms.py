@@ -72,8 +72,8 @@ class SLevels:
     def beyond(self, heights: _Levels, wanted: _Cells) -> tuple[_Cells, _Cells]:
         """Compute how far heights are above the highest level or below the lowest level.
 
-        A level is the middle of a layer of water. So in a file with the top layer no height counts
-        as above the levels, and in a file with the bottom layer no height counts as below them.
+        A level is the middle of a layer of water. So if the file has the top layer, no height
+        counts as above the levels; if it has the bottom layer, no height counts as below them.
 
         **Returns:** the distance in metres, 0 or less for a height between the levels; and the
         thickness of the nearest layer, 0 if there is only one level.
@@ -151,7 +151,7 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Read Vtransform or derive it from attributes; return it, and a phrase on its source."""
+    """Read Vtransform, or derive it from attributes; also return a phrase that names its source."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
