@@ -14,10 +14,10 @@ bouncing angle is a turn by `shift` directions. `Motion` has the length of a ste
 collision. Functions: `moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
 
 **Periodic groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes
-through the cells where it bumps. The first-return map to these cells has tens of times fewer cells.
-The groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find
-the groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result
-of `walls` to `wall_groups`. Studies return `BounceGroups`, or `RoomGroups` for random rooms.
+through the cells where it bumps. The first-return map to these cells is tens of times smaller. The
+groups, steps and periods of all cells follow from it. `bounce_groups` and `group_summary` find the
+groups of a map. `grid_groups` computes totals for many grids and angles; it passes the result of
+`walls` to `wall_groups`. Studies result in `BounceGroups`, or `RoomGroups` for random rooms.
 
 **Localization** (section 2.4). A robot may start in any cell. Each observation excludes cells,
 until the number of possible cells stays the same and the filter repeats its states (a *knowledge
@@ -27,19 +27,19 @@ heading is known. A robot that chooses among several angles at each bump is loca
 most maps. `localization_policy` finds the choice with the fewest bumps; the results are
 `LocalizationPolicy` and `AdaptivelyLocalized`.
 
-**A robot that slips** is in a fine cell (`FineCells`): a square, the direction in which the robot
-believes it is heading, and the error of this belief. With random errors the map is a hidden Markov
-model, `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`. `slipping_run`
-drives such a robot until its belief covers few cells. At each bump the robot takes the angle that
-leaves the least expected entropy. The result is `Slipped`. `plan_runs` simulates runs of a plan.
-`slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the probability that a
-robot with this policy has arrived; the result is `SlippedPlan`.
+**A robot that slips.** Its state is a fine cell (`FineCells`): a square, the direction in which the
+robot believes it is heading, and the error of this belief. With random errors the map is a hidden
+Markov model, `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`.
+`slipping_run` drives such a robot until its belief covers few cells. At each bump the robot takes
+the angle that leaves the least expected entropy. The result is `Slipped`. `plan_runs` simulates
+runs of a plan. `slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the
+probability that a robot with this policy has arrived; the result is `SlippedPlan`.
 
-**Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step
-costs `w_1`, and so does a bump with the same angle as the previous bump. A bump with another angle
-costs `w_2`. A plan is a cheapest path in the graph of pairs (cell, last angle). Its graph, a
-`Roadmap`, has only the cells where robots bump and the cells into which they turn, because all
-other cells lie on straight runs. Functions: `plan`, `replay`, `all_plans`.
+**Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step, or
+a bump with the same angle as the previous bump, costs `w_1`; a bump with another angle costs `w_2`.
+A plan is a cheapest path in the graph of pairs (cell, last angle). Its graph, a `Roadmap`, has only
+the cells where robots bump and the cells into which they turn, because all other cells lie on
+straight runs. Functions: `plan`, `replay`, `all_plans`.
 
 **Coverage** (Eq. 3.5 to 3.8, Alg. 3.3). A robot that turns imprecisely is a Markov chain: at a wall
 
@@ -51,8 +51,8 @@ Functions: `noisy_turns`, `noisy_bounce_map`, `coverage_target`, `coverage_polic
 
 **Teams** (Eq. 3.9 to 3.11, Alg. 3.4). All robots step at the same time, and a robot bumps if it
 would meet a wall or another robot. The joint state of `m` robots is a tuple of cells, one of `N^m`.
-A joint trajectory follows the joint map until it repeats a state, and then goes on from the best of
-the `2 m` states in which one robot is turned by one direction. Functions: `team_trajectory`,
+A joint trajectory follows the joint map until it repeats a state, and goes on from the best of the
+`2 m` states with one robot turned by one direction. Functions: `team_trajectory`,
 `team_trajectories`.
 
 Only `bounce_image` works under `jit` and `vmap`. The coverage needs 64-bit numbers:

@@ -27,8 +27,8 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
-    Directions whose steps lead to the same target, from every position, form a class, a *way*. On a
-    grid, 360 directions with steps of one cell form 16 ways.
+    Directions form a class, called a *way*, if from each position their steps have the same end. On
+    a grid, 360 directions with steps of one cell form 16 ways.
     """
 
     target: Int[Array, "ways positions"]
@@ -64,8 +64,7 @@ def bounce_shift(
     """Convert bouncing angles to numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
-    turn; `name` is the name of the angles in errors. **Returns:** numbers from 0 to `directions -
-    1`.
+    turn; `name` names the angles in errors. **Returns:** numbers from 0 to `directions - 1`.
 
     Of eight directions, three make 135 degrees:
 

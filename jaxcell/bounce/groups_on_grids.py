@@ -1,12 +1,12 @@
 """Totals over the periodic groups of many grids and bouncing angles at once, in NumPy.
 
-At every bump a robot turns by the bouncing angle, whatever wall it meets, and after `360 / gcd(360,
-angle)` bumps (in degrees) it has its first heading again. So the headings form independent cycles.
-The *layer* of a heading is the set of squares where robots with this heading bump, its walls. From
-a wall of one layer, a robot runs to a wall of the next layer, and from the last layer to the first.
-So the first-return map of the first layer determines all periodic groups of the cycle. Headings
-with equal steps form a class, a *way*, and have the same layer. So of all cycles with the same
-ways, only one is followed.
+At every bump a robot turns by the bouncing angle. After `360 / gcd(360, angle)` bumps (angle in
+degrees) it has its first heading again, so the headings form independent cycles. The squares where
+robots with one heading bump are the *walls* of this heading, and form its *layer*. A robot runs
+from a wall of each layer to a wall of the next layer in the cycle, and from the last layer to the
+first. Therefore the first-return map of the first layer determines all periodic groups of the
+cycle. Headings with equal steps form a class, called a *way*, and have the same layer. Cycles with
+the same ways have equal totals, so only one of them is followed.
 
 The module `section` lists the same groups one by one. If only totals are needed, this module takes
 0.6 times as long for the rooms of Figure 2.7 (the row `group_study` of the benchmarks), and a third
@@ -45,8 +45,7 @@ def grid_groups(
     **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
     or `[*rooms]` for a single angle.
 
-    In an open room of two rows of three squares, a robot that turns by 180 degrees stays in its row
-    or column:
+    In an open room of 2 x 3 squares, a robot that turns by 180 degrees stays in its row or column:
 
         >>> import math
         >>> import numpy as np
@@ -102,7 +101,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the six fields of `GroupTotals` for each grid and each cycle, a row of ways."""
+    """Compute `GroupTotals` for each grid and cycle; a row of `cycles` lists a cycle's ways."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
@@ -117,7 +116,7 @@ def _measured(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The tables of [`Walls`][], with merged axes.
+    """The tables of [`Walls`][], whose leading axes are merged into one axis of rows.
 
     `behind` has a row for each grid and way (class of directions). The other tables have a row for
     each grid, way before a bump, and way after it.
@@ -140,8 +139,8 @@ def _measure(
 ) -> Int[np.ndarray, "6 cycles"]:
     """Compute the six fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    `grid` contains the grid of each cycle, and `ways` the way of each of its headings. The *place*
-    of a wall in a layer is its number in this layer of all cycles, `cycle * slots + slot`.
+    `grid` contains the grid of each cycle, and `ways` the way of each of its headings. The walls in
+    the same layer of all cycles are numbered by their *place*, `cycle * slots + slot`.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T
@@ -216,12 +215,13 @@ def _leads_by_layer(
     groups: list[tuple[np.ndarray, np.ndarray]],
     lead: Int[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Count the steps and bumps from each wall to its group, from the last layer to the first.
+    """Count the steps and bumps from each wall to its group; the last layer is counted first.
 
     `layer` contains rows of `tables.behind`, and `turn` rows of the other tables. For each layer,
-    `groups` contains the periodic places (numbers of walls) of the next layer, and the number of
-    periodic cells on the run to each. `lead` contains counts for the first layer, which follows the
-    last. Returns new counts for the first layer, and the longest transient of each cycle.
+    `groups` contains the periodic places (numbers of walls) in the next layer, and the number of
+    periodic cells on the run that ends at each place. `lead` contains the counts of the first
+    layer, to which robots run from the last layer. Returns new counts for the first layer, and the
+    longest transient of each cycle.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

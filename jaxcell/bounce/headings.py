@@ -10,8 +10,8 @@ class Headings:
     """The directions that a robot takes at successive bumps, divided into independent cycles.
 
     The directions of one cycle differ by multiples of `cycles`. Directions with equal steps form a
-    class, a *way*. If cycles have the same ways in the same order, they have the same walls and
-    groups, and only the first of them is followed. The directions of this cycle are *leading*.
+    class, called a *way*. If cycles have the same ways in the same order, they have the same walls
+    and groups, and only the first of them is followed. The directions of this cycle are *leading*.
     """
 
     shift: int
@@ -44,8 +44,8 @@ class Headings:
         """Number the groups of all cycles in the order of their smallest cells.
 
         A slot is a wall of a leading direction. `leads` is a mask of the slots that represent
-        groups, and `lowest` has the smallest cell of each group at its slot. A direction has
-        `positions` cells.
+        groups, and `lowest[s]` is the smallest cell of the group that slot `s` represents. A
+        direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -73,7 +73,7 @@ class SpreadGroups:
     """For each group, the slot (a wall of a leading direction; see [`Headings`][]) that represents
     it. Groups that differ only by a turn of all their cells have the same slot."""
     number: Int[np.ndarray, "groups"]
-    """Numbers of groups, cycle by cycle. The cycle of direction `d` begins at `begin[d]`, and slot
-    `s` represents its group `number[begin[d] + place[s]]`."""
+    """Numbers of groups, cycle by cycle, from index `begin[d]` for the cycle of direction `d`. In
+    this cycle, slot `s` represents the group with the number `number[begin[d] + place[s]]`."""
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]

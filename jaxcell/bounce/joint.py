@@ -24,7 +24,7 @@ class JointImage:
     bumped: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that stayed and turned."
     collided: Bool[Array | np.ndarray, "*batch robots"]
-    "A mask of the robots that took part in a collision of two robots."
+    "A mask of the robots that collided with another robot."
     collisions: Int[Array | np.ndarray, "*batch"]
     "Number of pairs of robots that collided."
 
@@ -108,7 +108,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow the orbits of the rows of `states`; the result has the axes `steps, lanes`."""
+    """Follow the orbits of joint states, rows of `states`; the result has axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

@@ -22,8 +22,8 @@ def noisy_bounce_map(
     """Build the generalized map of a robot that turns imprecisely (Alam 2018, section 3.3.3).
 
     The robot moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle
-    with probability `reliability`. Otherwise it turns to another direction that differs by at most
-    `error`; all such directions are equally probable (Alg. 3.3).
+    with probability `reliability`. Otherwise it turns to another direction, at most `error` from
+    the intended one; all such directions are equally probable (Alg. 3.3).
 
     **Arguments:** a cell space; the bouncing angle, counter-clockwise, and the largest error, both
     in radians, as multiples of the angle between two directions; a reliability above 0 and at most
@@ -50,10 +50,9 @@ def noisy_turns(
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
     """List the possible turns at a wall as numbers of directions; the first turn has no error.
 
-    **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
-    each.
+    **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns and their probabilities.
 
-    Of ten turns, eight are to the left, one is a direction farther, and one a direction less:
+    Of ten turns, eight are by 90 degrees, one is by 45 degrees more, and one by 45 degrees less:
 
         >>> import math
         >>> from jaxcell import bounce

@@ -1,8 +1,7 @@
 """The periodic groups of a bouncing robot, found from the cells where it bumps.
 
-Between two bumps a robot runs straight. So every orbit passes through the cells where the robot
-bumps, the *section*. Every other cell leads straight to a cell of the section, after a known number
-of steps.
+Between two bumps a robot runs straight. So every orbit passes through the cells where it bumps, the
+*section*. Every other cell leads straight to a cell of the section, in a known number of steps.
 """
 
 import dataclasses
@@ -47,7 +46,7 @@ class AngleGroups:
     wall: Int[np.ndarray, "slots"]
     "For each slot, the number of its wall in `runs`."
     leader: Int32[np.ndarray, "slots"]
-    "For each slot, the slot that represents the group which is reached from this slot."
+    "For each slot, the slot that represents the group reached from it."
     lead: Int32[np.ndarray, "slots"]
     "Number of steps and bumps from a slot to its group; see [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
@@ -128,7 +127,10 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Build the first-return map of the walls of [`Runs.of_directions`][], padded to `slots`."""
+    """Build the first-return map of listed walls, padded to `slots` entries.
+
+    [`Runs.of_directions`][] lists the walls; `first`, `direction` and `wall` are its results.
+    """
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

@@ -15,7 +15,7 @@ AT_ONCE = 2**20
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Runs:
-    """The ends of all straight runs on grids of one shape, the same for all bouncing angles.
+    """The ends of straight runs on grids of one shape. They do not depend on the bouncing angle.
 
     A *way* is a class of directions with equal steps, as in `jaxcell.space.steps.Steps`. A *wall*
     of a way is a free square where a robot that moves in one of these directions bumps. Walls are
@@ -24,18 +24,16 @@ class Runs:
 
     steps: Steps
     begin: Int[np.ndarray, "_"]
-    """The first wall of each way (class of directions with equal steps); the last entry is the
-    number of all walls."""
+    "The first wall of each way (class of directions); the last entry is the number of walls."
     square: Int[np.ndarray, "walls"]
     behind: Int[np.ndarray, "walls"]
-    "Number of other squares from which the robot runs into each wall."
+    "Number of squares behind each wall, from which the robot runs into it."
     bump: Int[np.ndarray, "bumps"]
     "The squares where a robot bumps in at least one direction, in ascending order."
     place: Int[np.ndarray, "walls"]
     "For each wall, the index in `bump` of its square."
     ahead: Int32[np.ndarray, "ways bumps"]
-    """The wall that a robot in each square of `bump` meets in each way. Walls are counted from the
-    first wall of the way."""
+    "The wall ahead of each square of `bump` in each way, counted from the first wall of the way."
     length: Int32[np.ndarray, "ways bumps"]
     "Number of steps from each square of `bump` to the wall that the robot meets in each way."
 
@@ -82,7 +80,7 @@ class Runs:
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
-        """Yield the free squares, one straight run of a way after another, about a million at once.
+        """Yield the free squares, sorted by the straight runs of a way, about a million at a time.
 
         Each part has the squares, the walls at the ends of their runs, counted from the first wall
         of the way, and the numbers of steps to these walls.
@@ -115,9 +113,9 @@ class Runs:
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Find the walls of one way, a class of directions with equal steps.
 
-    **Returns:** the squares of the walls; the number of other squares from which the robot runs
-    into each wall; the indices that sort the walls along the lines in which the robot runs; and
-    the sorted positions of the walls on these lines.
+    **Returns:** the squares of the walls; the number of squares behind each wall, from which the
+    robot runs into it; the order of the walls along the lines on which robots run, as indices; and
+    the positions of the walls on these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

@@ -52,7 +52,7 @@ class TeamTrajectory(Result):
     collided: Annotated[
         _Flags, quantity("move robot", "whether the robot meets another", kind="flag")
     ]
-    "A mask of the robots that take part in a collision of two robots."
+    "A mask of the robots that collide with another robot."
     collisions: Annotated[
         Int[np.ndarray, "steps"], quantity("move", "pairs of robots that collide", kind="count")
     ]

@@ -15,8 +15,8 @@ class Walls:
     A *way* is a class of directions with equal steps (see [`jaxcell.bounce.Moves`][]). A wall of a
     way is a free square where a step of that way bumps. A robot that bumps at a wall of way `v`,
     and turns to a direction of way `w`, next bumps at a wall of `w`. The *slot* of a wall is its
-    number among the walls of its way. All ways and grids have the same number of slots, and the
-    last slot is never in use.
+    number among the walls of its way. All ways and grids have the same number of slots. Unused
+    slots lead to the last slot, which is never a wall.
     """
 
     way: Int[np.ndarray, "directions"]
@@ -24,7 +24,7 @@ class Walls:
     count: Int32[np.ndarray, "grids ways"]
     "Number of walls of each way, a class of directions with equal steps."
     behind: Int32[np.ndarray, "grids ways slots"]
-    "Number of other squares from which the robot runs into each wall; -1 for no wall."
+    "Number of squares behind each wall, from which the robot runs into it; -1 for no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
     "For each wall of way `v`, `next[:, v, w]` is the slot of the wall of way `w` that follows it."
     length: Int32[np.ndarray, "grids ways ways slots"]
@@ -60,13 +60,12 @@ class Walls:
 def walls(
     free: Bool[np.ndarray, "grids rows columns"], directions: int, *, motion: Motion = CELL_BY_CELL
 ) -> Walls:
-    """Tabulate the walls of grids whose blocked squares are the obstacles.
+    """Tabulate the walls of grids, whose obstacles are the squares that are not free.
 
     **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
     1 m; the number of directions; and a motion. **Returns:** the walls of all grids.
 
-    An open room of two rows of three squares; two of them lie at the East wall and three at the
-    North wall:
+    An open room of two rows of three squares; two lie at the East wall, three at the North wall:
 
         >>> import numpy as np
         >>> from jaxcell import bounce

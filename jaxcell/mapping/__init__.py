@@ -13,8 +13,8 @@ map until the cell is in its group (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.
     the step of z      is the least s >= 0 for which C^s(z) is periodic.
 
 Groups are numbered from 0 in the order of their smallest cells. `periodic_groups` finds them, and
-works under `jit` and `vmap`. On a CPU it visits one cell after another, in one compiled loop
-(Alg. 2.1, time `O(N)`). On an accelerator it doubles the map, `C, C^2, C^4, ...`, which is
+works under `jit` and `vmap`. On a CPU it visits one cell after another in a compiled loop (Alg.
+2.1, time `O(N)`). On an accelerator it squares the map repeatedly, `C, C^2, C^4, ...`, which is
 `O(N log N)` work in `O(log N)` rounds, each over all cells at once.
 
 **Sections.** A *section* is a set of cells that every orbit visits, such as the cells where a robot
@@ -39,7 +39,7 @@ components without exit. `persistent_groups` finds them in time proportional to 
 and `transient_groups` finds the domiciles.
 
 Arrays of JAX stay on their device, such as a GPU. But persistent and transient groups are found on
-the host, and so are the periodic groups of large maps that are in its memory.
+the host, and so are the periodic groups of large maps in the memory of the host.
 
 A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """

@@ -26,7 +26,7 @@ class PersistentGroups:
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups to the first `cells` states, phase 0 of a [`ChainSequence`][]."""
+        """Keep only the first `cells` states: the cells at phase 0 of a [`ChainSequence`][]."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))
@@ -70,8 +70,8 @@ def next_cells(
 ) -> Int[np.ndarray, "cells"]:
     """Return the next cell on a shortest path from each cell to a set of cells.
 
-    The entry of a cell of the set is the total number of cells, and the entry of a cell without a
-    path is negative. `matrix` is a transition matrix without explicit zeros.
+    For a cell of the set, the result is the total number of cells; for a cell without a path, it is
+    negative. `matrix` is a transition matrix without explicit zeros.
     """
     cells = target.size
     goals = np.flatnonzero(target)
@@ -92,8 +92,8 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     other cells are transient. The components are found on the host, in time proportional to the
     number of edges.
 
-    **Arguments:** a chain, or a [`ChainSequence`][]; its groups are those of its period map, but
-    are found in the unrolled chain, which is sparse. **Returns:** the group of each cell.
+    **Arguments:** a chain, or a [`ChainSequence`][]. The groups of a sequence are those of its
+    period map, but are found in its sparse unrolled chain. **Returns:** the group of each cell.
 
     Cells 1 and 2 lead to each other, cell 3 leads to itself, and cell 0 leads to both groups:
 

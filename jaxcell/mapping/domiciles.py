@@ -21,10 +21,10 @@ _CHUNK = 1 << 16
 class TransientGroups:
     """The transient groups of a chain: transient cells with the same domiciles form a group.
 
-    A *domicile* of a transient cell is a persistent group that it can reach, or the sink, written
-    -1, if it can reach the sink. A cell with one domicile is *single-domicile*, in the domain of
-    attraction of that group. A cell with several domiciles is *multiple-domicile*, in the boundary
-    region between their domains of attraction (Alam 2018, Definition 5.4.2).
+    A *domicile* of a transient cell is a persistent group that it can reach. The sink is also a
+    domicile, written -1, if the cell can reach it. A cell with one domicile is *single-domicile*,
+    in the domain of attraction of that group. A cell with several domiciles is *multiple-domicile*,
+    in the boundary region between their domains of attraction (Alam 2018, Definition 5.4.2).
     """
 
     group: Int[Array, "cells"]
@@ -45,7 +45,7 @@ class TransientGroups:
         return np.array([len(domiciles) == 1 for domiciles in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
-        """Restrict the groups to the first `cells` states, phase 0 of a [`ChainSequence`][]."""
+        """Keep only the first `cells` states: the cells at phase 0 of a [`ChainSequence`][]."""
         group = np.asarray(self.group[:cells])
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
@@ -124,11 +124,11 @@ def _outermost(
     seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
     def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find, for each cell, the first of the lists `seeds` to which it leads.
+        """Find the number of the first list in `seeds` to which each cell leads.
 
-        In the graph, edges lead from a node for each list to its cells, and backward along steps. A
-        depth-first search, list after list, numbers strong components as it finishes them. So cells
-        that lead to a list, but to no earlier list, have the numbers just below that of the list.
+        The graph has a node for each list, with edges to its cells, and edges backward along steps.
+        A depth-first search from one list after another numbers strong components as it leaves
+        them. Cells that lead to a list, but to no earlier list, have numbers just below it.
         """
         ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])

@@ -46,7 +46,7 @@ class GroupSummary:
     basin: Int[Array | np.ndarray, "*batch groups"]
     "Number of cells that reach each group, including the cells of the group."
     transient: Int[Array | np.ndarray, "*batch groups"]
-    "Longest transient of each group: the most applications of the map from a cell to the group."
+    "Longest transient of each group, in applications of the map until a cell is in the group."
 
     def totals(self) -> "GroupTotals":
         """Compute statistics over all groups of each map, with NumPy."""
@@ -69,7 +69,7 @@ class GroupTotals:
     count: Int[np.ndarray, "*batch"]
     "Number of periodic groups."
     longest_transient: Int[np.ndarray, "*batch"]
-    "The largest number of applications of the map from a cell to its group."
+    "The largest number of applications of the map until a cell is in its group."
     shortest_period: Int[np.ndarray, "*batch"]
     "The smallest number of cells of a group."
     longest_period: Int[np.ndarray, "*batch"]
@@ -82,7 +82,7 @@ class GroupTotals:
 
 @jax.jit
 def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
-    """Compute [`jaxcell.mapping.periodic_groups`][] on an accelerator, by doubling the map."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] on an accelerator, by repeated squaring."""
     periodic = periodic_cells(image)
     leader, step = follow(image, periodic, jnp.ones_like(image))
     leads = periodic & (leader == jnp.arange(image.shape[0], dtype=image.dtype))
@@ -100,9 +100,9 @@ def periodic_cells(
 ) -> Bool[Any, "cells"]:
     """Find the cells that return to themselves under a map, given as a JAX or NumPy array.
 
-    The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. Then
-    the images are the periodic cells: if `f^m` and `f^2m` have equally many images, `f^m` permutes
-    its images, so each image is periodic, and a periodic cell is always an image.
+    The map is squared repeatedly, `f, f^2, f^4, ...`, until the number of distinct images stops
+    falling. Then the images are the periodic cells: if `f^m` and `f^2m` have equally many images,
+    `f^m` permutes its images, so each image is periodic, and a periodic cell is always an image.
     """
 
     def images(power: Any) -> tuple[Any, Any]:
@@ -154,7 +154,7 @@ def follow(
 
 
 def _repeat(function: Callable[[Any], Any], state: Any) -> Any:
-    """Apply a function to the tuple `state` until its last entry is false, with JAX or NumPy."""
+    """Apply a function of JAX or NumPy to the tuple `state` until its last entry is false."""
     if not isinstance(state[0], np.ndarray):
         return jax.lax.while_loop(lambda state: state[-1], function, state)
     while state[-1]:

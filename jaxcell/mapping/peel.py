@@ -28,8 +28,8 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
 
     It works under `jit` and `vmap`. On a CPU it maps every cell once. If the map is large, and many
     of its cells have no preimage, these cells are removed first, except under `jit`. On an
-    accelerator it doubles the map: the number of rounds is about the binary logarithm of the
-    longest transient or period, and each round is a few gathers.
+    accelerator it squares the map repeatedly, `f, f^2, f^4, ...`: the number of rounds is about the
+    binary logarithm of the longest transient or period, and a round is a few gather operations.
 
     **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
 
@@ -88,7 +88,7 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host by peeling.
 
     Cells without preimages are transient, so they are removed. Then the cells whose preimages were
-    all removed are removed as well, and so on, while many cells can be removed. Few cells of a
+    all removed are removed as well, and so on, as long as many cells can be removed. Few cells of a
     dissipative map remain, and their groups are found as usual.
     """
     dropped, left = _peeled(image)
@@ -115,10 +115,9 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
 
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """Compute the groups of a map after padding it to one of a few lengths.
+    """Compute the groups of a map padded to one of a few lengths, as JAX compiles once per length.
 
-    JAX compiles once per length. The cells of the padding lead to the last cell, which is a group
-    of its own, the last one.
+    The cells of the padding lead to the last cell, which is the last group.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)

@@ -18,7 +18,8 @@ class Section:
     sections share one compiled program; `live` marks the slots in use.
 
     Outside the section the map must be one-to-one: no cell is the image of two cells outside, as on
-    straight runs. Then the slot that the orbit of a cell meets first, and when, identify the cell.
+    straight runs. Then the first slot on the orbit of a cell, and the time until the orbit meets
+    it, identify the cell.
     """
 
     successor: Int[Array | np.ndarray, "*batch slots"]
@@ -51,9 +52,9 @@ class SectionCycles:
     leads: Bool[Array, "*batch slots"]
     "A mask of the leaders."
     lead: Int[Array, "*batch slots"]
-    """Number of applications of the map from each slot to its group. For a slot in its group it is
-    1 minus the duration of the return that ends at the slot, so 0 or negative, because all cells of
-    this return are in the group."""
+    """Number of applications of the map from each slot to its group. If a slot is in its group, all
+    cells of the return that ends at the slot are in the group, too. Then the number is 1 minus the
+    duration of this return, so 0 or negative."""
     period: Int[Array, "*batch slots"]
     "The period of each group, in the entry of its leader."
     lowest: Int[Array, "*batch slots"]

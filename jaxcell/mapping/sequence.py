@@ -70,7 +70,7 @@ class ChainSequence:
         return self.phases, self.cells
 
     def at(self, phase: Int[Array, ""] | int) -> Chain:
-        """Return the chain that acts at a phase, modulo the number of chains."""
+        """Return the chain that acts at a phase, which is taken modulo the number of chains."""
         fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
         return Chain.tree_unflatten(None, fields)
 
@@ -100,7 +100,7 @@ class ChainSequence:
     def pull(
         self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the expected value `steps` steps after each cell at phase 0; 0 for the sink."""
+        """Compute the expected value after `steps` steps from cells at phase 0; the sink has 0."""
         last = steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 

@@ -25,4 +25,4 @@ class SimpleMap:
     image: Int[Array | np.ndarray, "*batch cells"]
     "The image of each cell."
     bumped: Bool[Array | np.ndarray, "*batch cells"]
-    "A mask of the cells from which the robot bumps, observation 1."
+    "A mask of the cells where the robot bumps (observation 1)."

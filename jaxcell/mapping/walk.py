@@ -1,7 +1,7 @@
 """Find periodic groups on a CPU in one walk over the map, cell by cell.
 
 XLA compiles the loop to one function of machine code. Each step reads and writes only a few bytes.
-So that XLA copies no array, a step that has written to an array never reads its old contents.
+XLA would copy an array if a step read its old contents after writing to it, so no step does.
 """
 
 from typing import Any
@@ -53,12 +53,12 @@ def _chains(
     The argument `period` is an array of zeros into which the periods are written. It has an entry
     per cell and one more entry, or a single entry to discard the periods. Returns
 
-    - `chain`: for each cell, 1 plus the first cell of its chain, as 0 marks cells not yet visited;
-        for the first cell of a chain, -1 minus the smallest cell of the group.
+    - `chain`: for each cell, 1 plus the first cell of its chain (0 marks cells that are not yet
+        visited); for the first cell of a chain, -1 minus the smallest cell of the group.
     - `place`: for each cell, its position in its chain; for the first cell of a chain, the number
         of steps to the group.
     - `period`: for the smallest cell of each group, its period; 0 for other cells. The additional
-        last entry is overwritten by each chain that leads to a group found before.
+        last entry has no meaning: chains that lead to a known group write to it.
     """
     cells = image.shape[0]
     zero = jnp.zeros((), jnp.int32)

@@ -28,8 +28,9 @@ so that cells are the same on every platform.
 possible if its end lies in a free square and in `E`, and, if collisions are *swept*, if the whole
 step lies in `E`. If all walls run along edges of squares, the squares that must be free for a step
 are the same for every start, relative to the start: they are its *stencil*. Directions with the
-same stencil form a class, a *way*. Otherwise each wall within reach of a centre is tested. So the
-moves of all cells cost `O(N_E)` per way, or `O(N_S)` per pair of a centre and a wall near it.
+same stencil form a class, called a *way*, and the moves of all cells take a time `O(N_E)` per way.
+If some wall does not run along edges, each wall within reach of a centre is tested instead, in a
+time `O(N_S)` per pair of a centre and a wall near it.
 
 **Sight.** The points that are visible from a point `p` within a range `l` are (Eq. 4.1)
 

@@ -118,7 +118,7 @@ class Box:
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Convert index differences to distances in cells, the shorter way on periodic axes."""
+        """Convert index differences to distances in cells, the shorter way around periodic axes."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
@@ -172,9 +172,9 @@ class Box:
         return xp.stack(along, axis=-1), inside
 
     def wrapped(self, points: Float[Any, "... axes"]) -> Float[Any, "... axes"]:
-        """Shift the coordinates along periodic axes by whole periods into the box.
+        """Shift points into the box, by whole periods along periodic axes.
 
-        Otherwise the coordinates of points that are mapped many times would grow and lose digits.
+        Without this, coordinates of points that are mapped many times would grow and lose digits.
         """
         xp = points.__array_namespace__()
         along = []

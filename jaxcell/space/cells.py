@@ -29,8 +29,7 @@ class CellSpace:
     [`CellSpace.load`][] makes a cell space from a map file, [`CellSpace.of`][] from a map, and
     [`CellSpace.of_grid`][] from a grid.
 
-    A corridor of three squares, with the directions East and West; cell 4 is the middle square,
-    facing West:
+    In a corridor of three squares with two directions, cell 4 is the middle square facing West:
 
         >>> from jaxcell import space
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
@@ -67,7 +66,7 @@ class CellSpace:
 
     @classmethod
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
-        """Divide the free space of a map into cells, whose side is in metres.
+        """Divide the free space of a map into cells with sides of `cell` metres.
 
         **Raises:** `ValueError` if no cell is free, or if there are more than `2**31 - 1` cells;
         `MemoryError` if the squares do not fit in the free memory.
@@ -146,7 +145,7 @@ class CellSpace:
 
     @functools.cached_property
     def gridded(self) -> bool:
-        """True if all walls run along edges of squares, so that `free` determines them."""
+        """True if all walls run along edges of squares, and so `free` determines the walls."""
         if self.workspace is None:
             return True
         return along_grid(self.walls[:, 1:])
@@ -266,7 +265,7 @@ def suggested(
     directions: int | None,
     robot_radius: float | None,
 ) -> tuple[Workspace, float, int]:
-    """Read a map, a side of cells and a number of directions, as given or as the map suggests."""
+    """Read a map; return it with the given or suggested side of a cell and number of directions."""
     workspace = Workspace.load(path)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)

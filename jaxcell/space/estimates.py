@@ -70,7 +70,7 @@ def counts(extent: Extent, motion: Motion) -> float | int:
 
 
 def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
-    """Estimate the bytes of the grid, plus the larger of `tables` and tests for blocked steps."""
+    """Estimate the bytes of the grid, plus `tables` or, if more, the bytes to test steps."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
@@ -88,9 +88,8 @@ def by_direction(extent: Extent, motion: Motion) -> float | int:
 def localization(extent: Extent, motion: Motion) -> float | int:
     """Estimate the bytes of the images of all cells and a localization filter.
 
-    The size of a filter is unknown before its construction. In measurements its number of states
-    per cell increased with the sides of the map. The construction of the filter checks the free
-    memory again.
+    The size of a filter is unknown before its construction, which checks the free memory again. In
+    measurements, filters of maps with longer sides had more states per cell.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
@@ -111,7 +110,7 @@ def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> f
     """Estimate the bytes of the coverage by several noisy bouncing angles, computed one by one.
 
     Persistent cells take the most memory. In measurements, all cells were persistent if bumps led
-    to three of eight directions, and a smaller share, in proportion, if they led to fewer.
+    to three of eight directions, and a proportionally smaller share if they led to fewer.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
@@ -133,7 +132,7 @@ def drift(cells: Sequence[int]) -> float | int:
 
 
 def draws(cells: int, samples: int) -> float | int:
-    """Estimate the bytes of a bootstrap of observed drifters: a number per cell and sample."""
+    """Estimate the bytes of a bootstrap of observed drifters, with a number per cell and sample."""
     return 80 * cells * samples
 
 
@@ -151,11 +150,11 @@ def patrol(extent: Extent) -> float | int:
 def check(
     extent: Extent, need: Need, doing: str, step: float | None, also: str = ""
 ) -> float | int:
-    """Refuse a study that takes more memory than is free, and return the estimated bytes.
+    """Estimate the bytes of a study, and refuse the study if less memory is free.
 
-    `need` estimates the bytes. In the error, `doing` describes the study, and `also` precedes the
-    suggested remedy, such as larger cells that would fit. Their side is at most `step`, the length
-    of a step in metres, unless `step` is `None`.
+    `need` estimates the bytes. In the error, `doing` describes the study, and `also` is a text
+    before the suggested remedy. If the remedy is larger cells, their side is at most `step`, the
+    length of a step in metres (`None` for no limit).
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))

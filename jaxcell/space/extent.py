@@ -33,7 +33,7 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a future cell space; `None` if [`CellSpace.of`][] refuses it."""
+        """Estimate the extent of a cell space; `None` if [`CellSpace.of`][] would not create it."""
         area = workspace.free_space.area
         corner = workspace.boundary.min(axis=0)
         sides = workspace.boundary.max(axis=0) - corner

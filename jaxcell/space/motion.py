@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Find the steps that end in an obstacle; [`meets_wall`][] explains `near` and the results."""
+    """Find the steps that end in an obstacle; `near` and the results are as in [`meets_wall`][]."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)
@@ -60,7 +60,7 @@ RULES: dict[Collision, Rule] = {
 class Motion:
     """The motion of a robot: the length of a step, and the rule by which walls block a step.
 
-    Steps of half a metre of which only the end has to be free, as in the dissertation:
+    Steps of half a metre that have to be free only at their ends, as in the dissertation:
 
         >>> from jaxcell import space
         >>> space.Motion(step=0.5, collision="endpoint").in_cells(0.25)

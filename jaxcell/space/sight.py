@@ -15,8 +15,8 @@ from .workspace import edges, polygons
 
 _CHUNK = 2**20
 AT_CENTRE = 1e-6
-"""The value of `part` in [`visible_cells`][] with which a cell counts as visible if its centre is
-visible. Rays that graze a corner do not count."""
+"""The value of `part` in [`visible_cells`][] for which a cell is visible if its centre is visible,
+unless the ray to the centre grazes a corner."""
 
 
 def visible_cells(
@@ -26,21 +26,19 @@ def visible_cells(
 
     A point is visible if it is no farther than `reach` and the segment to it stays in the closed
     environment. A cell is wholly visible if all points of its square that lie in the environment
-    are visible. A cell that a thin wall divides may be invisible from all cells, even from its own
-    centre.
+    are visible. A cell that a thin wall divides may be invisible from all cells, even from itself.
 
     Sight runs along walls and grazes corners. It does not pass between two obstacles that meet in a
-    point. Shadows of less than 1e-9 of a cell are ignored, and so is the radius of the robot.
+    point. The radius of the robot is ignored, and so are shadows of less than 1e-9 of a cell.
 
-    The result is exact for polygons of any shape. A wall hides a cell if the shadow of the wall
-    overlaps the cell. Two convex polygons do not overlap if their projections onto the normal of
-    some edge do not overlap.
+    The result is exact for polygons of any shape. A wall hides a cell if its shadow overlaps the
+    cell. Overlaps of convex polygons are found from their projections onto the normals of edges.
 
     **Arguments:**
 
     - `reach`: range of sight, in metres; may be infinite.
-    - `part`: side of the square around the centre of a cell that must be visible, in cells, at most
-        1; with `space.sight.AT_CENTRE`, 1e-6, a visible centre is enough.
+    - `part`: the part of a cell that must be visible, given by the side (in cells, at most 1) of a
+        square around its centre; with `space.sight.AT_CENTRE`, 1e-6, a visible centre is enough.
 
     **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`. It takes a
     byte per pair of positions.
@@ -129,7 +127,10 @@ class _Scene:
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
-        """List the parts of all targets: the index of their pair, and corners from the viewer."""
+        """List the convex parts of all targets, with their corners relative to the viewer.
+
+        The first result is the index of the pair (viewer and target) of each part.
+        """
         pair, within = copies(self.first[target + 1] - self.first[target])
         part = self.part[self.first[target][pair] + within]
         return pair, part - self.centre[viewer[pair], None]
@@ -142,7 +143,7 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _pairs_where_all(
     holds: Bool[np.ndarray, "parts"], pair: Int[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Return a mask of the pairs for which `holds` is true in every part; `pair` is sorted."""
+    """Return a mask of the pairs whose parts all hold; `pair` is the pair of each part, sorted."""
     return np.logical_and.reduceat(holds, np.flatnonzero(np.diff(pair, prepend=-1)))
 
 
@@ -200,11 +201,11 @@ def _hidden(
     place: Num[np.ndarray, "places 2"],
     origin: Float[np.ndarray, "viewers 2"],
 ) -> Bool[np.ndarray, "viewers places"]:
-    """Return a mask of the targets whose free part is partly in a shadow.
+    """Return a mask of the targets whose free part overlaps a shadow.
 
-    A shadow lies behind the segment from `a` to `b`, relative to the viewer with index `row` in
-    `viewers`. `target` contains the position at each place (-1 for none). Relative to the viewer,
-    the centre of this position is at `place - origin`.
+    Shadow `i` lies behind the segment from `a[i]` to `b[i]`, relative to the viewer with the index
+    `v = row[i]`. For this viewer, `target[v, j]` is the position at place `j` (-1 for none), and
+    `place[j] - origin[v]` is the centre of this position, relative to the viewer.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):
@@ -232,8 +233,8 @@ def _sides(
 ) -> Iterator[tuple[Float[np.ndarray, "shadows 2"], Float[np.ndarray, "shadows"]]]:
     """Yield the three half planes whose intersection is a shadow.
 
-    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= 1`; `a` is to the left of `b`. The half
-    plane is `normal @ x >= least`, with a unit normal.
+    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= 1`; `a` is to the left of `b`. Each
+    half plane is `normal @ x >= least`, with a unit normal.
     """
     for along, start in ((b, 0.0), (-a, 0.0), (b - a, 1.0)):
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]

@@ -15,7 +15,7 @@ ERRORS = 9
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability, in a particle filter, of an observation that a particle does not predict."
+"Probability that a particle filter gives to an observation that a particle does not predict."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
@@ -70,7 +70,7 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Create a slip with `slip` as `step`, `turn` and `heading`; `others` are other fields."""
+        """Create a slip with `slip` as `step`, `turn` and `heading`; `others` set other fields."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
@@ -197,7 +197,7 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive one straight stretch of length `leg`; the last three arguments are normal errors.
+        """Drive a stretch of length `leg`, with normal errors of its length, heading and chord.
 
         Returns the end of the stretch, the heading at this end, the heading along the chord, the
         distance to a wall on the stretch (or `inf`), and the tangent of the incidence at this wall.

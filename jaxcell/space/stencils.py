@@ -18,7 +18,7 @@ class Stencil:
     """The squares that have to be free for a step from the centre of a square, in each direction.
 
     Relative to the start, these squares are the same for every start. Directions with the same
-    squares form a class, a *way*: with steps of one square, 360 directions have 16 ways. So
+    squares form a class, called a *way*: with steps of one square, 360 directions have 16 ways. So
     everything that depends on walls is computed once per way. Squares are `(row, column)` relative
     to the start.
     """
@@ -72,7 +72,7 @@ def _way(direction: int, directions: int, motion: Motion, grid: tuple[int, int])
 def line_places(
     square: Int[np.ndarray, "*shape"], grid: tuple[int, int], step: tuple[int, int]
 ) -> Int[np.ndarray, "*shape"]:
-    """Number the squares of a grid along the lines on which a robot repeats one step.
+    """Number the squares of a grid along the lines that a robot follows by repeating one step.
 
     The number grows by one from each square to the next square on its line, and the numbers on
     different lines do not overlap. The squares may be in several grids of one shape, counted one

@@ -20,7 +20,7 @@ _BLOCK = 32
 class Steps:
     """The end of one step from each square of several grids of one shape.
 
-    Directions whose steps lead to the same square, from every start, form a class, a *way*. The
+    Directions form a class, called a *way*, if from each square their steps have the same end. The
     squares from which a step is possible are computed for one way at a time, to save memory.
     """
 
@@ -30,14 +30,14 @@ class Steps:
     offset: Int[np.ndarray, "ways 2"]
     "The numbers of rows and columns by which a step of each way (class of directions) moves."
     possible: Callable[[int], Bool[np.ndarray, "grids rows columns"]]
-    """A function of a way (class of directions). It returns a mask of the squares from which a step
-    is possible."""
+    """A function that takes a way (class of directions), and returns a mask of the squares from
+    which a step of this way is possible."""
 
     @classmethod
     def on_grids(
         cls, free: Bool[np.ndarray, "grids rows columns"], directions: int, motion: Motion
     ) -> "Steps":
-        """Build the steps on grids of squares of 1 m whose blocked squares are the obstacles."""
+        """Build the steps on grids of squares of 1 m; squares that are not free are obstacles."""
         rows, columns = free.shape[1:]
         shape = stencil(directions, motion, (rows, columns))
         margin = max(max(map(abs, square)) for way in shape.crossed for square in way)

@@ -9,7 +9,7 @@ BEHIND = math.radians(170.0)
 
 
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
-    """Compute the displacement from the centre of a cell to the centre of the cell after a step.
+    """Compute the displacement from the centre of a cell to that of the cell where a step ends.
 
     **Arguments:** the number of directions, and the side of a cell and the length of a step in
     metres. **Returns:** for each direction, the distance in metres ahead and to the left.

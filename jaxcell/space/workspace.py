@@ -230,7 +230,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
-    """Compute the unit to which vertices are rounded, which is larger than errors of float64."""
+    """Compute the unit to which vertices are rounded; it exceeds rounding errors of float64."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 

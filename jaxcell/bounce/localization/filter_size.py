@@ -18,9 +18,9 @@ def heading_filter_sizes(
     """Count the states of the filter of a robot that knows its heading but not its place.
 
     The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
-    are the sets of cells that are possible after its observations, including the start but not the
-    empty set. They are those of [`jaxcell.automata.subset_construction`][], but are found from bump
-    to bump instead of cell by cell.
+    are the sets of cells that are possible after its observations; the set at the start counts, and
+    the empty set does not. They are those of [`jaxcell.automata.subset_construction`][], but are
+    found from bump to bump instead of cell by cell.
 
     Sets are distinguished by hashes of 64 bits. The probability that two of a million states have
     equal hashes is 3e-8.
@@ -169,7 +169,7 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Hash each set's angle and heading after `bumps` bumps; headings repeat after `order`."""
+    """Hash the angle of each set and its heading, which depends on `bumps` modulo `order`."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 

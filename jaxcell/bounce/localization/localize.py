@@ -26,7 +26,7 @@ def localization_filter(
 ) -> Filter:
     """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, sec. 2.4).
 
-    The I-state graph (information states) of the map is a nondeterministic automaton that may start
+    The I-state graph of the map (I for information) is a nondeterministic automaton that may start
     in any cell. Subset construction makes it deterministic. On a knowledge cycle, which is a cycle
     without exits, the robot is localized. Each cycle has a colour, the output of its states.
 
@@ -34,8 +34,7 @@ def localization_filter(
     observation that cannot occur on the map leads to a trap state (Definition 2.4.6); otherwise it
     is an error (Definition 2.4.5). **Returns:** the filter.
 
-    The laboratory of the dissertation, with the number of states and the uncertainties of its
-    Tables 2.1 and 2.2:
+    The laboratory of the dissertation, with the states and uncertainties of its Tables 2.1 and 2.2:
 
         >>> import math
         >>> from jaxcell import bounce, examples

@@ -3,10 +3,10 @@
 A step moves a robot by whole cells, so its offset within its cell stays the same. Offsets with
 which robots bump in the same cells form a class. For the robots of one class, the map is exact.
 
-To find the classes, lines divide the square of all offsets into faces. From an offset on a line,
-the path of some step bends or ends on an edge of a square, or passes through a corner of a square.
-From all offsets of a face, the paths pass through the same squares, so each class is a union of
-faces. Offsets on lines, such as the centre of a cell, belong to no class.
+To find the classes, lines divide the square of all offsets into faces. On the lines are the offsets
+from which the path of a step passes through a corner of a square, or bends or ends on an edge. From
+all offsets of a face, the paths pass through the same squares, so each class is a union of faces.
+Offsets on lines, such as the centre of a cell, belong to no class.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ class Offsets:
     cells: CellSpace
     motion: Motion
     offset: Float[np.ndarray, "classes 2"]
-    "One offset of each class from the lower left corner of a cell, whose side is 1."
+    "An example for each class: an offset from the lower left corner of a cell with side 1."
     bumped: Bool[np.ndarray, "classes cells"]
     "A mask of the cells where a robot of each class bumps."
 
@@ -147,7 +147,7 @@ class OffsetLocalized(LocalizationFilter):
 
 
 def _lines(path: Float[np.ndarray, "directions corners 2"]) -> list[tuple[float, float, float]]:
-    """List the lines `a x + b y = c` between offsets for which a step passes different squares."""
+    """List the lines `a x + b y = c` that separate offsets with steps through different squares."""
     lines: dict[tuple[float, float, float], None] = {}
     for corners in path:
         for across, up in (-corners % 1).tolist():
@@ -173,7 +173,7 @@ def _lines(path: Float[np.ndarray, "directions corners 2"]) -> list[tuple[float,
 
 
 def _faces(lines: list[tuple[float, float, float]]) -> Float[np.ndarray, "faces 2"]:
-    """Find a point in each face into which lines divide the unit square."""
+    """Find a point in each of the faces into which the lines divide the unit square."""
     cell = shapely.box(0, 0, 1, 1)
     ends = [((a * c - 2 * b, b * c + 2 * a), (a * c + 2 * b, b * c - 2 * a)) for a, b, c in lines]
     cuts = [shapely.intersection(shapely.LineString(one), cell) for one in ends]

@@ -25,9 +25,10 @@ class LocalizationPolicy(States):
     """A policy that localizes a robot by its choice of angles at bumps.
 
     State 0 is the start, and every other state is a bump with a set of possible cells. The possible
-    cells of state `s` are `member[offset[s]:offset[s + 1]]`. The next bump after state `s` may be
-    in state `bump_state[i]`, after `bump_steps[i]` steps, for each `i` from `bump_offset[s]` up to
-    `bump_offset[s + 1]`. If these two bounds are equal, the robot is localized in state `s`.
+    cells of state `s` are `member[offset[s]:offset[s + 1]]`. From state `s`, the next bump leads to
+    state `bump_state[i]`, after `bump_steps[i]` steps, for an `i` in
+    `range(bump_offset[s], bump_offset[s + 1])`. If this range is empty, the robot is localized in
+    state `s`.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot that chooses its angles"
@@ -58,7 +59,7 @@ class LocalizationPolicy(States):
     fixed: Homing
     """A sequence of turns at successive bumps that is the same for all starts and observations. The
     robot bumps once more after the last turn, and is then localized. With the goal `"position"`,
-    the position is known at some bump of the sequence, but may be uncertain again at the last."""
+    the position is known at some bump of the sequence, but perhaps no longer at its end."""
     smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
@@ -170,7 +171,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot with the policy until it is localized.
 
-        At each time, the result contains the state of the policy at the last bump.
+        For each time, the result contains the state of the policy at the most recent bump.
         """
         start = check_cell(start, self.cells.size)
         return drive_until_localized(
@@ -210,10 +211,10 @@ def localization_policy(
     """Find the policy for the angle at each bump that localizes a robot in the fewest bumps.
 
     A robot that knows neither its place nor its heading counts the steps to its first bump. Then it
-    turns at each bump by the angle that the policy chooses for its observations so far. After the
-    next run, only the cells at that distance from a wall remain possible. Runs are straight, so two
-    cells with equal observations never lead to the same cell (all cells of a line are at different
-    distances from its wall). Therefore the bumps that are still needed depend on the set of
+    turns at each bump by the angle that the policy chooses for its observations so far. The length
+    of the next run excludes the possible cells whose next run has another length. Two possible
+    cells never merge into one, because cells from which a robot runs straight to the same wall are
+    at different distances from it. Therefore the bumps that are still needed depend on the set of
     possible cells alone, and a policy is a choice in an AND-OR graph of sets.
 
     **Arguments:**
@@ -222,8 +223,7 @@ def localization_policy(
     - `goal`: the `"cell"`, the `"position"` with any heading, or the `"class"` of cells that no
         choice of these angles distinguishes. If a cell or a position cannot be determined, the
         policy stops once the class is known.
-    - `aim`: minimise the largest number of bumps (`"worst"`), or the mean over all starts
-        (`"mean"`).
+    - `aim`: minimise the largest (`"worst"`) or mean (`"mean"`) number of bumps over all starts.
     - `limit`: the largest number of cells of all searched sets together. If the search reaches the
         limit, it returns the best policy found, which is at least as good as the greedy policy, and
         `least` is only a lower bound.

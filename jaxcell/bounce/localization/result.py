@@ -139,7 +139,7 @@ class RunOnMap(Result):
     cells: CellSpace
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if the robot may be in none of the possible cells, as with a filter of another map."
+    "True if the possible cells may exclude the true cell, as with a filter of another map."
 
     candidate_x, candidate_y, candidate_theta_deg = candidate_poses("run.candidates")
 

@@ -118,13 +118,15 @@ class AllPlans:
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
         """Open a store of plans for these cells. Routes are read when they are needed.
 
-        **Raises:** `FileNotFoundError` if there is no store; `ValueError` if it has no plans, or
-        plans for other cells.
+        **Raises:** `FileNotFoundError` without a store; `ValueError` without plans for these cells.
         """
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
-        """List the goals, the entries that lead to them, and each goal's index in the entries."""
+        """List the goals, by default all cells, and the entries from which robots run to them.
+
+        The last result is, for each goal, the index of its entry among these entries.
+        """
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
@@ -132,7 +134,7 @@ class AllPlans:
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
     def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
-        """Find the routes to `entries` (ascending indices); -1 (no entry) has no routes."""
+        """Find the routes to sorted `entries`; an index -1 stands for no entry, without routes."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)
@@ -160,10 +162,10 @@ def all_plans(
 
     **Arguments:** as for [`jaxcell.bounce.plan`][], and
 
-    - `store`: a folder such as `plans.zarr`, for plans that do not fit into memory. Plans are
-        written to the store as soon as they are found, and read from it. By default plans stay in
-        memory.
-    - `progress`: a function that is called with the numbers of finished and of all entries.
+    - `store`: a folder such as `plans.zarr`, for plans that do not fit in memory. Plans are written
+        to it as soon as they are found, and read from it. By default plans stay in memory.
+    - `progress`: a function that is called with the number of finished entries (cells after a
+        bump) and the number of all entries.
 
     **Returns:** [`AllPlans`][], in memory or in the store.
 

@@ -151,8 +151,8 @@ def plan(
 
     **Returns:** the plan. Its cost is -1 if there is no path, and whole if both costs are whole.
 
-    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a turn takes one
-    bump:
+    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a bump turns the
+    robot around:
 
         >>> import math
         >>> from jaxcell import bounce, examples

@@ -26,9 +26,9 @@ class Roadmap:
     are equally far from it. So a wall and a length identify a cell, and a run follows the line.
 
     The cells that a robot can turn into at a bump are the *entries*. After a bump, a robot reaches
-    a cell only by way of the nearest entry on its line, which is the cell itself or before it. So a
-    plan to the cell is a plan to that entry and a run along the line, and the routes from each wall
-    to each entry determine the routes between all pairs of cells.
+    a cell that is not an entry only through the last entry before it on its line. So a plan to the
+    cell is a plan to that entry and a run along the line, and the routes from each wall to each
+    entry determine the routes between all pairs of cells.
 
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
@@ -126,7 +126,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """For each cell, the index of the last entry on its line up to the cell, or -1."""
+        """For each cell, the index of the last entry at or before it on its line; -1 for none."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -142,7 +142,7 @@ class Roadmap:
 
     @property
     def number(self) -> np.dtype:
-        """The NumPy type of costs: whole numbers if `keep` and `change` are whole."""
+        """The NumPy type of costs, an integer type if `keep` and `change` are whole."""
         if isinstance(self.keep, float) or isinstance(self.change, float):
             return np.dtype(np.float64)
         return np.dtype(np.int32 if _largest_cost(self) < 2**30 else np.int64)
@@ -168,7 +168,7 @@ class Roadmap:
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """List all pairs of a cell and a goal on its run, as a cell and an index into `goals`."""
+        """List all pairs of a cell and a goal that its run meets: cells, and indices in `goals`."""
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column, number = copies(self.place[goals] - first + 1)
         return self.order[first[column] + number], column

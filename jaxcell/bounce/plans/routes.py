@@ -18,7 +18,7 @@ class Routes:
     A route is a path in a graph that has one layer per angle, with all walls in each layer. From
     wall `w` to entry `e` it starts in layer `layer[e, w]`. At a bump in layer `i`, the robot turns
     by angle `turn[e, i, w]`. In the exact search each turn leads to the layer of its angle, so the
-    layer is the last angle. In the layered search a route stays in one layer.
+    layer shows the angle of the last turn. In the layered search a route stays in one layer.
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
@@ -40,12 +40,12 @@ def block_size(roadmap: Roadmap) -> int:
 def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
     """Find the cheapest routes to entries, by value iteration over all walls.
 
-    An index of -1 (no entry) has no routes. An iteration looks one bump ahead from every wall
-    in every layer, so there are as many iterations as the longest plan has bumps.
+    The index -1 stands for no entry, and has no routes. An iteration looks one bump ahead from
+    every wall in every layer, so there are as many iterations as the longest plan has bumps.
 
-    NumPy was measured to be fastest. For all pairs of 384 to 28,000 cells on two cores, the same
-    iterations in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map, and
-    Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
+    NumPy was the fastest in measurements. For all pairs of 384 to 28,000 cells on two cores, the
+    same iterations in JAX take 1 to 3 times as long, after 0.8 s of compilation for each new map,
+    and Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
     """
     bump = _Bump.of(roadmap, entries)
     value, turn = _exact(bump) if roadmap.method == "exact" else _layered(bump)
@@ -88,15 +88,15 @@ def _never(number: np.dtype) -> np.number:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The next walls and the costs of bumps. Goals are the last axis, because this is fastest."""
+    """The next wall after each bump, and the costs of bumps. For speed, goals are the last axis."""
 
     onward: Int[np.ndarray, "angles walls"]
     "The wall of the next bump."
     price: Shaped[np.ndarray, "angles walls 1"]
-    "Cost of a bump that keeps the angle, plus the run to the next wall."
+    "Cost of a bump that keeps the angle, and of the run to the next wall."
     arrival: Shaped[np.ndarray, "angles walls goals"]
-    """Cost of a bump that keeps the angle, plus the run to a goal; `never` if the run misses the
-    goal."""
+    """Cost of a bump that keeps the angle, and of the run to a goal; `never`, the cost of no route,
+    if the run misses the goal."""
     surplus: np.number
     "Additional cost of a bump that changes the angle."
     never: np.number
@@ -124,7 +124,7 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Write the costs of bumps with angle `k` and of the routes after them into `out`.
+        """Write into `out` the total cost of a bump with angle `k` and of the route after it.
 
         `value` contains the costs of the routes from all walls.
         """
@@ -135,7 +135,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the least cost to each goal and the best turn, for each last angle and each wall."""
+    """Find the least cost to each goal and the best turn, for each previous angle and each wall."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 

@@ -24,20 +24,20 @@ _BYTES = 1500
 def bounded_map(
     cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
 ) -> Bounded:
-    """Find the cells where a robot with bounded errors may be, a step after it was in each cell.
+    """For each cell, find the cells where a robot with bounded errors may be one step later.
 
-    The map contains all possible moves. Boxes contain the robot at each time of a step: a bump is
-    possible unless all boxes are free, and certain only if a box lies wholly in a wall. So the
-    robot is always in the set of possible cells if the error of its heading is at most
-    `cells.reach` fine directions.
+    The map contains all possible moves. At each time of a step, a box contains all points where the
+    robot may be. A bump is possible unless all boxes are free, and certain only if a box lies
+    wholly in a wall. So the robot is always in the set of possible cells if the error of its
+    heading is at most `cells.reach` fine directions.
 
     **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; the slip, whose
-    numbers are bounds of the errors; and the length of a step in metres, by default one cell of the
-    map.
+    numbers are bounds of the errors; and the length of a step in metres, by default one cell.
 
-    **Returns:** the set-valued map of a robot that starts at the centre of any cell. For each
-    observation it has three matrices, which are applied in this order: moves along x, which may end
-    in walls; moves along y, which end in free squares; and changes of the heading.
+    **Returns:** the set-valued map. The robot starts at the centre of any cell of the map, and may
+    later be anywhere in its fine cells. For each observation there are three matrices, which are
+    applied in this order: moves along x, which may end in walls; moves along y, which end in free
+    squares; and changes of the heading.
 
     In a corridor of three cells, a robot without errors may go from a point of the first cell to
     the edge of this cell, or to the next cell:
@@ -180,7 +180,7 @@ def _add_moves(
     right: list[np.ndarray],
     up: list[np.ndarray],
 ) -> None:
-    """Add the moves from the squares `possible` of a row of fine cells, which have one heading.
+    """Add the moves from the squares `possible` with one heading, that of a row of fine cells.
 
     A robot may move to any square in `box`, which is relative to its square and is enlarged by
     `half`. A move is divided into a move along x to any square of the grid, which is added to

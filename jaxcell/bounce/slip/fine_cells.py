@@ -24,7 +24,7 @@ SAMPLES = 128
 # Number of squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
-"The default limit on the number of fine cells, for errors of 2 % or more."
+"The default limit on the number of fine cells if the error of a step is 2 % or more."
 # Assumptions of `FineCells.within`: the drift of a heading in standard deviations, the steps during
 # which it drifts, the turn after a bump in radians, and the cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
@@ -63,8 +63,8 @@ class FineCells:
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
         """Divide the cells of a map.
 
-        `squares` is the odd number of fine squares along the side of a cell, and `directions` the
-        number of fine directions per direction of the map.
+        `squares` is the odd number of fine squares across a cell, `directions` the number of fine
+        directions per direction of the map, and `reach` the largest error of a heading.
         """
         if squares < 1 or squares % 2 == 0:
             raise ValueError(f"squares: expected an odd number from 1, got {squares}")
@@ -81,9 +81,9 @@ class FineCells:
         """Choose the fine cells that locate a robot most precisely.
 
         The sizes of squares and of fine directions limit the precision: a belief does not
-        distinguish points of one square, nor the sideways drifts of headings in one fine direction.
-        The fine directions reach as far as the heading is likely to drift, and are no finer than
-        half the error of a turn.
+        distinguish points of one square, nor headings of one fine direction, though these drift
+        apart. The fine directions reach as far as the heading is likely to drift, and are no finer
+        than half the error of a turn.
 
         There are at most `most` cells. The default is 100,000 for errors of 2 % or more, and rises
         to 400,000 for errors of 0.5 % or less. There is at least one fine cell per cell of the map.
@@ -239,10 +239,10 @@ def _spread(
 ) -> float:
     """Choose the share, at most 1, of a fine direction over which samples of headings are spread.
 
-    If headings drift little, but are spread over a whole fine direction, too many of them
-    change to another fine direction. The share is the smallest for which the variance of these
-    changes, in fine directions, is at least the variance of the drift, and at least that of the
-    sideways displacement, in squares, of headings that are uniform in one fine direction.
+    If headings drift little, but are spread over a whole fine direction, too many of them change to
+    another fine direction. The share is the smallest for which the variance of these changes (in
+    fine directions) is not below two others. One is that of the drift. The other is that of the
+    sideways displacement (in squares) of robots whose headings are uniform in one fine direction.
 
     **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
     in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.
@@ -272,7 +272,7 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
 
 
 def most_cells(error: float) -> int:
-    """Choose the limit of the number of fine cells, which is larger for small errors."""
+    """Choose the limit on the number of fine cells, which is larger for small errors of a step."""
     return int(MAX_CELLS * min(max(1.0, 0.02 / max(error, 1e-9)), 4.0))
 
 

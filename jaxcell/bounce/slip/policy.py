@@ -18,10 +18,9 @@ class SlipPolicy:
     """A choice of angles at bumps that brings a slipping robot to a goal."""
 
     choice: Int[np.ndarray, "fine"]
-    "The number of the angle to turn by at a bump in each fine cell."
+    "For each fine cell, the index of the angle to turn by at a bump."
     time: Float[np.ndarray, "fine"]
-    """The least mean number of observations to the goal; `inf` if the robot may fail to reach the
-    goal."""
+    "The least mean number of observations to the goal; `inf` if the robot may fail to reach it."
     certificate: Certificate
     "The largest relative error of `time`, whose values are lower bounds."
 
@@ -80,9 +79,9 @@ def arrival_by(
 ) -> Float[np.ndarray, "_"]:
     """Compute the probability that a robot has reached its goal after each observation.
 
-    **Arguments:** a hidden map; the policy, which is the number of the angle for each cell of the
-    map; a mask of the goal, the distribution of the start, and a number of observations.
-    **Returns:** the probabilities at the start and after each observation.
+    **Arguments:** a hidden map; the policy, as the index of an angle for each cell of the map; a
+    mask of the goal, the distribution of the start, and a number of observations. **Returns:** the
+    probabilities at the start and after each observation.
 
     A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
@@ -118,7 +117,7 @@ class PolicyRobot:
         self._time = np.where(np.isfinite(policy.time), policy.time, _MOST_SWEEPS)
 
     def turn(self, observation: int) -> int | None:
-        """Choose the number of the angle to turn by after an observation; `None` for no turn."""
+        """Choose the index of the angle to turn by after an observation; `None` for no turn."""
         events = range(1, 1 + self._hidden.angles) if observation else [0]
         beliefs = [self._hidden.after(event, self.weight) for event in events]
         best = int(np.argmin([belief @ self._time for belief in beliefs]))

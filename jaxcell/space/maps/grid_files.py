@@ -47,9 +47,9 @@ def parse_ascii(text: str) -> dict[str, Any]:
     #######
     ```
 
-    The first row is at the top. `#`, `X` and `@` are blocked squares, `.` and the space are free
-    squares, and all rows have the same length. Lines above the rows that begin with `;` give `cell`
-    (m; 1 by default), `origin` (x and y of the lower left corner, m), `robot_radius` (m),
+    The first row is at the top. `#`, `X` and `@` are blocked squares, `.` and spaces are free
+    squares, and all rows have the same length. Above the rows, lines that begin with `;` give
+    `cell` (m; 1 by default), `origin` (x and y of the lower left corner, m), `robot_radius` (m),
     `directions` and `name`; lines that begin with `;;` are remarks.
 
     Returns keyword arguments of `Workspace`.
@@ -240,7 +240,7 @@ def _grid_of(
 
 
 def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
-    """Return a mask of the pixels that are free for map_server, with row 0 at the top."""
+    """Return a mask of the pixels that map_server takes as free, with row 0 at the top."""
     pixels, full = _pixels(path)
     channels = pixels.shape[2]
     # The table has an entry per possible sum of the channels, by the arithmetic of map_server.

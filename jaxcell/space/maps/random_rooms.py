@@ -43,8 +43,8 @@ class Placement(NamedTuple):
 def place(seed: int, environment: str, run: int) -> Placement:
     """Put obstacles into the room of Figure 2.7, uniformly over all placements without overlap.
 
-    All environments of Alam 2018, section 2.5.1, have one fixed obstacle at the boundary. At random
-    places they have
+    All environments of Alam 2018, section 2.5.1, have one fixed obstacle at the boundary. The
+    obstacles at random places are
 
     - E1: a square,
     - E2: a square and a rectangle,
@@ -80,8 +80,8 @@ def random_room(
     """Draw the free cells of a room with rectangular obstacles at random places.
 
     The sides of an obstacle are a twentieth to a fifth of the sides of the room, at least one cell.
-    Obstacles may overlap and touch walls. A room is drawn again, at most a thousand times, if its
-    free cells are not connected by their edges. The room depends on the seed and on `number`.
+    Obstacles may overlap and touch walls. A room is drawn again, at most a thousand times, until
+    all free cells are connected through shared edges. The room depends on the seed and on `number`.
     """
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):
