@@ -20,8 +20,8 @@ def bundled(name: str) -> Path:
     """Find a bundled file by its name, or by its path in the data folder.
 
     Examples are `lab_a`, `@lab_a` and `maps/lab_a.json`; `jaxcell maps` lists the names. On the
-    command line and in specifications of sweeps, names begin with `@`. The folder is `data` in a
-    checkout or in an installed package. **Raises:** `FileNotFoundError` for an unknown name.
+    command line and in specifications of sweeps, names begin with `@`. The data folder is `data` in
+    a checkout or in an installed package. **Raises:** `FileNotFoundError` for an unknown name.
 
         >>> from jaxcell import bundled
         >>> bundled("lab_a") == bundled("maps/lab_a.json")

@@ -30,7 +30,7 @@ class Certificate:
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raise `RuntimeError` if `throw` is true and the solver of the problem `what` stalled."""
+        """Raise a `RuntimeError` about `what` if the solver stalled and `throw` is true."""
         if throw and self.outcome is not Outcome.CONVERGED:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "

@@ -30,7 +30,7 @@ def check_connected(
     edges: Int[np.ndarray, "edges 2"],
     expected: str = "graph: expected all vertices connected, but",
 ) -> None:
-    """Raise `ValueError` with a message that begins with `expected` if a graph is not connected."""
+    """Raise `ValueError` if a graph is not connected; the message begins with `expected`."""
     parts = vertices_apart(vertices, edges)
     if parts is None:
         return

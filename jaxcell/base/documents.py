@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 MAX_NUMBER = 1e9
-"""Largest magnitude of a number that is accepted by default, such as a length in metres."""
+"""Largest magnitude of a number, such as a length in metres, that is accepted by default."""
 
 
 def check_file(path: Path, kind: str) -> None:
@@ -39,7 +39,7 @@ def read_text(path: Path) -> str:
 
 
 def decode_json(text: str, kind: str) -> Any:
-    """Decode JSON that contains `kind`, such as `a map`; reject invalid JSON and repeated keys."""
+    """Decode the JSON of `kind`, such as `a map`; reject invalid JSON and repeated keys."""
     try:
         return json.loads(text, object_pairs_hook=_without_repeats)
     except RecursionError:

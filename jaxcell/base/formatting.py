@@ -55,7 +55,7 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
 
 
 def in_time(hours: float) -> str:
-    """Format a time in hours if it is below three days, in days if below ten years, or in years.
+    """Format a time: in hours below three days, in days below ten years, and otherwise in years.
 
     >>> from jaxcell.base.formatting import in_time
     >>> in_time(16.9), in_time(720.0), in_time(200_000.0)

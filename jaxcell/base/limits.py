@@ -1,4 +1,4 @@
-"""Limits of sizes, and choices of options, that several packages share."""
+"""Largest sizes, and names of options, that several packages share."""
 
 from typing import Literal, TypeAlias
 
@@ -7,7 +7,7 @@ MAX_VERTICES = 2_000
 "Largest number of vertices of a graph whose random walks are optimised and analysed."
 
 MAX_CELLS = 5_000
-"Largest number of cells of a patrolled map; above `MAX_VERTICES`, the solver is first-order."
+"Largest number of cells of a patrolled map; a first-order solver is used above `MAX_VERTICES`."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

@@ -81,7 +81,7 @@ def _limits_left() -> list[tuple[int, str]]:
 
 
 def _user_limit() -> Iterator[tuple[int, str]]:
-    """Yield the bytes left of `JAXCELL_MEMORY`, assuming that at least `LIBRARIES` are in use."""
+    """Yield the bytes left under `JAXCELL_MEMORY`, assuming that `LIBRARIES` or more are in use."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0

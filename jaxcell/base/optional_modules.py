@@ -1,4 +1,4 @@
-"""Import optional modules: modules of extras, and modules that a robot's computer may lack."""
+"""Import optional modules, which an extra installs, or which a robot's computer may lack."""
 
 import importlib
 import importlib.util
@@ -30,7 +30,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Return an error that says what needs a module, how to install it, and the `reason`."""
+    """Return an error with the feature that needs a module, how to install it, and the `reason`."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 

@@ -1,4 +1,4 @@
-"""Find files, replace files atomically, compute digests, and name files in results."""
+"""Find files, replace files atomically, compute digests, and shorten file names for results."""
 
 import contextlib
 import glob
@@ -14,7 +14,7 @@ from .bundled import bundled_names
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
-"""Pattern for the start of an OPeNDAP address; a `Path` has one slash instead of `//`."""
+"""Pattern for the start of an OPeNDAP address; one slash is enough, as `Path` shortens `//`."""
 _WILD = re.compile(r"[*?\[]")
 
 
@@ -65,9 +65,9 @@ def digest(path: Path) -> str:
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
-    """Return the name of a file for results, with folders only below the working directory.
+    """Return the name of a file for results, without folders outside the working directory.
 
-    Bundled data have names such as `@lab_a`. Other folders are left out because results may be
+    Bundled data have names such as `@lab_a`. Outer folders are left out because results may be
     shared, and a path may contain the name of a person.
     """
     absolute, here = Path(os.path.abspath(path)), Path.cwd()

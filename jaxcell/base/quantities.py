@@ -1,8 +1,8 @@
 """Quantities describe the numbers of a result: meaning, units, dimensions and kind.
 
-A result is a dataclass. Its fields are annotated with a [`quantity`][]; methods under [`derived`][]
-compute more quantities. These descriptions determine datasets, JSON, tables in the terminal,
-variables of sweeps, and checks of numbers.
+A result is a dataclass. Its fields are annotated with a [`quantity`][]; methods decorated with
+[`derived`][] compute more quantities. These descriptions determine datasets, JSON, tables in the
+terminal, variables of sweeps, and checks of numbers.
 
 Two robots that share a corridor:
 
@@ -61,8 +61,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    """If true, the summary includes the array. With one dimension it is a list; with two it is a
-    column of the table of its first dimension, whose entries are lists without the padding -1."""
+    """If true, the summary includes the array: with one dimension as a list, and with two as a
+    column in the table of the first. Each entry of this column is a list, without padding (-1)."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 
@@ -96,7 +96,7 @@ def quantity(
 
 
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
-    """Decorate a method that computes a quantity from the fields when the quantity is first used.
+    """Decorate a method as a quantity, whose value the method computes once, at the first use.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """
@@ -130,7 +130,7 @@ class Result:
     A field may itself be a result, which is called a part. In the summary, a part is an object. In
     datasets, the names of the part's variables begin with the name of the field, but the names of
     its coordinates do not. A tuple of results, such as the field `layers`, is a list in the
-    summary; in datasets it is a set of variables `layer_...` with a dimension `layer`. If a field
+    summary; in datasets its numbers are variables `layer_...` along a dimension `layer`. If a field
     `cells` is a cell space, datasets have its coordinates.
     """
 
@@ -139,7 +139,7 @@ class Result:
     leading: ClassVar[tuple[str, ...]] = ()
     "Names of the quantities that answer the question of the study; summaries begin with them."
     brief: ClassVar[tuple[str, ...]] = ()
-    "Names of quantities, and dimensions of tables, that a terminal shows; if empty, it shows all."
+    "The quantities, and the dimensions of tables, that a terminal shows; if empty, all of them."
     tables: ClassVar[Mapping[str, str]] = {}
     """Names of the tables in the summary, keyed by the dimension of their quantities. In a table
     `deployment` the column of a quantity `deployment_lon` is named `lon`."""
@@ -202,12 +202,12 @@ class Result:
         return {}
 
     def checks(self) -> "Checks":
-        """Return the checks of this class, in addition to the checks of the kinds of quantities."""
+        """Return the checks of this class; the kind of each quantity determines further checks."""
         return {}
 
 
 def _figures(module: str) -> ModuleType:
-    """Import a module of `jaxcell.record.figures`, which imports this module, only when needed."""
+    """Import a module of `jaxcell.record.figures` on demand, because it imports this module."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 

@@ -30,7 +30,7 @@ def compile_quickly(*flags: str) -> None:
     """Turn off slow optimizations of XLA, for programs that run once or compute little.
 
     This has no effect after the first compilation, or if the environment has `XLA_FLAGS`.
-    `flags` are further flags of XLA, which every version of JAX that jaxcell supports must know.
+    `flags` are further flags of XLA; every version of JAX that jaxcell supports must know them.
     """
     # XLA ends the process for an unknown flag, so newer versions do not get this one.
     if jax.__version_info__ < (0, 11):

@@ -1,11 +1,11 @@
 """Results as labelled datasets, and as recordings for the Rerun viewer.
 
-**Datasets.** `dataset` converts any result of a study to an `xarray.Dataset`, from the descriptions
-of its quantities. `save_dataset` writes a dataset as NetCDF-4. `summary` returns the single numbers
-and tables as JSON. Datasets guarantee:
+**Datasets.** `dataset` converts any result of a study to an `xarray.Dataset`, labelled with the
+descriptions of its quantities. `save_dataset` writes a dataset as NetCDF-4. `summary` returns the
+single numbers and tables as JSON. Datasets guarantee:
 
-- Every dimension has a name, and every variable a `long_name` or `units`: metres, radians (also
-    given in degrees), seconds, or steps.
+- Every dimension has a name, and every variable a `long_name` or `units`. Examples of units are
+    metres, seconds, steps, and radians (also given in degrees).
 - Attributes contain the provenance: the versions of jaxcell, of its source and of JAX, and the
     parameters as JSON in `spec`.
 - The arrays of a dataset agree with each other. Otherwise `dataset` raises `RuntimeError`. The

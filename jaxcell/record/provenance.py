@@ -1,4 +1,4 @@
-"""Coordinates of cells, and attributes with the provenance, for all datasets."""
+"""Coordinates of cells and provenance attributes, for all kinds of datasets."""
 
 import datetime
 import json

@@ -62,7 +62,7 @@ def _start() -> None:
 
 
 def _refusal(host: str, port: int) -> str | None:
-    """Return the reason why no viewer answers at an address, or `None`."""
+    """Return the reason why no viewer answers at an address; `None` if a viewer answers."""
     try:
         socket.create_connection((host, port), timeout=3).close()
     except OSError as error:

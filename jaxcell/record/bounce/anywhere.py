@@ -88,7 +88,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
-    """Log the first robot up to bump `last`, as an arrow that ends at the wall, and its trail."""
+    """Log the first robot up to bump `last`: its trail, and an arrow that ends at the wall."""
     place = np.concatenate([result.trial.start[:1], result.trial.place[0, :last]])
     theta = np.append(result.theta[0, 0], result.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)

@@ -72,7 +72,7 @@ def save_cells(
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the arrays over cells; return how many values violate each check, and the limit 0."""
+    """Write the arrays over cells; return each check's number of violations and its limit, 0."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {

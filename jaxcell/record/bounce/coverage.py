@@ -55,8 +55,8 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 def heat_scale(most: float) -> Scale:
     """Return a logarithmic colour scale for the time in a cell; `most` is the longest time.
 
-    The unit of time is an even share: the time in each cell if the time in all cells is equal. The
-    upper bound of a level is its lower bound times the square root of 2.
+    Times are multiples of an even share, which is the time in a cell if all cells have equal times.
+    Each level of the scale ends at the square root of 2 times its beginning.
     """
     fours = max(1, math.ceil(math.log(max(most, 1), 4)))
     special: dict[str, Color] = {_LITTLE: _PALE, _NONE: FREE}
@@ -65,7 +65,7 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """Return the class of each time in `heat` on a scale; the unit is that of [`heat_scale`][]."""
+    """Convert times, as multiples of an even share, to picture classes of a [`heat_scale`][]."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 

@@ -28,7 +28,7 @@ class Drawing:
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between drawn states, as pairs of states; each pair occurs once."
     whole: bool
-    "`True` if all states are drawn, except perhaps a trap that was not visited."
+    "`True` if all states are drawn; the trap, for impossible observations, only if it was visited."
     cycles_left_out: int
     "The number of cycles in `Filter.cycles` that are not drawn."
 
@@ -36,9 +36,9 @@ class Drawing:
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
     """Place the states of a filter in the plane.
 
-    The knowledge cycles, which a filter never leaves, are loops. The other states are in columns by
-    their number of edges from the start. If a filter has more than 300 states, only some cycles and
-    the last of the `visited` states of a run are drawn.
+    Knowledge cycles, which a filter never leaves, are loops. Column k contains the other states
+    that are k edges away from the start. `visited` lists the states of a run. If a filter has more
+    than 300 states, only some cycles and the last 120 other states of the run are drawn.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)

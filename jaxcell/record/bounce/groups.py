@@ -36,7 +36,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
-    """Log a tab for one bouncing angle; at each time, pictures show the direction in `shown`."""
+    """Log a tab for a bouncing angle; `shown` gives the direction of its pictures at each time."""
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"

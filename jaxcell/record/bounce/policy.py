@@ -89,7 +89,7 @@ def _log_tree(stream: rr.RecordingStream, localized: AdaptivelyLocalized, tree: 
 
 
 def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in one row per bump, and each state above the middle of its successors."""
+    """Place states in one row per bump, with each state above the middle of its successors."""
     graph = nx.DiGraph((above, state) for state, above in tree.items())
     depth = nx.single_source_shortest_path_length(graph, -1)
     # States without successors are side by side, in the order of a walk through the tree.
@@ -115,7 +115,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log a tab with the bumps until localization: for the worst heading, and for each heading."""
+    """Log a tab with the number of bumps until localization, for the worst and for each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

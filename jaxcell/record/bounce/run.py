@@ -64,10 +64,10 @@ def log_localized(
     also: Sequence[str] = (),
     curves: Sequence[rrb.View] = (),
 ) -> rrb.Container:
-    """Log a robot that is localized, the cells where it may be, and curves over its steps.
+    """Log a robot that is localized, the cells where it may be, and curves of their number.
 
-    The curves of possible cells are logged below the entity `path`. The map also shows the entities
-    in `also`. The views in `curves` are to the right of the other curves.
+    These curves are logged below the entity `path`. **Returns:** a map, which also shows the
+    entities in `also`, above the curves; the views in `curves` are on the right of the curves.
     """
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)
@@ -95,7 +95,7 @@ def log_turns(
     turns: Bool[np.ndarray, "times"],
     angles: Sequence[float],
 ) -> None:
-    """Log a label at each step where `turns` is true; `angles` has the angle of each turn."""
+    """Log a label at each step where `turns` is true; `angles` lists these turns in radians."""
     bumps = np.flatnonzero(turns)
     labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
     times, shown = np.arange(turns.size), turns.astype(int)

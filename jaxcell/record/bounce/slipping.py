@@ -14,7 +14,7 @@ from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
 def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
-    """Record a robot that slips and is localized with a belief."""
+    """Record a robot that slips, and the belief that localizes it."""
     cells, last = slipped.cells, slipped.observations.size
     steps = np.arange(last + 1)
     map = CellMap(stream, cells)
@@ -40,7 +40,7 @@ def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
 
 
 def _log_likeliest(map: CellMap, slipped: Slipped) -> None:
-    """Log a frame around the likeliest cell, with its heading."""
+    """Log a frame around the likeliest cell of each step, and an arrow along its heading."""
     stream, cells = map.stream, slipped.cells
     known = np.flatnonzero(slipped.likeliest >= 0)
     where = slipped.likeliest[known]

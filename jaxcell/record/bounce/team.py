@@ -14,7 +14,7 @@ from ..canvas.stream import send_blueprint
 
 _MARK: Color = (0, 0, 0)
 MAX_TIMES, MAX_PICTURES = 20_000, 500
-"""Largest number of times that show robots, and largest number of pictures of visited positions."""
+"""Largest number of times at which robots are shown, and of pictures of visited positions."""
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:

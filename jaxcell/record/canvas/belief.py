@@ -95,5 +95,5 @@ def heat_scale() -> Scale:
 
 
 def heat(belief: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
-    """Return the class of each probability on the scale of [`heat_scale`][]."""
+    """Convert probabilities to picture classes of the [`heat_scale`][]."""
     return heat_scale().levels(belief, {_UNLIKELY: belief < _FAINT})

@@ -73,7 +73,7 @@ def curve_view(
 
     `first` and `last` are the ends of the timeline; `last` is `None` while the recording grows.
     `most` is the largest value of the curves. If it is given, their axis begins at 0. If it is an
-    `int`, the axis is also long enough for the viewer to place ticks only at whole numbers.
+    `int`, the axis reaches at least 10, so that the viewer places ticks only at whole numbers.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

@@ -74,7 +74,7 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return a label's point, `gap` metres below `place`, and the colour behind the label."""
+        """Return the point of a label `gap` metres below `place`, and the map's colour there."""
         at = place - np.array([0, gap])
         # The viewer draws a label below its place.
         under = at - np.array([0, 0.25 * self.cells.cell])
@@ -106,7 +106,7 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log `kind`, the class of each cell; at each time, draw the direction in `shown`."""
+        """Log `kind`, the class of each cell; `shown` gives the direction drawn at each time."""
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
         for timeline, (times, directions) in shown.items():
@@ -128,7 +128,7 @@ class CellMap:
         """Log frames around the squares of cells.
 
         With `times`, the frames change over the timeline `step`: `cells` contains the cells of the
-        first time, then those of the next time, and so on; `lengths` is their number at each time.
+        first time, then those of the next time, and so on; `lengths` has their number at each time.
         `half` is half the side of a frame, by default [`CellMap.frame`][].
         """
         path, centers = f"map/{name}", self.xy(cells)
@@ -227,7 +227,7 @@ class CellMap:
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
         """Divide the map into fine squares, and find the fine squares beyond the walls.
 
-        In a map from an image, a pixel consists of whole fine squares, unless these are too many.
+        If the map is an image, a pixel is split into whole fine squares, unless these are too many.
 
         **Returns:** the side of a fine square in metres, and a picture with 1 beyond the walls.
         """
@@ -241,7 +241,7 @@ class CellMap:
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
-"""For each timeline, its times, and the direction that a picture shows at each time."""
+"""For each timeline, the times and the directions that pictures show at these times."""
 
 
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
@@ -278,7 +278,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture, whose pixels are indices of `classes`, or one picture per time."""
+    """Log a picture, or one picture per time; the pixels are indices of `classes`."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)

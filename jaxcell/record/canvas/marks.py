@@ -23,7 +23,7 @@ LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
 
 
 def points(width: float) -> float:
-    """Convert a width in points of the screen to a radius for Rerun."""
+    """Convert a width in screen points to a radius for Rerun."""
     return float(np.asarray(rr.Radius.ui_points(width)))
 
 
@@ -84,7 +84,7 @@ def log_lines(
     width: float = 1.5,
     order: float = 20.0,
 ) -> None:
-    """Log lines through points; `width` is in points of the screen."""
+    """Log lines; each of `strips` has the corners of a line, and `width` is in screen points."""
     lines = rr.LineStrips2D(list(strips), colors=color, radii=points(width), draw_order=order)
     stream.log(path, lines, static=True)
 
@@ -128,7 +128,7 @@ def log_walker(
 ) -> None:
     """Log a dot that is at `place[t]` in step t, and a line along its last steps.
 
-    `width` is the width of the line, and `rim` the width with its light rim, in screen points.
+    `width` is the width of the line in screen points; `rim` is its width including a light rim.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

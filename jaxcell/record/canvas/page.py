@@ -18,7 +18,7 @@ from .stream import plane
 _SECTION = re.compile(r"\n+(?=## )")
 # Number of lines in a row of a colour bar.
 _STRIPES = 8
-# In points of the screen: the width of a letter, the largest height of a row, and of a legend.
+# In screen points: the width of a letter, the largest height of a row, and of a legend.
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
@@ -41,7 +41,7 @@ def log_tab(
     **Arguments:**
 
     - `path`: the parent entity of the text and the legend; empty for the root.
-    - `views`: the views on the left. Several views form a grid; the legend fills a gap, if any.
+    - `views`: the views on the left. Several form a grid; a free place in it shows the legend.
     - `text`: the text in Markdown; it may be empty if there is a legend.
     - `legend`: the meanings of the colours, or an empty list; or the number of rows of a legend
         that changes over time, which [`log_legends`][] logs.

@@ -97,8 +97,8 @@ def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.nd
 def text_on(ground: Color) -> Color:
     """Choose black or white for a label, so that it is legible in both themes of the viewer.
 
-    Behind a label, the viewer draws a half-transparent box over `ground`, the colour of the picture
-    there. The box is dark in the dark theme, and light in the light theme.
+    Behind a label the viewer draws a half-transparent box, which is dark in the dark theme and
+    light in the light theme. `ground` is the colour of the picture under this box.
     """
     red, green, blue = ground[:3]
     return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
@@ -133,10 +133,10 @@ NOT_FREE = PictureClass("not free", CLEAR)
 """Class 0 in pictures of a map: squares that are not free."""
 
 
-def cycle_color(color: int) -> tuple[str, Color]:
-    """Return the name and the colour of a cycle of a filter; `color` is its number, from 2."""
+def cycle_color(number: int) -> tuple[str, Color]:
+    """Return the name and the colour of a cycle, from its number in `Filter.color`, at least 2."""
     named = list(CATEGORIES.items())
-    return named[(color - 2) % len(named)]
+    return named[(number - 2) % len(named)]
 
 
 RANKED: list[Color] = [
@@ -156,9 +156,9 @@ def _group_classes() -> list[PictureClass]:
 
 
 GROUP_CLASSES = _group_classes()
-"""The classes in pictures of groups. Class 0 means squares that are not free. Each colour of
-[`RANKED`][] has two classes: a class of the cells that lead to a group, and a darker class of the
-cells of the group."""
+"""The classes in pictures of groups. Class 0 means squares that are not free. Then each colour of
+[`RANKED`][] has two classes: the first for cells that lead to a group, and the next, which is
+darker, for cells of the group itself."""
 
 
 def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
@@ -168,5 +168,5 @@ def ranked(rank: Int[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
-    """Return the class of cells that lead to each group; cells on the group have the next class."""
+    """Return the class in [`GROUP_CLASSES`][] for cells that lead to each group, from its rank."""
     return (1 + 2 * ranked(rank)).astype(np.uint8)

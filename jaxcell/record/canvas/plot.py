@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes with titles `about_x` and `about_y`; ticks may be mapped to their labels."""
+        """Log the axes with titles; `x` and `y` list the ticks, or map the ticks to labels."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -83,7 +83,7 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve, which covers wider curves. Values above the chart are at its top edge."""
+        """Log a curve, drawn over wider curves. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)

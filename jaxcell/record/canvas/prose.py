@@ -75,9 +75,9 @@ def described(
 ) -> str:
     """Format a table in Markdown with a column for each quantity in `names`.
 
-    The table of one result has a row per element along the dimension of the quantities; the table
-    of several results of one class has a row per result. A quantity that no result has is left out.
-    `first` maps the heads of further columns, on the left, to their values.
+    For one result, the quantities are arrays of one length, and the table has a row per entry. For
+    several results of one class, it has a row per result. Quantities that are `None` in all results
+    are left out. `first` maps the headings of further columns, on the left, to their values.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])

@@ -44,7 +44,7 @@ def new_stream(kind: str) -> rr.RecordingStream:
     """Create a stream with a new application identifier.
 
     The viewer keeps one blueprint, or layout, per application. If two recordings had the same
-    identifier, the viewer would show the first with the layout of the second, with empty views.
+    identifier, the first would be shown in the layout of the second, and its views would be empty.
     """
     return rr.RecordingStream(f"jaxcell_{kind}_{uuid.uuid4().hex[:8]}")
 
@@ -115,7 +115,7 @@ def send_blueprint(
 
 
 def pace(steps: int) -> float:
-    """Return the speed, from 2 to 30 steps per second, that plays all steps in 20 seconds."""
+    """Return the speed that plays all steps in 20 seconds, limited to 2 to 30 steps per second."""
     return float(np.clip(steps / 20, 2, 30))
 
 

@@ -39,8 +39,8 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Scale values by a power of ten to whole numbers, and return the numbers and the exponent.
 
-    The numbers are exact if at most six decimals suffice. Otherwise they are rounded to the fewest
-    decimals that keep the values different and give the largest value at least five digits. If that
+    The numbers are exact if at most six decimals suffice. Otherwise they are rounded, with the
+    fewest decimals for which all numbers differ and the largest has at least five digits. If that
     is impossible, the exponent is `None`.
     """
     largest = float(np.abs(values).max())

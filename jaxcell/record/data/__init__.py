@@ -1,1 +1,1 @@
-"""Datasets and summaries of results, from the descriptions of their quantities."""
+"""Datasets and summaries of results, labelled with the descriptions of their quantities."""

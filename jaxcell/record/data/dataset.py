@@ -15,12 +15,12 @@ from .summary import cells_of
 
 
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Convert a result to a labelled dataset, from the descriptions of its quantities.
+    """Convert a result to a dataset, labelled with the descriptions of its quantities.
 
     Each quantity becomes a variable with its meaning, units and kind as attributes. If a field is
-    itself a result, the names of its variables begin with the name of the field, except
-    coordinates. Arrays of Python objects are left out. If the result has cells, the dataset has
-    their coordinates: `x` and `y` over `position`, `theta` over `direction`.
+    itself a result, the names of its variables, but not of its coordinates, begin with the name of
+    the field. Arrays of Python objects are left out. If the result has cells, the dataset has their
+    coordinates: `x` and `y` over `position`, `theta` over `direction`.
 
     **Arguments:**
 
@@ -121,7 +121,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
 
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """Combine the single numbers of several results into arrays along the dimension `dim`."""
+    """Combine each single number of several results into an array along the dimension `dim`."""
     rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (

@@ -17,10 +17,10 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
 
     - `number`: the number of the drifter, from 1;
     - `lon`, `lat`, `cell`: the position in degrees, and the index of the cell there;
-    - `purpose`: `reach` if the drifter is dropped to reach the cells of its group, or `view` if to
-        see the sea bed;
-    - `group`, `transient_group`: the persistent or the transient group of the cell; the other
-        column is empty;
+    - `purpose`: `reach` if the drifter is dropped to reach the cells of its group, or `view` if it
+        is dropped to see the sea bed;
+    - `group`, `transient_group`: the group of the cell; the first column is empty if this group is
+        transient, and the second column if it is persistent;
     - `gained`: the number of cells of the group that no earlier drifter reaches.
 
     **Arguments:**

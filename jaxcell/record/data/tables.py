@@ -27,8 +27,8 @@ def tables(
 ) -> Iterator[Table]:
     """Build the tables that a terminal shows for a result and for the results in its fields.
 
-    `heading` is the title of the first table. If `seconds`, the computing time, is given, it is the
-    last row there. `cells` is the cell space of the positions, by default that of the result.
+    `heading` is the title of the first table; its last row is the computing time `seconds`, if
+    given. `cells` is the cell space of the positions, by default that of the result.
     """
     described, below = _brief(result), parts(result)
     for part in below.values():

@@ -13,7 +13,7 @@ _NO_BEACH = "no beach"
 
 
 def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
-    """Log a tab that shows drifters on each beach, and the share ashore by cell of release."""
+    """Log a tab with the drifters on each beach, and the share from each cell that is ashore."""
     row, column = map.water.row, map.water.column
     beached = 100 * map.water.cells * stranded.on_beach[row, column]
     chance = 100 * stranded.chance[row, column]

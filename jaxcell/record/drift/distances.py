@@ -15,7 +15,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log a tab that shows the share of drifters predicted in a wrong place, by cell of release."""
+    """Log a tab with the share of drifters from each cell that the chain puts in wrong areas."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

@@ -55,7 +55,7 @@ def density() -> Scale:
 
 
 def levels(share: np.ndarray) -> np.ndarray:
-    """Return the class of each cell on the scale [`density`][], from its share of all drifters."""
+    """Convert each cell's share of all drifters to a picture class of the scale [`density`][]."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
 

@@ -61,8 +61,8 @@ def on_the_grid(
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
     """Convert positions in degrees, on or off a grid, to columns and rows of the grid.
 
-    The offset from the centre of the nearest square is measured along the axes of the grid, in
-    multiples of the width and height of this square.
+    A position is the column and row of the nearest square, plus the offset from the centre of this
+    square along the axes of the grid, in multiples of its width and height.
 
     **Returns:** the columns and rows, and the index of the nearest square in the flattened grid.
     """

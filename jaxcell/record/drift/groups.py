@@ -164,7 +164,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Describe the period and the time of release; return an empty text if there is no period."""
+    """Describe the period of the currents and the time of release; return "" without a period."""
     if drift.phases is None:
         return ""
     return (

@@ -1,4 +1,4 @@
-"""The maps of a sea, with its land and the sea without data.
+"""Maps of a sea, which also show its land and the parts without data.
 
 Maps are drawn along the axes of the grid, in kilometres, as if all cells had the mean size. So each
 cell is a pixel of a picture even if the grid is rotated; an arrow points north.
@@ -122,7 +122,7 @@ class SeaMap:
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select every n-th cell along rows and columns, with n for about `most` cells in all."""
+        """Select every n-th cell along rows and columns, so that about `most` cells remain."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -182,7 +182,7 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """Length of an arrow, in cells, per unit of speed; the mean length is about 0.9 cells."""
+        """Scale of arrows: length in cells per unit of speed, for a mean length of 0.9 cells."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
@@ -190,7 +190,7 @@ class CurrentMap(SeaMap):
         return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
 
     def log_key(self, spacing: float) -> None:
-        """Log the key of the arrows, which are `spacing` cells apart: an arrow and its speed."""
+        """Log the key: an arrow with its speed. On the map, arrows are `spacing` cells apart."""
         # An arrow of one cell per second, in kilometres per m/s.
         length = self.arrow * spacing / 1000
         margin, width = 0.04 * self.extent, float(self.size[0])

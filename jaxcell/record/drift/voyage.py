@@ -28,7 +28,7 @@ _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 class _Space:
-    """The positions of all cells in space; the distance between layers is not to scale."""
+    """The positions of all cells in three dimensions; the distance of layers is not to scale."""
 
     def __init__(self, surface: CurrentMap) -> None:
         self.surface = surface
@@ -136,7 +136,7 @@ def _log_squares(
 
 
 def _log_value(space: _Space, policy: Voyage) -> Scale:
-    """Log squares of water, and squares coloured by the value function; return the colour scale."""
+    """Log the water, once pale and once coloured by the value function; return the colour scale."""
     drift, value = space.surface.drift, np.asarray(policy.value).copy()
     outside = ~np.asarray(policy.goal)
     # The value in the goal is 0; the goal is shown with the largest value of other cells.

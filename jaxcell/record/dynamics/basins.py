@@ -131,7 +131,7 @@ def _slices(
 
 
 def _cut(basins: Basins, timeline: str = "") -> str:
-    """Describe where the planes of [`_slices`][] cut a box; a timeline `timeline` may move them."""
+    """Describe where the planes of [`_slices`][] cut a box; `timeline`, if any, moves them."""
     if not _deep(basins):
         return ""
     cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
@@ -152,7 +152,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return pictures at indices `thirds` of the third axis; attractor k has number `names[k]`."""
+    """Return pictures at indices `thirds` of the third axis; attractor k is drawn as `names[k]`."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):

@@ -1,4 +1,4 @@
-"""The box of a dynamical system in a recording, as a square plane of its first two axes."""
+"""The box of a dynamical system in a recording, drawn as a square along its first two axes."""
 
 import numpy as np
 import rerun as rr
@@ -16,7 +16,7 @@ SIDE = 10.0
 
 
 def category(number: int) -> Color:
-    """Return the colour of the attractor or set `number`; grey after the last colour."""
+    """Return the colour of the attractor or set `number`; numbers past the last colour are grey."""
     return list(CATEGORIES.values())[number] if number < len(CATEGORIES) else PLAIN
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def color_of(color: Color) -> tuple[float, ...]:
-    """Convert a colour of recordings to a colour of matplotlib."""
+    """Convert a colour with channels from 0 to 255 for matplotlib, where they are from 0 to 1."""
     return tuple(channel / 255 for channel in color)
 
 
@@ -29,15 +29,15 @@ class Drawn:
 
     @property
     def label(self) -> str:
-        """The units, as the label of an axis or a colour bar. The title contains the meaning."""
+        """The label of an axis or colour bar: the units or, without units, a word like `share`."""
         kinds = {"share": "share", "distribution": "share", "count": "number"}
         return self.about.label or kinds.get(self.about.kind, "")
 
     def show(self, ax: "Axes", draw: Callable[[np.ndarray, dict[str, Any]], Any]) -> None:
         """Draw the numbers as colours, and add a colour bar or a legend.
 
-        `draw` is called with an array and with options of matplotlib for its colours. Indices and
-        flags are replaced by ranks of frequency; the legend begins with the most frequent value.
+        `draw` is called with an array and with options of matplotlib that colour it. An index or a
+        flag is replaced by its rank, 0 for the most frequent value, which is first in the legend.
         """
         from matplotlib.colors import ListedColormap
         from matplotlib.patches import Patch

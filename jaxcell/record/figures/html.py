@@ -52,7 +52,7 @@ def _row(tag: str, texts: Iterable[str]) -> str:
 
 
 def _image(result: Result) -> str:
-    """Draw the picture of a result, with a white background for light and dark notebooks."""
+    """Return the picture of a result as HTML; its white background suits dark notebooks too."""
     name = picture(result)
     if name is None or not has_module("matplotlib"):
         return ""

@@ -106,7 +106,7 @@ class _Drawing:
 
 
 def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
-    """Log the share of steps along edges, the share of time at vertices, and patrollers."""
+    """Log walking patrollers, the share of steps per edge, and the share of time per vertex."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     flow, (tails, heads) = _flow(patrol), patrol.graph.edges.T
     weight, share = flow[tails, heads] + flow[heads, tails], flow.sum(axis=1)
@@ -158,7 +158,7 @@ def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
-    """Log the steps since the last visit to each vertex; return the entity of their maximum."""
+    """Log the steps since a visit to each vertex, and a curve of the maximum; return its entity."""
     stream, vertices = drawing.stream, len(drawing.xy)
     # Before the first visit, use the time since the beginning.
     idle, now = np.empty((len(walks), vertices), np.int64), np.zeros(vertices, np.int64)
@@ -224,7 +224,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log the probability of leaving a vertex along each edge, on the half next to the vertex."""
+    """Log the probability of leaving a vertex by each edge, on the edge's half near the vertex."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
     # Both halves of each edge, with a gap in the middle between them.

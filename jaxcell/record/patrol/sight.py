@@ -39,7 +39,7 @@ def log_sight(
 ) -> None:
     """Log the outline of the area that is seen from each cell in `viewers`.
 
-    A timeline has a name and a time for each viewer. Without timelines, the outline is static.
+    Each of `timelines` is a name and the time of each viewer; without any, outlines are static.
     """
     assert patrol.cells.workspace is not None
     outlines = {}

@@ -77,7 +77,7 @@ class RobotRecording:
         - `spec`: the parameters, which the text shows.
 
         **Raises:** `ValueError` if there are no robots, if the name or the viewer is invalid, or if
-        the filter has other cells; `OSError` if the folder does not exist, or no viewer answers.
+        `filter` has more or fewer cells; `OSError` if the folder is missing or no viewer answers.
         """
         path = Path(path)
         if path.suffix != ".rrd":
@@ -146,8 +146,8 @@ class RobotRecording:
         - `fields`: `seconds`, the time of the event; `robot`, the index of the robot, by default 0.
             An observation has `observation`, 0 for a step and 1 for a bump. It may have `estimate`,
             the pose from odometry relative to the start (metres ahead, metres to the left,
-            radians), and `state`, `color` and `uncertainty` of a filter. An end has `result` and
-            `reason`.
+            radians), and the `state` of a filter, with its `color` and with its number of possible
+            cells, `uncertainty`. An end has `result` and `reason`.
         """
         with self._lock:
             robot = self._robots[fields.get("robot", 0)]
@@ -223,7 +223,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of a filter, `None` if observations refute it, and its `size` in cells."""
+        """Log a filter's state, `None` if observations refute the map, and its `size` in cells."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -298,7 +298,7 @@ class RobotRecording:
         return 0.3 if self._map is None else robot_length(self._map)
 
     def _frame(self, robot: Track) -> str:
-        """Return the parent entity of estimates: `map` for a known start, otherwise `odometry`."""
+        """Return the parent entity of estimated poses: `map` for a known start, or `odometry`."""
         known = self._cells is not None and robot.about.start is not None
         return "map" if known else "odometry"
 

@@ -60,8 +60,8 @@ class Track:
     def follow(self) -> tuple[Float[np.ndarray, "poses 4"], Int32[np.ndarray, "poses"]]:
         """Read new entries of the trace.
 
-        **Returns:** the poses to log, with their times, and for each pose the number of the
-        observation that ends its step.
+        **Returns:** the poses to log, with their times, and the number of the observation at the
+        end of each pose's step; a turn belongs to the step before it.
         """
         new = list(self.about.trace[self.read :]) if self.about.trace is not None else []
         self.read += len(new)
@@ -90,7 +90,7 @@ class Track:
     def touched(
         self, times: Float[np.ndarray, "poses"]
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
-        """Find, for each time, the last touch of a wall in the tenth of a second before it, if any.
+        """Find, for each time, the last touch of a wall in the 0.1 seconds before, if any.
 
         **Returns:** the positions of these touches, and 1 for each time with a touch, 0 for others.
         """

@@ -41,13 +41,13 @@ class Axis:
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-        """Return the step of each element of an array with this axis as dimension `place`."""
+        """Return the step of this axis for each array element; the axis is dimension `place`."""
         step = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
         return np.broadcast_to(step, shape)
 
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """List the axes of a sweep: first its parameters, then the indices of members or samples.
+    """List the axes of a sweep: first its parameters, then the indices of list members or samples.
 
     An axis has at most `most` steps. If there are more values, adjacent values share a step.
     """
@@ -63,8 +63,8 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
     """List at most `most` pairs of axes for pictures; the first axis of a pair has more steps.
 
-    Both axes have at least two steps. The index of members or samples is not paired with a
-    parameter along the same dimension. Other pairs with this index come last.
+    Both axes have at least two steps. The index of members or samples is only paired with
+    parameters along other dimensions, and these pairs come last.
     """
     spanned = [
         (a, b)
@@ -79,7 +79,7 @@ def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
 def statistics(
     values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
-    """Compute quantiles of the values in the mask `known` at each step of an axis.
+    """Compute quantiles of the values where `known` is true, at each step of an axis.
 
     The axis is the dimension `place` of the arrays. **Returns:** the steps with known values, the
     `QUANTILES` at these steps, and `True` if each step has only one value.
@@ -96,7 +96,7 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """Compute the mean of the values in the mask `known` at each pair of steps; NaN without values.
+    """Compute the mean of values where `known` is true, at each pair of steps; NaN without values.
 
     The axes of the pair are the dimensions `places` of the arrays.
     """

@@ -49,10 +49,10 @@ def log_sweep(
 ) -> None:
     """Write a Rerun recording of the result of a sweep, in which every parameter is a timeline.
 
-    For each numeric variable, curves show the minimum, the quartiles and the maximum over the
-    members at each value of a parameter, and heat maps show the mean over pairs of parameters. If a
-    parameter has more than 1,000 values, adjacent values share a step of its timeline; with many
-    heat maps this limit is lower.
+    Each member of a sweep is a run with its own parameters. For each numeric variable, curves show
+    minimum, quartiles and maximum over the members at each value of a parameter, and heat maps show
+    the mean over pairs of parameters. If a parameter has more than 1,000 values, adjacent values
+    share a step of its timeline; with many heat maps this limit is lower.
 
     **Arguments:**
 
