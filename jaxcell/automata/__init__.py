@@ -1,17 +1,17 @@
 """Automata that localize a robot. The package does not import JAX, so that it runs on robots.
 
 The *I-state graph* of a simple map has a vertex for each cell and an edge from each cell to its
-image, labelled with the observation, 0 or 1, of a robot on this step. A robot that may be in any
-cell and knows only the observations is a nondeterministic automaton. The states of the equivalent
-deterministic automaton are the sets of cells, *configurations*, that an observation string allows.
+image, labelled with the observation, 0 or 1, of a robot on this step. If the first cell of the
+robot is unknown, the graph is a nondeterministic automaton. A state of the equivalent deterministic
+automaton is a set of cells: the *configurations* that are possible after an observation string.
 
-A *knowledge cycle* is a simple cycle of the deterministic automaton without exits. A *filter*
-colours the automaton: 1 outside the knowledge cycles, and 2, 3, ... in them, one colour per cycle,
-in the order of their smallest states. A robot whose filter is in a knowledge cycle is *localized*.
+A *knowledge cycle* is a simple cycle without exits in the deterministic automaton. A *filter*
+colours the states: 1 outside the knowledge cycles, and 2, 3, ... in them, one colour per cycle, in
+the order of their smallest states. A robot whose filter is in a knowledge cycle is *localized*.
 The *uncertainty* of a state is the number of its configurations.
 
-In a *closed-world* filter an impossible observation is an error. An *open-world* filter has one
-more state for it, the *trap*, with the last colour: in the trap the map is *refuted*.
+In a *closed-world* filter an impossible observation is an error. In an *open-world* filter it leads
+to one more state, the *trap*, with the highest colour: the map is then *refuted*.
 
 **In symbols** (Alam 2018, section 2.4). Let `C` be a simple map of cells `0, ..., N-1`, and `y(z)`
 in `{0, 1}` the observation from `z` to `C(z)` (Definition 2.4.1). The states are sets of cells,

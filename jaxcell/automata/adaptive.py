@@ -31,7 +31,7 @@ class Decisions:
     after: list[dict[int, int]]
     "For each set, the number of the next set after each observation; empty for a settled set."
     roots: list[int]
-    "The numbers of the sets at which the strategy starts, in the order of the argument `roots`."
+    "The numbers of the initial sets, in the order of `roots` in [`adaptive_choice`][]."
     lower: list[int]
     "For each of `roots`, a lower bound on the cost of any strategy."
     upper: list[int]
@@ -63,10 +63,10 @@ def adaptive_choice(
 
     A greedy strategy is computed first. It chooses the input that divides a set best. If no input
     distinguishes two states, it chooses an input after which at least one pair is easier to
-    distinguish. Then all strategies are searched depth first. An input is skipped if it cannot
-    improve the best strategy, because a set costs at least as much as the pair of its states that
-    is hardest to distinguish. A complete search proves the strategy optimal; if `limit` ends the
-    search, `lower` is still a lower bound.
+    distinguish. Then all strategies are searched depth first. A set costs at least as much as the
+    pair of its states that is hardest to distinguish; an input is skipped if, by this bound, it
+    cannot improve the best strategy. A complete search proves the strategy optimal; if `limit` ends
+    the search, `lower` is still a lower bound.
 
     **Arguments:**
 
@@ -200,7 +200,7 @@ class Search:
         return total
 
     def parts(self, number: int) -> list[dict[int, int]]:
-        """Return, for each input to a set, a dictionary from observations to the next sets."""
+        """Return, for each input, a dictionary from observations to the sets after set `number`."""
         known = self.after[number]
         if known is not None:
             return known

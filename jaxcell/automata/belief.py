@@ -26,7 +26,7 @@ class BeliefState:
     weight: Float[np.ndarray, "cells"]
     "The probability of each cell."
     nowhere: float
-    "The probability that the robot is nowhere on the map; it and `weight` sum to 1."
+    "The probability that the robot is nowhere on the map, which is 1 minus the sum of `weight`."
     turn: int | None = None
     "After a bump, the index of the angle by which the robot turns; after a step, `None`."
 
@@ -56,7 +56,7 @@ class Belief:
 
     hidden: HiddenMap
     share: float = 0.95
-    "The minimum total probability of configurations in an estimate, if the robot is on the map."
+    "The minimum total probability of estimated configurations, given that the robot is on the map."
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
@@ -82,7 +82,7 @@ class Belief:
         return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
 
     def estimate(self, state: BeliefState) -> Estimate:
-        """Return the smallest set of configurations with at least the total probability `share`."""
+        """Return the smallest set of configurations whose total probability is at least `share`."""
         return credible(self.hidden.masses(state.weight), self.share, state.nowhere)
 
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
@@ -103,7 +103,7 @@ class Belief:
         return np.stack(smoothed[::-1])
 
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
-        """Find the most probable sequence of cells of a run with Viterbi's algorithm.
+        """Find the most probable sequence of cells in a run, with Viterbi's algorithm.
 
         The argument and the errors are those of [`Belief.smoothed`][].
         """

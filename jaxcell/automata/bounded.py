@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class Bounded:
     """A filter whose state is the set of possible cells, for maps with several images per cell.
 
-    As long as the map allows all steps of the robot, the set contains its cell. An observation may
-    make the set larger, because a cell has several images.
+    If each step of the robot is possible on the map, the set always contains the robot's cell. An
+    observation may make the set larger, because a cell has several images.
 
     A robot in one of three cells in a row moves on or stays, and bumps at the end:
 
@@ -32,9 +32,9 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For each observation, factors whose product is `True` where a robot may move from the cell of
-    the row to that of the column. If a factor has fewer rows than there are cells, each row stands
-    for a block of consecutive cells, which move together."""
+    """For each observation, matrices whose product is `True` at `[i, j]` if a robot may move from
+    cell `i` to cell `j`. If a matrix has fewer rows than there are cells, each row stands for a
+    block of consecutive cells, which move together."""
     configuration: Int[np.ndarray, "cells"]
     "The number of the configuration that contains each cell."
     start_weight: Float[np.ndarray, "cells"]
@@ -57,7 +57,7 @@ class Bounded:
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
+        """Return the possible cells after an observation, 0 or 1; no cells if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
@@ -72,6 +72,6 @@ class Bounded:
         return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
-        """Return the configurations of a set of cells; if it is empty, `nowhere` is 1."""
+        """Return the configurations of the cells; without cells the robot is nowhere on the map."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))

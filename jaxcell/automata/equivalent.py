@@ -10,16 +10,16 @@ def equivalence(
     Two states are *equivalent* if every sequence of inputs gives the same observations from both.
 
     The partition of the states is refined until under each input the images of a class are in one
-    class. First it is refined by repeats of each single input: `i` sorts take up to `2^i` repeats
-    into account, so a long corridor needs few sorts. Then it is refined by all inputs together.
-    Only states with an image whose class has changed are examined again (Hopcroft 1971).
+    class. First each input is repeated alone: `i` sorts of the states compare up to `2^i` repeats,
+    so a long corridor needs few sorts. Then all inputs refine the partition together. Only states
+    with an image whose class has changed are examined again (Hopcroft 1971).
 
     **Arguments:**
 
     - `images`: the state after each input.
     - `observations`: the observation between each state and its image; any sortable values.
 
-    **Returns:** the class of each state, in the order of the smallest states of the classes.
+    **Returns:** the class of each state. Classes are numbered in the order of smallest states.
 
     Four states in a circle: a bell rings in states 0 and 2. States 0 and 2 are equivalent, and so
     are states 1 and 3:
@@ -58,7 +58,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Split the classes `label` where repeats of the one input `image` distinguish two states."""
+    """Split classes `label` where repeats of an input, with images `image`, distinguish states."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -74,10 +74,7 @@ def _along(
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the distinct pairs `(a[i], b[i])` in ascending order, and return the number of each.
-
-    The entries of `b` must not be negative.
-    """
+    """Return the rank of each pair `(a[i], b[i])`, where `b >= 0`, among the distinct pairs."""
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
 

@@ -131,7 +131,7 @@ class Filter:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """Each state's colour: that of its knowledge cycle, 1 if none; the trap has the last."""
+        """Each state's colour: 2, 3, ... in knowledge cycles, 1 elsewhere; highest in the trap."""
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
             color[cycle.states] = cycle.color
@@ -217,7 +217,7 @@ class FilterRun:
     colors: Int32[np.ndarray, "entries"]
     "The colours of the states."
     refuted_at: int | None
-    "The index of the first impossible observation of an open-world filter, or `None`."
+    "The index of the first observation that is impossible on the map; `None` if all are possible."
     localized_at: int | None
     "The index in `states` of the first state in a knowledge cycle, or `None`."
 
@@ -231,11 +231,11 @@ class FilterState:
 
     filter: Filter
     index: int
-    "The number of the state of the filter."
+    "The index of the filter's current state."
     time: int
     "The number of observations so far."
     refuted_at: int | None
-    "The index of the first impossible observation of an open-world filter, or `None`."
+    "The index of the first observation that is impossible on the map; `None` if all are possible."
 
     def observe(self, observation: int) -> "FilterState":
         """Return the state after one more observation, 0 or 1."""
@@ -269,7 +269,7 @@ class FilterState:
 
     @property
     def refuted(self) -> bool:
-        """`True` if the robot cannot be in the map."""
+        """`True` if an observation was impossible, so that the robot cannot be on the map."""
         return self.refuted_at is not None
 
     @property

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Matrix products skip cells of weight 0 if less than this share of the cells has positive weight."
+"The share of cells with positive weight below which matrix products skip the other cells."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
-    """A hidden Markov model: a map with several images per cell, and observations of steps.
+    """A hidden Markov model: a map with several images per cell, and an observation at each move.
 
     A *configuration* is a set of cells that need not be distinguished. Estimates are therefore sets
     of configurations.
@@ -43,7 +43,7 @@ class HiddenMap:
     moves: "scipy.sparse.csr_array"
     "The probability of a step, observation 0, from the cell of a row to the cell of a column."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "For each angle of the turn after a bump, a matrix like `moves` with probabilities of bumps."
+    "The probabilities of bumps, as in `moves`, for each angle by which the robot may turn."
     configuration: Int[np.ndarray, "cells"]
     "The number of the configuration that contains each cell."
     start: Float[np.ndarray, "cells"]
@@ -136,7 +136,7 @@ class HiddenMap:
         return np.asarray(self.bumps[0].sum(axis=1)).ravel()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to a file, and replace an existing file."""
+        """Write the map to a file, replacing any existing file."""
         arrays = {"configuration": self.configuration, "start": _whole(self.start)}
         for name, matrix in zip(_names(self.angles), (self.moves, *self.bumps), strict=True):
             arrays |= {
@@ -172,7 +172,7 @@ class Estimate:
     cells: Int[np.ndarray, "configurations"]
     "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "The probability of each configuration if the robot is on the map; all are equal if unknown."
+    "The probability of each configuration, given that the robot is on the map; equal if unknown."
     nowhere: float
     "The probability, from 0 to 1, that the robot is nowhere on the map."
 

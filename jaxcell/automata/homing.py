@@ -95,7 +95,7 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Apply input `i` to the sets of a family; return the unsettled sets for all observations."""
+    """Apply input `i` to each set of states in `family`; return the unsettled sets that result."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 

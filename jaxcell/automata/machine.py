@@ -37,7 +37,7 @@ class MooreMachine:
     runs: bool = False
     "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
     final: int = 2
-    "The smallest output that says that the robot is localized, or that its plan has ended."
+    "The smallest output of a robot that is localized, or of a plan that has ended."
 
     def __post_init__(self) -> None:
         states = len(self.transition)

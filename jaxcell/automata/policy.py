@@ -84,7 +84,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The `index` of a [`PolicyState`][] whose map is refuted, one above the last state's."""
+        """The `index` of a [`PolicyState`][] whose map is refuted: the number of states."""
         return self.turn.size
 
     @functools.cached_property
@@ -94,7 +94,7 @@ class Policy:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of each state: 1, or 2, 3, ... for the states in which the policy ends."""
+        """The colour of each state: 2, 3, ... for states in which the policy ends, 1 for others."""
         color = np.ones(self.turn.size, np.int32)
         color[self.ends] = 2 + np.arange(self.ends.size)
         return color
@@ -159,7 +159,7 @@ class PolicyState:
     time: int
     "The number of observations so far."
     refuted_at: int | None
-    "The index of the first impossible observation, or `None`."
+    "The index of the first observation that is impossible on the map; `None` if all are possible."
 
     def observe(self, observation: int) -> "PolicyState":
         """Return the state after one more observation, 0 for a step or 1 for a bump."""
@@ -178,7 +178,7 @@ class PolicyState:
 
     @property
     def color(self) -> int:
-        """The colour of the state in [`Policy.color`][]; the largest plus 1 for a refuted map."""
+        """The state's colour in [`Policy.color`][]; one above the largest if the map is refuted."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
@@ -211,7 +211,7 @@ class PolicyState:
 
     @property
     def refuted(self) -> bool:
-        """`True` if the robot cannot be in the map."""
+        """`True` if an observation was impossible, so that the robot cannot be on the map."""
         return self.refuted_at is not None
 
     @property

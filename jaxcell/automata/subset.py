@@ -132,7 +132,7 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"]) -> Automaton:
 
 
 def _add_successors(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
-    """Add the successors of the sets `low` to `high - 1`, a level of the breadth-first search."""
+    """Add the successors of the sets `low` to `high - 1`, one level of a breadth-first search."""
     bounds = np.array(subsets.offsets[low : high + 1])
     cells = subsets.members[bounds[0] : bounds[-1]]
     bounds -= bounds[0]
@@ -196,7 +196,7 @@ def _check_equal(
 ) -> None:
     """Raise an error if an image has the same hash as a different set.
 
-    Rows of `known`: a state with the hash of an image; the image's start and length in `images`.
+    Each row of `known` has a state, and the start and length in `images` of an image with its hash.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

@@ -6,20 +6,21 @@ map, and the images of points inside cells, with noise, a generalized map (Hsu 1
 The analyses of bouncing robots and currents then apply to it.
 
     image of a cell z      the cell of F(centre of z), or a sink: outside of the box, or not finite
-    attractor              the set on which orbits from the periodic groups settle
-    basin of an attractor  the cells that lead to groups from which orbits settle on it
+    periodic group         a set of cells that form a cycle of the simple map
+    attractor              the set on which orbits of F that begin in periodic groups settle
+    basin of an attractor  the cells that lead to the groups whose orbits settle on it
 
 **Maps.** `F` is any function `map(x, params)`; `flow`, `strobe` and `section` build a map from a
-field with Runge-Kutta steps of fixed length: over a time, over a period of a force, or to the next
-crossing of a surface. A flow may follow the centre of each cell until it is several cells away,
-because cells with a slow flow would otherwise be their own images, like equilibria.
+field with Runge-Kutta steps of fixed length: over a given time, over one period of a forcing, or to
+the next crossing of a surface. A flow may follow the centre of each cell until it is several cells
+away, because cells with a slow flow would otherwise be their own images, like equilibria.
 
-**Accuracy.** The centre of a cell stands for the whole cell, which is wrong near attractors and
-saddles: a limit cycle becomes dozens of periodic groups. So attractors are found by following the
-map itself from the groups. Results report three shares that should be small: cells that are their
-own images, images that differ with steps of half the length, and cells that lead to a saddle. A map
-that preserves volumes has groups and no attractors: results then report that orbits had not
-settled, or that most cells are periodic.
+**Accuracy.** The centre of a cell stands for the whole cell, which is too inaccurate near
+attractors and saddles: a limit cycle becomes dozens of periodic groups. So attractors are found by
+following orbits of the map itself from the groups. Results report three shares that should be
+small: cells that are their own images, images that differ with steps of half the length, and cells
+that lead to a saddle. A map that preserves volumes has groups but no attractors: results then
+report that orbits had not settled, or that most cells are periodic.
 
 `images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box.
 `refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find

@@ -76,12 +76,12 @@ def attractors(
     A limit cycle or a chaotic attractor becomes many periodic groups, and a saddle becomes a group
     that attracts no orbits. So orbits of the map itself, not of the map of cells, start in a few
     cells of each group, and are followed until doubling the number of mappings does not change the
-    attractors found. Orbits that approach each other within half a cell are on one attractor. (The
-    second stage of Hsu 1987 is a generalized map of cells near the groups. With small steps, it
-    would spread over the whole neighbourhood of an attractor.) Orbits from random points find
-    attractors that are too small for the cells, and estimate the share of starts that lead to each
-    attractor. If there are more than 8,192 groups, orbits start only in the groups with the largest
-    basins. From each other group, one orbit is followed until it visits cells of a known attractor.
+    attractors found. Orbits that approach each other within half a cell are on one attractor.
+    Orbits from random points find attractors that are too small for the cells, and estimate the
+    share of starts that lead to each attractor. If there are more than 8,192 groups, orbits start
+    only in the groups with the largest basins. From each other group, one orbit is followed until
+    it visits cells of a known attractor. (Hsu 1987 instead computes a generalized map of the cells
+    near the groups; with short mappings, it would spread over the neighbourhood of an attractor.)
 
     `members` are the parameters of several maps, whose orbits are computed in one batch. The
     `groups` of each member end with the two sinks. `scattered` orbits start at random points. An
@@ -113,7 +113,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Return the period of an orbit in points, or 0 if it does not repeat to 1e-3 of a cell."""
+    """Count the points in one period of an orbit; 0 if it does not repeat to within 1e-3 cells."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -176,9 +176,10 @@ def _of_orbits(
     starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
-    """Build the result from orbits, each of which ends on the attractor `end`, or on none (-1).
+    """Build the result from orbits; `end` is the attractor that each orbit reaches, or -1 for none.
 
-    The first orbits start in the groups listed in `begun`, the others at random points, `starts`.
+    The first orbits start in the groups `begun`, and the others at the random points `starts`. The
+    argument `settled` is `True` if longer orbits reach the same attractors.
     """
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.

@@ -43,13 +43,13 @@ class Basins(OnBox):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "The group that each cell leads to; groups are in order of lowest cells, the two sinks last."
+    "The group that each cell leads to. Groups are ordered by lowest cell, with the two sinks last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
     ]
     group_period: Int[np.ndarray, "groups"]
-    "Number of cells of each group, without the groups of the sinks."
+    "Number of cells in each group; there are no entries for the two sinks."
     several: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("cell", "whether its group leads to several attractors, as a saddle", kind="flag"),
@@ -78,18 +78,18 @@ class Basins(OnBox):
     torn: tuple[int, ...] = ()
     "The periodic axes at whose lower and upper ends the map has different values."
     duration: float | None = None
-    "The duration of each mapping; `None` if it differs between cells, or if the map has no time."
+    "The duration of each mapping; `None` if it differs between cells, or if it is not defined."
     time: Annotated[
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Time outside the box does not count. The value is `None` if all mappings take equally long."
+    "The time inside the box from each cell to its group; `None` if only `step` was computed."
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point counts as lost."
     map: Map | None = None
-    "The map, with which `trial` tests finer cells and orbits; `None` if there is no such test."
+    "The map, kept because `trial` needs it; `None` for basins by orbits, or of several maps."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
@@ -148,7 +148,7 @@ class Basins(OnBox):
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
-        """Time until each cell is on its attractor, in mappings if mappings have no duration."""
+        """Time from each cell to its group or attractor; in mappings if these have no duration."""
         return self.step * (self.duration or 1.0) if self.time is None else self.time
 
     def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
@@ -181,7 +181,7 @@ class Basins(OnBox):
 
     @functools.cached_property
     def trial(self) -> Trial | None:
-        """A test of remedies if over 5 % of random starts contradict their cells, else `None`."""
+        """A test whether finer cells or orbits reduce a `disagreement` above 5 %; else `None`."""
         if self.map is None or self.disagreement <= DOUBTFUL:
             return None
         return tried(self.map, self)

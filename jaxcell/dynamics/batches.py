@@ -57,9 +57,9 @@ def in_stages(
 ) -> tuple[np.ndarray, ...]:
     """Advance the rows of a batch in stages, and after each stage drop the rows that have ended.
 
-    `stage(state, k)` advances the rows in stage `k`; the state is a tuple of arrays over the rows.
-    It returns the new state, a mask of the rows that have ended, and a tuple of arrays with the
-    results of these rows. Returns the results of all rows.
+    `stage(state, k)` advances the rows in stage `k`, where the state is a tuple of arrays over the
+    rows, and returns the new state, a mask of the rows that have ended, and a tuple of arrays with
+    their results. **Returns:** the results of all rows.
     """
     left, results = np.arange(len(state[0])), None
     for k in itertools.count():

@@ -29,8 +29,8 @@ def chain(
 
     Each cell is mapped from `samples` of its points (Hsu 1981, Ulam's method), and normal noise is
     added to each image. The points of a cell are an additive recurrence from a random start, which
-    spreads them evenly: the error decreases with about the power -0.6 of their number, instead of
-    the power -0.5 of random points. Images outside the box go to the sink of the chain.
+    spreads them evenly: the error of `n` points decreases roughly as `n**-0.6`, instead of
+    `n**-0.5` for random points. Images outside the box go to the sink of the chain.
 
     Few samples, or few nodes of the quadrature over the noise, cause large errors in the
     probabilities of rare events. So `chain.half` is a second chain with half as many samples and

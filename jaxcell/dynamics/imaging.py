@@ -30,8 +30,8 @@ def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np
     - `map`: a [`Map`][jaxcell.dynamics.Map].
     - `box`: the cells.
     - `params`: the parameters of the map, its second argument.
-    - `follow`: number of further mappings of an image outside the box before it counts as lost,
-        because transients and attractors may leave the box and return.
+    - `follow`: number of further mappings after which an image outside the box counts as lost.
+        Transients and attractors may leave the box and return.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
@@ -102,7 +102,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Raise `ValueError` if a map, or the field of a flow, is finite at none of 64 points."""
+    """Raise `ValueError` if a map, or the field of a flow, has no finite value at 64 points."""
     begin = getattr(map, "velocity", map)
     begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
@@ -224,7 +224,10 @@ def _images_by_crossing(
 def _cross(
     map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Move each point at most `steps` steps, until it is `map.crossing` cells from its cell."""
+    """Move points up to `steps` steps, until they leave the box or are `map.crossing` cells away.
+
+    The orbits began in `cells`, and `taken` counts the steps of each orbit so far.
+    """
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -244,7 +247,7 @@ def _cross(
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
-    """Check whether the point `y` is outside the box, or `map.crossing` cells from `here`."""
+    """Check whether point `y` is outside the box, or at least `map.crossing` cells from `here`."""
     there, inside = box.places(jnp.stack([*y]))
     apart = box.apart(there - here)
     return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)

@@ -19,7 +19,7 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 
 @runtime_checkable
 class Map(Protocol):
-    """A map of a space to itself: the next point, `map(x, params)`.
+    """A map from a space to itself: `map(x, params)` is the point that follows `x`.
 
     Any hashable function that JAX can trace is a map, for example a function at the top level of a
     module. For stiff fields, use a solver of diffrax with adaptive steps:
@@ -46,7 +46,7 @@ class Flow:
     steps: int
     "Number of Runge-Kutta steps per mapping; the largest number if `crossing` is not 0."
     crossing: int = 0
-    "Number of cells that an orbit crosses before it ends, or 0 if it ends after `steps` steps."
+    "Distance from a cell to its image, in cells; 0 if each mapping takes exactly `steps` steps."
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)
@@ -192,7 +192,7 @@ def flow(
 
 
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
-    """Build the map of a forced field over one period of the force, from phase 0.
+    """Build the map of a periodically forced field over one period of the forcing, from phase 0.
 
     **Arguments:** the velocity, `field(t, x, params)`, the period, and the number of Runge-Kutta
     steps in a period. **Returns:** a map for all functions of this package.

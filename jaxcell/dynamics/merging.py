@@ -43,7 +43,7 @@ def _linked(
 ) -> Int[np.ndarray, "orbits"]:
     """Label orbits so that those that visit the same part of a cell have the same label.
 
-    A cell has `parts` parts along each axis; adjacent ones overlap by half. `place` is in cells.
+    Parts are `1 / parts` of a cell wide and overlap by half; `place` is in units of cells.
     """
     orbits = len(place)
     bits = orbits.bit_length()
@@ -72,7 +72,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """Return the orbit of each visit to half a part of a cell, and the half's index per axis."""
+    """List visits to halves of parts (see `_linked`): orbits, and the halves' indices per axis."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

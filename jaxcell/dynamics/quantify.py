@@ -43,9 +43,9 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
 
     **Arguments:** basins. **Returns:** the distance for each attractor.
 
-    An exact Euclidean distance transform between centres is used, so the result is accurate to a
-    cell. Cells beyond the ends of an axis count only if the axis is periodic. The distance is `inf`
-    for a single basin.
+    An exact Euclidean distance transform between centres is used, so the result is accurate to
+    within one cell. Cells beyond the ends of an axis count only if the axis is periodic. The
+    distance is `inf` if all cells are in one basin.
 
         >>> from jaxcell import dynamics, examples
         >>> dynamics.minimal_critical_shock(examples.basins()).round(3).tolist()
@@ -118,7 +118,7 @@ def uncertainty_exponent(
 
 
 def wada(basins: Basins, radius: float = 3.0) -> float:
-    """Return the largest share of a basin boundary that is far from another; 0 for Wada basins.
+    """Return the largest share of a basin's boundary that is far from another's; 0 for Wada basins.
 
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.

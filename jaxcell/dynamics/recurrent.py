@@ -22,7 +22,7 @@ def grid_images(
 ) -> Iterator[Float[np.ndarray, "part points axes"]]:
     """Map a grid of points in each cell, and yield arrays with the images of `part` cells.
 
-    The grid has `samples` points along each axis of a cell, from face to face."""
+    The grid has `samples` points along each axis of a cell, including both faces."""
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=width.size))) * width
     for k in range(0, len(centres), part):
@@ -39,10 +39,10 @@ def unstable_set(
     an attractor that is the closure of these manifolds.
 
     **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
-    points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in
+    points of a cell along each axis, including both faces, at least 2. **Returns:** the cells in
     ascending order, including the cells of the starting points.
 
-    A map that doubles its point:
+    A map that doubles its argument:
 
         >>> from jaxcell import dynamics, space
         >>> box = space.Box([0], [8], cells=[8])

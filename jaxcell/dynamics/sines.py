@@ -44,7 +44,7 @@ def without_polynomials(traced: ClosedJaxpr) -> ClosedJaxpr:
 
 
 def _changed(traced: ClosedJaxpr, change: Callable[[JaxprEqn], JaxprEqn | None]) -> ClosedJaxpr:
-    """Replace operations of a program and its inner programs where `change` returns a new one."""
+    """Replace each operation, also in inner programs, for which `change` returns another one."""
     steps = []
     for step in traced.jaxpr.eqns:
         changed = change(step)

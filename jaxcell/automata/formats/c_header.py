@@ -29,18 +29,18 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"C template of all headers: the end of the first comment, and macros that read tables from flash."
+"C template for all headers: the end of their first comment, and macros to read tables from flash."
 
 USE = """\
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
 """
-"C template of all headers: the example of use in the first comment."
+"C template for all headers: the usage example in their first comment."
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Return the template of a C table of integers; `bits`, by default a field, is their width."""
+    """Return the template of a C table; `fill` inserts `entries` and, by default, their width."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"

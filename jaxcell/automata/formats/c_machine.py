@@ -98,7 +98,7 @@ def fewest_bytes(
     """Find the machine with the smallest tables in C, which may read observations or runs of steps.
 
     **Arguments:** `source` and `output` as in [`MooreMachine.of`][], and `seconds` and `say` as in
-    [`smallest`][], for each search. A closed-world filter needs two: for observations and for runs.
+    [`smallest`][]. A closed-world filter takes two such searches, for observations and for runs.
 
     **Returns:** the search that found the smaller tables; for equal sizes, the search for a machine
     that reads observations.

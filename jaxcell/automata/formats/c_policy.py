@@ -29,7 +29,7 @@ typedef struct {
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
-"C template: the type of the state of a policy or a machine that reads runs, and its constants."
+"C template: the state type and constants of a policy, or of a machine that reads runs of steps."
 
 RUN_TABLES = (
     "/* The start of the next bumps of each state in the two tables after this. */\n"
@@ -37,7 +37,7 @@ RUN_TABLES = (
     + table("steps", size="$bumps")
     + table("target", size="$bumps", bits="${at_bits}")
 )
-"C template: the tables of the runs of steps that may follow each state, and of the next states."
+"C template: tables of the possible runs of steps after each state, and of the states after them."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {

@@ -52,9 +52,9 @@ def to_json(filter: Filter | MooreMachine) -> str:
     The fields of a filter are `transition` (for each state, the states after 0 and 1, or -1),
     `color`, `uncertainty`, `open_world`, `trap` (a state, or null), `metadata` and `cycles`. Each
     cycle has `color`, `uncertainty`, `word`, `states` and `cells`, the configurations of each of
-    its states. Those of states outside cycles are omitted because they may be too many. The fields
-    of a machine are `transition` (for each state, the state after each symbol, or -1), `color`,
-    `runs` and `final`.
+    its states. Configurations of states outside cycles are omitted because there may be too many.
+    The fields of a machine are `transition` (for each state, the state after each symbol, or -1),
+    `color`, `runs` and `final`.
 
     **Arguments:** a filter or a machine. **Returns:** the text.
 

@@ -7,7 +7,7 @@ from ...base.memory import check
 def incompatible_pairs(
     transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
 ) -> Bool[np.ndarray, "states states"]:
-    """Find the pairs of states that some string, possible from both, distinguishes by its outputs.
+    """Find pairs of states that give different outputs on some string that is possible from both.
 
     Two states are incompatible if their outputs differ, or if their successors after some symbol
     are incompatible. `transition` is -1 for an impossible symbol.

@@ -22,11 +22,11 @@ def closed_classes(
 ) -> Iterator[Classes | bool | None]:
     """Find `count` classes that form a closed cover of the states, with a SAT solver.
 
-    Each state is in a class, no class contains two incompatible states, and for each class and
-    symbol the successors are in one class. Without loss of generality state `i` of the clique is in
-    class `i`, because no two states of a clique can be in one class. Clauses about a pair of
-    states, and about the successors of a class after a symbol, are added only when a solution
-    violates them (Zhang and Shell 2020).
+    Each state is in a class, no class contains two incompatible states, and the cover is *closed*:
+    after each symbol, the successors of a class are in one class. Without loss of generality state
+    `i` of the clique is in class `i`, because no two states of a clique can be in one class.
+    Clauses about pairs of states and about successors are added only when a solution violates them
+    (Zhang and Shell 2020).
 
     **Arguments:**
 
@@ -101,10 +101,7 @@ class _Problem:
         return (-both[(both != _FALSE).all(axis=1)]).tolist()
 
     def closing(self, classes: Classes) -> Iterator[list[list[int]]]:
-        """Yield clauses that put the successors of a class after a symbol into one class.
-
-        There are no clauses for successors that one of `classes` already contains.
-        """
+        """Yield clauses that unite successors of a class after a symbol if no class has them."""
         for index, row in enumerate(classes):
             for symbol, after in enumerate(self.transition.T):
                 targets = after[row & (after >= 0)]

@@ -24,7 +24,7 @@ _LARGEST = 1_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Smallest:
-    """A small machine with the outputs of an original one, and a number of states proved necessary.
+    """A small machine with the same outputs, and a proved lower bound on the number of states.
 
     Every string of symbols that can occur in the original machine can occur in the small machine,
     with the same outputs.

@@ -1,1 +1,1 @@
-"""Boundaries of basins: edge states, refinement, and the number of cells that resolves them."""
+"""Boundaries of basins: edge states, refinement, and the number of cells needed to resolve them."""

@@ -112,7 +112,7 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
 
 
 def _starts(basins: Basins) -> Float[np.ndarray, "starts 2 axes"]:
-    """Choose pairs of points on both sides of boundaries, a few for each pair of basins."""
+    """Choose pairs of points on opposite sides of boundaries, a few for each pair of basins."""
     box, count = basins.box, basins.attractors
     grid = basins.basin.reshape(box.cells)
     cells, pairs, steps = [], [], []
@@ -144,7 +144,7 @@ def _cut(
     label: Any,
     narrow: float,
 ) -> tuple[Float[np.ndarray, "pairs 2 axes"], Int[np.ndarray, "pairs 2"]]:
-    """Shorten segments to `narrow` box lengths; the ends still lead to different attractors.
+    """Shorten segments to `narrow` box lengths, with ends that still lead to different attractors.
 
     `labels` are the attractors to which the ends lead, and `label(points)` finds attractors.
     """
@@ -172,7 +172,7 @@ def _cut(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
-    """Map the ends of segments until `wide` box lengths apart; return midpoints and final ends."""
+    """Map ends of segments until they are `wide` box lengths apart; return midpoints and ends."""
     size = jnp.asarray(np.array(box.upper) - np.array(box.lower), ends.dtype)
 
     def track(pair):  # type: ignore[no-untyped-def]
@@ -235,7 +235,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Find the point of each orbit that `period` mappings move least, and its shift in cells."""
+    """Find the point of each orbit that moves least in `period` mappings, and how far, in cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)
@@ -244,7 +244,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the indices of edge states whose orbits do not meet that of an earlier edge state."""
+    """Return the indices of the edge states whose orbit meets no orbit of an earlier edge state."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

@@ -46,11 +46,11 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
 
     A cell next to a cell of another basin is halved along each axis. The centres of its parts are
     mapped until they reach a cell whose neighbours all belong to the same basin. Parts next to
-    another basin are halved again. A fractal boundary also passes between cells of one basin, which
-    are not halved. So random points of the whole box are followed to their attractors, to correct
-    the shares. The boundary counts as fractal if such a point and its cell lead to different
-    attractors, although the cell is not at a boundary. Then the centres of all parts are followed
-    to their attractors, and the random points also estimate the share of cells at the boundary.
+    another basin are halved again. To correct the shares, random points of the whole box are
+    followed to their attractors. The boundary counts as fractal if such a point leads to another
+    attractor than its cell, although all neighbours of the cell belong to the same basin. In this
+    case the centres of all parts are followed to their attractors, and the random points also
+    estimate the share of cells at the boundary.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
@@ -124,8 +124,8 @@ def relative_attractor(
     attractors in the box, and the unstable sets that lead to them.
 
     **Arguments:** a map, a box and parameters. `levels` is the number of times that cells are
-    halved. `samples`, at least 2, is the number of points of a cell along each axis, from face to
-    face. **Returns:** the centres of the finest cells of the cover.
+    halved. `samples`, at least 2, is the number of points of a cell along each axis, including both
+    faces. **Returns:** the centres of the finest cells of the cover.
 
     A map whose steps lead from 0 towards the attractors -1 and 1:
 
@@ -183,7 +183,7 @@ def _centres(
 def _at_boundary(
     box: Box, keys: list[Int[np.ndarray, "_"]], basins: list[Int[np.ndarray, "_"]]
 ) -> Bool[np.ndarray, "cells"]:
-    """Return a mask of the finest cells `keys[-1]` that touch a cell of another basin."""
+    """Return a mask over the finest cells, `keys[-1]`: `True` for cells next to another basin."""
     level = len(keys) - 1
     differs = np.zeros(keys[-1].size, bool)
     for beside in _around(box, _places(box, keys[-1], level) + 0.5, level):
@@ -194,7 +194,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """Yield copies of points, shifted by every combination of -1, 0 and 1 cells of the `level`."""
+    """Yield copies of points, shifted by -1, 0 or 1 cells of level `level` along each axis."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -208,7 +208,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """Return the basin of each place, from the finest of the cells `keys` that contain it."""
+    """Return the basin at each place, from the finest cell around it; `keys` has cells by level."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):

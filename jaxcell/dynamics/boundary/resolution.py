@@ -33,7 +33,7 @@ class Trial:
     """A test at random points of two remedies for coarse cells: finer cells, and `by="orbits"`."""
 
     follow: int | None
-    "The least `follow` with which orbits from random starts reach the right attractors, or `None`."
+    "The least `follow` with which orbits reach the right attractors; `None` if it was not found."
     points: int = 0
     "Number of random points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
@@ -76,7 +76,7 @@ def tried(map: Map, basins: Any) -> Trial:
 
 
 def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
-    """Extrapolate `wrong` to the number of cells along each axis at which the share is `AGREE`."""
+    """Extrapolate the number of cells along each axis for which the share `wrong` is `AGREE`."""
     for level, share in enumerate(wrong):
         if share <= AGREE:
             return tuple(n << level for n in box.cells)

@@ -1,1 +1,1 @@
-"""Basins of more cells than memory holds: arrays in files, and passes over the files."""
+"""Basins with more cells than fit into memory: arrays in files, and passes over the files."""

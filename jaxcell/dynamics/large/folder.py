@@ -52,7 +52,7 @@ class Folder:
         os.replace(new, self._record)
 
     def parts(self, work: str, size: int, part: int) -> Iterator[slice]:
-        """Yield the slices of `part` cells that remain of a task, and record each when finished."""
+        """Yield the unfinished slices of `work`, each of `part` cells, and record finished ones."""
         for first in range(self.done.get(work, 0), size, part):
             yield slice(first, min(first + part, size))
             self.finish(work, min(first + part, size))

@@ -3,9 +3,8 @@
 A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
 cells without a mark. The level of a cell is the number of the pass that dropped it. If the map is
 dissipative, few cells remain, whose groups are found in memory. Passes in the reverse order, from
-the last level to the first, then give each dropped cell the group of its image, and a number of
-steps that is larger by 1. A pass may be repeated, so a killed computation continues with its
-unfinished pass.
+the last level to the first, then give each dropped cell the group of its image, and one step more
+than its image. A pass may be repeated, so a killed computation continues with its unfinished pass.
 """
 
 import jax

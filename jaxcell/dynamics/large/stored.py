@@ -53,8 +53,8 @@ class Foretold:
 def foretold(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Foretold:
     """Estimate what [`jaxcell.dynamics.stored_basins`][] needs, by mapping some of the cells.
 
-    **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** seconds, and bytes of memory
-    and disk.
+    **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** the time in seconds, and the
+    memory and disk space in bytes.
 
     Henon's map:
 
@@ -92,7 +92,7 @@ def stored_basins(
     labels: tuple[str, ...] = (),
     say: Say | None = None,
 ) -> Basins:
-    """Compute [`jaxcell.dynamics.basins`][] of more cells than memory holds, in files of a folder.
+    """Compute [`jaxcell.dynamics.basins`][] in files, for more cells than fit into memory.
 
     Images are written to a file, and groups are found by passes over it, which drop the cells
     without preimages. One byte of memory is needed per cell, and 16 more per cell that remains: few

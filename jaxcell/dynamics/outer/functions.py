@@ -1,9 +1,9 @@
 """Exponentials, logarithms and sines of intervals, computed from sums and products only.
 
-Processors and libraries compute these functions differently, and without stated errors. The ones
-here are short series of sums, products and quotients, so the number of roundings bounds the error,
-whether or not a compiler merges products and sums. The ends of an interval move outward by at least
-this bound: by distances to the next 64-bit number (ulp), or for the sine by a fixed number:
+Processors and libraries compute these functions differently, without guaranteed error bounds. The
+ones here are short series of sums, products and quotients, whose number of roundings bounds the
+error, whether or not a compiler fuses products and sums. The ends of an interval move outward by at
+least this bound, in ulp (distances to the next 64-bit number) or, for the sine, as a number:
 
     exp    8 ulp: errors of 2 from the reduction by log 2, and of 4 from the series of degree 14
     log    8 ulp: errors of 2 from the quotient, 4 from the series of degree 25, 2 from the exponent

@@ -22,7 +22,7 @@ _TABLE, _TABLE_PER_CELL = 1 << 22, 64
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """The cells of a box, all bisected `bisections` times, along one axis after the other.
+    """The cells of a box after `bisections` bisections of each, along one axis after the other.
 
     The faces of the cells have 64-bit coordinates, and the two halves of a cell cover it exactly.
     So comparisons of coordinates find all cells that touch an image, in spite of rounding.

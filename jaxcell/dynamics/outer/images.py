@@ -70,7 +70,7 @@ class Corners:
 
     map: Map
     points: int = 2
-    "Number of points along each axis of a box, from face to face; 1 for its centre."
+    "Number of points along each axis of a box, including both faces; with 1, only its centre."
     padding: float = 0.0
     "Width that is added on all sides of an image, as a multiple of the width of its box."
     proof = ""
@@ -102,7 +102,7 @@ def _in_batches(images: Callable[[Any, Any], Any], lower: Any, upper: Any) -> Bo
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Outer images from samples of a map and Lipschitz constants, proved if both are right.
+    """Outer images from samples and Lipschitz constants of a map, proved if these are correct.
 
     Coordinate `i` of the images of two points differs by at most the sum of
     `lipschitz[i, j] * abs(difference along axis j)`. So the images of the samples nearest to a box,
@@ -111,7 +111,7 @@ class Samples:
 
     points: Float[np.ndarray, "samples axes"]
     values: Float[np.ndarray, "samples axes"]
-    "The images of the points."
+    "The images of `points`."
     lipschitz: Float[np.ndarray, "axes axes"] | float
     "The Lipschitz constants, or one number for all of them."
     proof = "samples, and the bound of slopes (lipschitz)"

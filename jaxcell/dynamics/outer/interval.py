@@ -2,9 +2,9 @@
 
 Processors round a sum, a difference, a product or a square root to the nearest 64-bit number. The
 end of an interval then moves outward to the next number. The move is an operation on integers, so
-that no compiler merges a product with the sum after it, or reorders sums. Two cases need more. A
-division by a constant may become a product with its reciprocal, so a quotient moves by three
-numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
+that no compiler fuses a product with the sum after it, or reorders sums. Two cases need more. A
+division by a constant may become a product with its reciprocal, so the ends of a quotient move
+three times. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
 2^-1000 moves to 2^-1000.
 """
 
@@ -131,7 +131,7 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Enclose `x**exponent` for all `x` in an interval by products; `exponent` is an integer."""
+    """Enclose `x**exponent` for an integer exponent and all `x` in an interval, using products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
     odd = exponent % 2 == 1

@@ -58,7 +58,7 @@ class MorseSets(OnBox):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The box. Its cells serve only for pictures: the initial cells, bisected to at most 262,144."
+    "The box. Its cells, used only in pictures, are the initial ones bisected into at most 262,144."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -74,7 +74,7 @@ class MorseSets(OnBox):
         Bool[np.ndarray, "sets sets"],
         quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
     ]
-    "`True` at `[i, j]` if boxes lead from set `i` to set `j`: a transitive relation, with `j < i`."
+    "`True` at `[i, j]` if a path of boxes leads from set `i` to set `j`: transitive, with `j < i`."
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
@@ -107,7 +107,7 @@ class MorseSets(OnBox):
 
     @derived("set next", "sets that follow it in the order", kind="index", listed=True)
     def leads_to(self) -> Int[np.ndarray, "sets next"]:
-        """The sets to which each set leads directly, not through other sets, padded with -1."""
+        """The sets to which each set leads without another set between; rows are padded with -1."""
         leads = self.leads.astype(np.int32)
         direct = self.leads & (leads @ leads == 0)
         following = np.full((self.sets, max(1, direct.sum(axis=1, initial=0).max(initial=0))), -1)
@@ -151,8 +151,8 @@ def morse_sets(
 
     **Arguments:**
 
-    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images of boxes are then proved by
-        [`Intervals`][jaxcell.dynamics.Intervals]; or another method that computes images of boxes,
+    - `map`: a [`Map`][jaxcell.dynamics.Map], for which [`Intervals`][jaxcell.dynamics.Intervals]
+        computes proved images of boxes; or another method that computes them,
         [`Corners`][jaxcell.dynamics.Corners] or [`Samples`][jaxcell.dynamics.Samples].
     - `box`: the box, with its initial cells.
     - `params`: the parameters of the map.
@@ -252,7 +252,7 @@ class _Search:
     def level(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], component: Int[np.ndarray, "boxes"]
     ) -> _Level:
-        """Map boxes, and find the recurrent components within each of the given components."""
+        """Map the boxes `cells`, and find the recurrent components inside each `component`."""
         grid = Grid(self.box, bisections)
         images = self.outer.images(*grid.corners(cells), self.params)
         graph = _within_components(grid.graph(cells, *grid.blocks(*images)), component)
@@ -306,7 +306,7 @@ def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarr
 
 
 def _picture(box: Box, depth: int) -> Box:
-    """Bisect the cells of the box up to `depth` times, to at most `_DRAWN` cells."""
+    """Bisect the cells of the box `depth` times, or less if there would be over `_DRAWN` cells."""
     grids = (Grid(box, bisections).counts for bisections in range(depth, 0, -1))
     counts = next((n for n in grids if np.prod(n, dtype=float) <= _DRAWN), box.cells)
     return Box(box.lower, box.upper, counts, box.axes)

@@ -90,8 +90,8 @@ def enclose(
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
     """Evaluate a program with intervals as its floating-point arguments.
 
-    Floating-point results are intervals, and so are other results if they are uncertain. For each
-    comparison, `decided` gets one more mask, which is `False` where the result is uncertain.
+    Floating-point results are intervals, as are other results that may vary within the intervals.
+    For each comparison, a mask is appended to `decided`: `False` where its result may vary.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
