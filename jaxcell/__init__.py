@@ -19,14 +19,14 @@ Packages, from the lowest layer to the highest:
 - `study`: questions that programs, commands and sweeps answer. `record`: datasets and recordings.
     `robot`: real and emulated robots, without JAX. `sweep`: one study for many parameter values.
 
-The command `jaxcell` runs all of these without a program. `jaxcell.bundled` finds the bundled maps,
-graphs and currents.
+The command `jaxcell` does all of this without programming. `jaxcell.bundled` finds the bundled
+maps, graphs and currents.
 
 Cells, groups and vertices are numbered from 0. Lengths are in metres, angles in radians,
 counter-clockwise from the x axis (East), times in steps or seconds. Results are frozen dataclasses
 of arrays. Results of iterative solvers have a *certificate*, a record of the remaining error.
-Probabilities, linear solves and many examples need 64-bit numbers, and otherwise raise an error. To
-turn them on, set `JAX_ENABLE_X64=1`, or call `jax.config.update("jax_enable_x64", True)` first.
+Probabilities, linear solves and many examples need 64-bit numbers, and raise errors without them.
+To turn them on, set `JAX_ENABLE_X64=1`, or call `jax.config.update("jax_enable_x64", True)` first.
 
 Packages are imported at their first use: `import jaxcell` alone does not import JAX.
 

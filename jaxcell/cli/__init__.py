@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a command; its exit status is 0 for success, 1 for no answer, and 2 for bad input."""
+    """Run a command; its exit status is 0 for success, 1 without an answer, and 2 for bad input."""
     try:
         from .app import run
 

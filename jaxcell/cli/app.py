@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _with_option_names(message: str, command: Any) -> str:
-    """Replace a parameter at the start of a message, or in backquotes, by its option."""
+    """Replace names of parameters, first in a message or in backquotes, with names of options."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _with_option_names(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the fewest equally spaced directions that include all angles of a command, or `None`."""
+    """Count the equally spaced directions that the angles of a command need; `None` if too many."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

@@ -1,4 +1,4 @@
-"""Replace characters by ASCII if the encoding of an output does not have them."""
+"""Replace characters that are missing in the encoding of an output by ASCII characters."""
 
 import codecs
 import io

@@ -25,14 +25,14 @@ class Export:
     """Merge states from which every sequence of observations gives the same outputs."""
     smallest: Annotated[bool, Only(minimal=False)] = False
     """Write the smallest machine with the same outputs for all observations that can occur, as
-    .dot, .json or .h. A .h file reads whole runs between bumps if this makes its tables smaller."""
+    .dot, .json or .h. In .h, each input is a run between bumps if this makes the tables smaller."""
     output: Annotated[
         Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
     ] = None
-    """Output of the machine. For a filter: its knowledge cycle, which it never leaves (color, the
-    default), the cells in this cycle (cells), the number of possible cells (count), or whether it
-    is localized (localized). For a policy: the turn (action), and the cells at the end (cells, the
-    default)."""
+    """Output of the machine. For a filter: color (default), the number of its knowledge cycle (a
+    cycle of states without exit); cells, the cells in this cycle; count, the number of possible
+    cells; or localized, whether it is in such a cycle. For a policy: cells (default), the next turn
+    or, at the end, the cells; or action, the next turn or that the end is reached."""
     seconds: Annotated[Seconds, Limit(ge=0), Only(smallest=True)] = 60.0
     """Time limit for the proof that no smaller machine exists."""
 

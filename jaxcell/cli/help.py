@@ -36,7 +36,7 @@ def example(kind: Any, name: str) -> str:
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Parse `words`, the rest of a command line after the name of a command, as its options."""
+    """Parse the options `words` of the command `name` into an instance of its class `kind`."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
@@ -57,7 +57,7 @@ def option(kind: type, parameter: str) -> str:
 
 
 def as_options(kind: type, text: str) -> str:
-    """Replace the names of parameters in backquotes by the names of their options."""
+    """Replace names of parameters in backquotes with the names of their options."""
     known = parameters(kind)
     return re.sub(r"`(\w+)`", lambda m: option(kind, m[1]) if m[1] in known else m[0], text)
 
@@ -154,7 +154,7 @@ def _when(kind: type, alternatives: Sequence[Only]) -> str:
 
 
 def _metavar(name: str, hint: Any) -> str | None:
-    """Return the placeholder of a value: its unit, or `None` for the placeholder of tyro."""
+    """Return the placeholder of a value in the help: its unit, or `None` for tyro's default."""
     if _is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]

@@ -18,7 +18,7 @@ _HALVES = " ▄▀█"
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Maps(Printing):
     """List the maps, graphs, currents and sweeps that come with jaxcell. Any command accepts their
-    names, which begin with @, as files."""
+    names, which begin with @, in place of files."""
 
     example: ClassVar[str] = ""
 

@@ -30,7 +30,7 @@ class Printing:
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Check that results can be written to `out`; errors begin with the name of the option."""
+    """Check that results can be written to `out`; error messages begin with `option`."""
     wanted = out.absolute()
     if not folder:
         if wanted.is_dir():

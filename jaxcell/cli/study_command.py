@@ -132,7 +132,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Create the class of the command `words` of a study, by default the command that it names."""
+    """Create the class of a study's command; its name is `words`, by default `study.command`."""
     own = {
         "__doc__": study.__doc__,
         # The study itself checks the parameters, after all options have been read.

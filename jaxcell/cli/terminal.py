@@ -21,7 +21,7 @@ from .encoding import encodable
 
 
 FIRST_LINE, LINES = 1.5, 60.0
-"""Seconds before the first line of progress, and between lines, if there is no terminal."""
+"""Without a terminal: seconds before the first line of progress, and between further lines."""
 
 
 @contextlib.contextmanager
@@ -114,7 +114,7 @@ def note(text: str) -> None:
 
 @contextlib.contextmanager
 def noting_warnings() -> Iterator[list[str]]:
-    """Print warnings for users as remarks, and yield the list of their texts."""
+    """Print each `UserWarning` as a remark, and yield the list of their texts."""
     noted: list[str] = []
     with warnings.catch_warnings():
         shown = warnings.showwarning

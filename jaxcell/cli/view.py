@@ -60,7 +60,7 @@ class View:
 def shown_live(viewer: str) -> Iterator[str]:
     """Open a viewer for a recording that is being written, and yield its address.
 
-    `viewer` is an address, or `here` for a window (without a display, a page until Ctrl-C).
+    `viewer` is an address, or `here`: a window or, without a display, a page until Ctrl-C.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")

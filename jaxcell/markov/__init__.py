@@ -5,12 +5,12 @@ Let `P` be the transition matrix of a [`jaxcell.mapping.Chain`][], whose rows ma
 *transient* or belongs to a *persistent group*, a closed communicating class (Alam 2018, Definitions
 3.3.1 to 3.3.3), and with probability 1 the chain ends in one of the groups or in the sink.
 
-**In the long run.** With `p` the start (Eq. 3.5), the *limiting distribution* is the time average
+**In the long run.** For a start with distribution `p` (Eq. 3.5), the *limiting distribution* is
 
     pi = lim (p + p P + ... + p P^(n-1)) / n,     pi P = pi,
 
-which exists even if the chain is periodic. On each group it is the only distribution with
-`x P = x`, weighted by the probability of ending there. See `limiting_distribution`.
+the time average. It exists even if the chain is periodic. On a group it is the only distribution
+with `x P = x`, weighted by the probability of ending there. See `limiting_distribution`.
 
 **Until the end.** Let `Q` be the part of `P` among the transient cells, and `R` the part into the
 groups. *Absorption probabilities* `B` and *absorption times* `t` solve
@@ -25,11 +25,11 @@ are the least nonnegative solutions of
 
     h = 1 on T, h = P h elsewhere;     k = 0 on T, k = 1 + P k elsewhere;
 
-but `k` is `inf` where `h < 1`. For such a start, the mean over the paths that arrive is the `k` of
-the chain `p_ij h_j / h_i` (Doob's transform). The law of the *first passage* is the probability of
-arriving first at time `n`. The probability that none of several independent robots has arrived is a
-product of one probability per robot (section 4.4.6). See `arrival_probabilities`, `hitting_times`,
-`conditional_hitting_times` and `first_passage` for one robot, and `first_arrival`,
+except that `k` is `inf` where `h < 1`. For such a start, the mean over the paths that arrive is the
+`k` of the chain `p_ij h_j / h_i` (Doob's transform). The law of the *first passage* is the
+probability of arriving first at time `n`. The probability that none of several independent robots
+has arrived is a product of one probability per robot (section 4.4.6). See `arrival_probabilities`,
+`hitting_times`, `conditional_hitting_times` and `first_passage` for one robot, and `first_arrival`,
 `mean_first_arrival` and `simulate_arrival` for several. `sample_walks` draws walks step by step.
 
 **Nearly closed.** A chain with sets that it seldom leaves has eigenvalues near 1. `leading_modes`

@@ -57,7 +57,7 @@ class Race:
         starts: Sequence[npt.ArrayLike | int] | Distinct,
         target: npt.ArrayLike | int,
     ) -> "Race":
-        """Check and prepare the arguments of [`first_arrival`][]."""
+        """Create a race from the arguments of [`first_arrival`][], after checking them."""
         cells = common_cells(chains, "robot")
         # Robots that move alike share their chain, for which survival is computed once.
         different = {id(chain): chain for chain in chains}
@@ -98,10 +98,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute, for each of `chunks * _CHUNK` steps, the probability that no robot has arrived.
+        """Compute the probability that no robot has arrived before each of `chunks * _CHUNK` steps.
 
-        For each chain, `values` contains the probability that a robot has not arrived by the first
-        of these steps, for each start cell. Also returns these probabilities after the last step.
+        For each chain and start cell, `values` contains the probability that a robot has not
+        arrived before the first step. Also returns these probabilities after the last step.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -126,7 +126,7 @@ def first_arrival(
     target: npt.ArrayLike | int,
     steps: int,
 ) -> Float[Array, "{steps}+1"]:
-    """Compute the law of the time until the first of several robots is in a set of cells.
+    """Compute the law of the time until the first of several robots reaches a set of cells.
 
     The robots move independently, so the probability that none has arrived is a product of one
     probability per robot. The simulation of Alam 2018, section 4.4.6, estimates this law.
@@ -164,13 +164,13 @@ def mean_first_arrival(
     max_steps: int = 2**20,
     throw: bool = True,
 ) -> MeanArrival:
-    """Compute the expected number of steps until the first of several robots is in a set of cells.
+    """Compute the expected time in steps until the first of several robots reaches a set of cells.
 
-    It is the sum over time of the probability that no robot has arrived. If a block of steps
-    multiplies the probability that one robot has not arrived by a factor between `a` and `b`, for
-    every start, so does every later block of this length. So two geometric series bound the rest of
-    the sum from below and above. The two bounds are nearly equal as soon as the factor hardly
-    depends on the start, long before the rest is negligible.
+    It is the sum over time of the probability that no robot has arrived. Suppose that a block of
+    steps multiplies the probability that a robot has not arrived by a factor between `a` and `b`,
+    whatever the start. Then the same holds for every later block of this length, so two geometric
+    series bound the rest of the sum from below and above. The two bounds are nearly equal as soon
+    as the factor hardly depends on the start, long before the rest is negligible.
 
     **Arguments:** as for [`first_arrival`][], a tolerance for the relative error, and the largest
     number of steps.
@@ -219,11 +219,11 @@ def mean_first_arrival(
 def mean_product(
     value: Float[np.ndarray, "steps choices"], count: int
 ) -> Float[np.ndarray, "steps"]:
-    """Compute the mean product of `count` values of each row, over all sets of `count` columns.
+    """Average the product of `count` values of each row over all sets of `count` columns.
 
-    It is an elementary symmetric polynomial divided by its number of terms. The mean over the sets
-    in the first `j` columns is a weighted average of the means over the sets with and without
-    column `j`. So products do not overflow, and no digits are lost by subtraction.
+    The mean is an elementary symmetric polynomial divided by its number of terms. For the first `j`
+    columns, it is a weighted average of the means over the sets with and without column `j`. So
+    products do not overflow, and no digits are lost by subtraction.
     """
     size = np.arange(1, count + 1)[:, None]
     mean = np.zeros((count + 1, len(value)))

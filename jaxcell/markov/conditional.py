@@ -24,8 +24,8 @@ def arrival_probabilities(
 
     **Returns:** the probability for each start, exactly 1 if the chain is certain to arrive, and 0
     if it cannot arrive. The residual of the certificate is the largest difference between the
-    probability from a cell and the mean probability from the next cell. If the chain was estimated
-    from samples, the field `moved` of the solution estimates the sampling error.
+    probability from a cell and its mean after one step. If the chain was estimated from samples,
+    the field `moved` of the solution estimates the sampling error.
 
     A random walk on a line of four cells, which stops at both ends:
 
@@ -44,7 +44,7 @@ def arrival_probabilities(
 def conditional_hitting_times(
     chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
-    """Compute the expected number of steps until a chain is first in a set of cells, if it arrives.
+    """Compute the expected number of steps until a chain reaches a set of cells, if it ever does.
 
     It is the mean over the paths that arrive. If all paths arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.

@@ -26,8 +26,8 @@ _TIE = 1e-12
 class DecisionModel:
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
-    The chain of an action has the probabilities of its moves. The rest of a row, up to 1, is the
-    probability of leaving for the sink, where no more rewards are gained.
+    The chain of an action has the probabilities of its moves. If a row sums to less than 1, the
+    rest is the probability of leaving for the sink, where no more rewards are gained.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -205,7 +205,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Iterate, and return the values, the policy, an error bound, and the number of sweeps."""
+    """Iterate the values; return them, the policy, an error bound, and the number of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -218,9 +218,9 @@ def _iterate(
     def choose(value):  # type: ignore[no-untyped-def]
         """Update the values of all cells once, with the best actions.
 
-        Returns the new values; the policy of best actions; the policy of the first of the actions
-        that are best up to rounding; a lower and an upper bound on the sum of all later changes of
-        a value; and whether the last changes are only rounding errors.
+        Returns the new values; the best action in each cell; the first of the actions that are best
+        up to rounding; a lower and an upper bound on the sum of all later changes of a value; and
+        whether this update changed the values by no more than rounding errors.
         """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
@@ -243,7 +243,7 @@ def _iterate(
     def gap(low, high):  # type: ignore[no-untyped-def]
         """Bound the error of the values, given bounds `low` and `high` on the sum of later changes.
 
-        If no action leads to the sink, it holds once `(low + high) / 2` is added to the values.
+        If no action leads to the sink, the bound is for the values plus `(low + high) / 2`.
         """
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 

@@ -46,8 +46,8 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute Kemeny's constant: the expected number of steps to a random cell.
 
-    The cell is drawn from the stationary distribution. If the chain starts there, the number of
-    steps is 0. The constant is the same for all starts.
+    The cell is drawn from the stationary distribution. If the chain starts in this cell, the
+    number of steps is 0. The constant is the same for all starts.
     """
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 

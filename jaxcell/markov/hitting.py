@@ -45,8 +45,8 @@ def absorption_probabilities(
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
     for each start, exactly 1 if only one end is possible. The residual of the certificate is the
-    largest difference between the probability from a cell and the mean probability from the next
-    cell, or between 1 and the sum of the probabilities from a cell.
+    largest difference between the probability from a cell and its mean after one step, or between 1
+    and the sum of the probabilities from a cell.
 
     A random walk on a line of four cells, which stops at both ends:
 
@@ -70,7 +70,7 @@ def absorption_probabilities(
 
 
 def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
-    """Compute the probability of each end (group or sink); `gain` is that after one step."""
+    """Compute the probability of each end (group or sink); `gain` is that of a step into it."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
         value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
@@ -101,9 +101,9 @@ def _signed_residual(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
     """Compute the residual `gain + Q x - x` of the values `x`, for an iterative refinement.
 
     It is the sum of `p (x' - x)` over the steps from a cell, where `x'` is the value after the
-    step. So each row is treated as if its sum were exactly 1, although its rounding error may be as
-    large as the probability of a rare step that leaves the transient cells. Differences between
-    cells with nearly equal values keep all their digits.
+    step. So each row counts as summing to exactly 1. Otherwise the rounding error of its sum could
+    be as large as the probability of a rare step that leaves the transient cells. Differences
+    between cells with nearly equal values keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -133,7 +133,7 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
 
 
 def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True) -> Solution:
-    """Compute the expected number of steps until a chain is first in a set of cells.
+    """Compute the expected number of steps until a chain first reaches a set of cells.
 
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the
     time for each start, 0 in the target, and `inf` if the chain may never arrive, because it can
@@ -159,7 +159,7 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
 def with_moved(
     solution: Solution, chain: Chain, solve: Callable[..., Solution], target: Cells
 ) -> Solution:
-    """Add `moved` to a solution: the change of each value if `solve` uses half of the samples."""
+    """Add `moved` to a solution: how much values change if `solve` has only half of the samples."""
     if chain.half is None:
         return solution
     value, other = solution.value, solve(chain.half, target, throw=False).value
@@ -186,7 +186,7 @@ def times_until_left(
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
-    """Find the cells from which a chain can arrive at `there`, and those from which it may fail."""
+    """Find the cells from which a chain can arrive at `there`, and those from which it may not."""
     can = reaching(matrix, there)
     # A chain that has arrived cannot fail any more.
     before = matrix.copy()
@@ -222,7 +222,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
-    """Return the number of cells of all chains; errors name the chain of an `owner` ("robot")."""
+    """Return the number of cells that all chains share; errors say "the chain of {owner} 1 has"."""
     if not chains:
         raise ValueError(f"chains: expected a chain for each {owner}, got none")
     cells = chains[0].cells
@@ -236,7 +236,7 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
-    """Convert a cell, a list of cells, or a mask to a mask; errors begin with `name`."""
+    """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`."""
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):

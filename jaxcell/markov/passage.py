@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 def first_passage(
     chain: Chain, start: npt.ArrayLike | int, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1"]:
-    """Compute the law of the number of steps until a chain is first in a set of cells.
+    """Compute the law of the number of steps until a chain first reaches a set of cells.
 
     The law is exact, because the distribution before the arrival is propagated step by step.
 
@@ -28,7 +28,7 @@ def first_passage(
         probability; or the probabilities of all cells as floating-point numbers.
     - `target`: a cell, a list of cells, or a mask over the cells.
 
-    **Returns:** the probability that the chain is first there after `0, 1, ..., steps` steps. The
+    **Returns:** the probability that the chain arrives after `0, 1, ..., steps` steps. The
     rest, up to 1, is the probability that it has not arrived or has left the space.
 
     A random walk on a line of three cells:
@@ -50,8 +50,8 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Compute, for each start, the probability that a chain has not arrived in the target `there`.
 
-    `value` contains the probabilities now; at time 0 they are 1 outside the target. Returns the
-    probabilities after 0 to `steps - 1` more steps, and separately those after `steps` steps.
+    `value` contains the probabilities after earlier steps; without any, they are 1 outside the
+    target. Returns those after 0 to `steps - 1` more steps, and separately after `steps` steps.
     """
     leaving = chain.leaving
 

@@ -164,8 +164,9 @@ class _Moves:
 def _sure(moves: _Moves, usable: _Usable, target: _Cells) -> tuple[_Cells, _Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
-    Only `usable` actions are considered. The cells are found by repeated removal of cells from
-    which the target cannot be reached by actions that never lead to a removed cell.
+    Only `usable` actions that never leave the space are considered. Cells that cannot reach the
+    target are removed, with all actions that may lead to them. This is repeated until every cell
+    left can reach the target.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)

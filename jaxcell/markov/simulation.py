@@ -61,7 +61,7 @@ def simulate_arrival(
     *,
     horizon: int = 100_000,
 ) -> Arrivals:
-    """Simulate robots until the first of them is in a set of cells (Alam 2018, section 4.4.6).
+    """Simulate robots until the first of them reaches a set of cells (Alam 2018, section 4.4.6).
 
     [`jaxcell.markov.first_arrival`][] computes the law of these samples.
 
@@ -69,7 +69,7 @@ def simulate_arrival(
     number of runs; and the number of steps after which a run without an arrival is stopped.
     **Returns:** the time of each run.
 
-    A robot that always moves on around a ring of three cells:
+    A robot that goes round in a ring of three cells:
 
         >>> import jax
         >>> import numpy as np
@@ -103,8 +103,8 @@ class _Tables:
 
     The cells of all chains are numbered consecutively as *places*; the sink is one more cell of
     each chain. A place has several table entries, from which a step draws one with equal
-    probability. The entry leads to the place `first` with the probability `part`, in units of
-    2^-32, else to `second`. So each step takes one random number, whatever the number of branches.
+    probability. The entry leads to the place `first` with the probability `part / 2^32`, and
+    otherwise to `second`. So each step takes one random number, whatever the number of branches.
     """
 
     first: Int[Array, "entries"]

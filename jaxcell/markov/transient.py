@@ -14,8 +14,8 @@ class Transient:
     In some chains most cells have one certain image, such as the cells of a robot between two
     bumps. The chain goes from such a cell along a *run* of certain steps to a *branching* cell, the
     first cell whose image in the part is not certain. The value of the cell is that of the
-    branching cell plus a sum over the run. So equations are solved only for the branching cells,
-    one in six cells of a bouncing robot. Except in `cells`, cells are numbered within the part.
+    branching cell plus a sum over the run. So equations are solved only for the branching cells:
+    for a bouncing robot, one in six cells. Except in `cells`, cells are numbered within the part.
     """
 
     cells: Int[np.ndarray, "part"]
@@ -28,12 +28,12 @@ class Transient:
     jump: scipy.sparse.csr_array
     "The transition matrix from each branching cell to the next branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    """The cell that is reached from each cell by 1, 2, 4, ... steps along its run, or the number of
-    cells of the part if the run is shorter."""
+    """The cell that is reached from each cell by 1, 2, 4, ... steps along its run. If the run is
+    shorter, it is the number of cells of the part, which is the index of no cell."""
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Extract the transient cells `inside` from a transition matrix that stores no zeros.
+        """Extract the transient cells `inside` from a transition matrix without stored zeros.
 
         **Raises:** `RuntimeError` for a cycle of certain steps, which the chain never leaves.
         """

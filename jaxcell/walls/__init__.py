@@ -12,8 +12,8 @@ enlarge the sets.
 
 If the heading is not known exactly, headings are divided into intervals, *slices*, and a chord
 bounds the runs of all headings of a slice. Distance and arc length are monotone in the place and in
-the heading, so their values at the ends of a piece and of a slice bound them. Bounds are moved
-outward by more than the rounding errors. So a set always contains the robot if its errors are
+the heading, so they lie between their values at the ends of a piece and of a slice. Bounds are
+moved outward by more than the rounding errors. So a set always contains the robot if its errors are
 within their bounds.
 
 No part of this package imports JAX.

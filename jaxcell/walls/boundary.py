@@ -34,7 +34,7 @@ class Boundary:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Build the walls around the places where the centre of a disc robot can be."""
+        """Build the boundary of the region where the centre of a disc robot can be."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
@@ -110,10 +110,10 @@ def bump_gains(
     """Compute the angle by which a bump turns each robot toward its wall.
 
     `heading` is the heading of the run to the wall, and `bump_turn` the angle at 45 degrees of
-    incidence. At an incidence `i` the angle is `bump_turn sin(2 i)`. A robot that grazes its wall,
-    at more than 80 degrees, slides along it and turns by an angle between this one and `bump_turn`.
+    incidence. At an incidence `i` the angle is `bump_turn sin(2 i)`. Above 80 degrees, it is
+    between this value and `bump_turn`, because the robot slides along the wall before the bump.
 
-    Returns the angle by this formula and the largest angle, in radians, counter-clockwise.
+    Returns both limits of the angle in radians, counter-clockwise; up to 80 degrees they are equal.
     """
     if not np.any(bump_turn):
         return np.zeros(heading.shape), np.zeros(heading.shape)

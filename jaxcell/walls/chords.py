@@ -44,11 +44,11 @@ class Chords:
     "The arc length on the wall where the piece begins, in metres."
     end: Float[np.ndarray, "rows"]
     hit: Int[np.ndarray, "rows"]
-    "The wall at the end of the run."
+    "The index of the wall at which the runs end."
     clearance: Float[np.ndarray, "2 rows"]
     "The distance from a start to the line of the wall `hit`: a constant and the factor of `p`."
     stretch: Float[np.ndarray, "2 rows"]
-    "The smallest and the largest ratio of the length of a run to the distance by `clearance`."
+    "The smallest and largest ratio of the length of a run to the distance that `clearance` gives."
     arc: Float[np.ndarray, "2 2 rows"]
     "The arc length where a run ends: a constant and the factor of `p`, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
@@ -79,7 +79,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """A number for the slice and the wall of each row, by which rows are sorted."""
+        """A number that combines the slice and the wall of each row; rows are sorted by it."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 
@@ -94,7 +94,7 @@ def _runs_in_group(
 ) -> tuple[np.ndarray, ...]:
     """Find the runs from all walls with the headings of a group of `2**level` slices.
 
-    Pieces are not shorter than `gap` metres. Returns the arrays of [`Chords`][] in the class order.
+    Pieces have at least `gap` metres. Returns the arrays of [`Chords`][], in the order of fields.
     """
     walls = np.arange(len(boundary.length))
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
@@ -130,7 +130,7 @@ def _ends(
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
-    """Split each group of `2**level` slices into two groups, with copies of its rows and pairs."""
+    """Split each group of `2**level` slices, with its rows and their pairs with walls, into two."""
     group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
     source = np.repeat(np.arange(rows.slice.size), 2)
     there = (group << (level - 1)) < slices

@@ -36,8 +36,8 @@ class Errors:
     distance: float = 0.0
     "The largest error of the observed length of a run, in metres."
     late: float = 0.0
-    """The largest distance, in metres, that a robot counts after it has met a wall and before it
-    feels the bump."""
+    """The largest distance, in metres, that is added to a run after the robot has met the wall,
+    because it feels the bump late."""
     turn: float = 0.0
     "The largest error of the robot's own turn at a bump, in radians; see `bump_turn`."
     bump_turn: float = 0.0
@@ -171,9 +171,9 @@ class WallFilter:
     def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
         """Update the sets with the length of the run of each robot to a wall, in metres.
 
-        A robot that counts steps may bump anywhere within the next step. The state `None` stands
-        for robots that may be anywhere. The set of a robot is empty if its runs are impossible from
-        every place.
+        If robots count steps, a run may be up to one step longer than the counted steps. The state
+        `None` stands for robots that may be anywhere. The set of a robot is empty if its runs are
+        impossible from every place.
         """
         least = np.atleast_1d(np.asarray(run, float))
         if not (np.isfinite(least) & (least >= 0)).all():

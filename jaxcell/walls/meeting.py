@@ -28,7 +28,7 @@ class Pairs(NamedTuple):
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Copy the pairs of `rows` rows to new rows: row `k` gets the walls of row `source[k]`."""
+        """Copy pairs of `rows` rows to new rows: new row `k` gets the walls of row `source[k]`."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         new, number = copies(np.diff(first)[source])
         return Pairs(new, self.wall[first[source][new] + number])
@@ -62,10 +62,10 @@ class Met(NamedTuple):
         """Bound the runs of each pair, from a piece of a wall with headings of a slice, to a wall.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
-        at the ends of the piece with the ends of the slice, `low` and `high` in radians. A wall is
-        not kept if none of these four rays leads to it, or if nearer walls block every ray. A ray
-        that only touches a corner continues. With `apart`, such rays from the ends of a piece are
-        ignored, because the ends have rows of their own.
+        on four rays: from both ends of the piece, with the headings `low` and `high` in radians. A
+        wall is not kept if none of these four rays leads to it, or if nearer walls block every ray.
+        A ray that only touches a corner continues. With `apart`, rays from the ends of a piece that
+        only touch a corner are ignored, because the ends have rows of their own.
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -192,10 +192,10 @@ def _behind(
 ) -> Bool[np.ndarray, "pairs"]:
     """Check for each pair whether another wall, which blocks the row, is nearer on every ray.
 
-    `blocks` marks the pairs whose wall alone blocks the row. Which wall is nearer on a ray depends
-    on the sign of a function that is linear in the place and, within the slice, a sum of its values
-    at both ends with weights that are not negative. So it is enough to check four rays: from both
-    ends of the piece, with the headings at both ends of the slice.
+    `blocks` marks the pairs whose wall alone blocks the row. The sign of a function tells which
+    wall is nearer on a ray. The function is linear in the place. For a heading in the slice, it is
+    a nonnegative combination of the values at both ends. So it is enough to check four rays: from
+    both ends of the piece, with the headings at both ends of the slice.
     """
     row, _ = pairs
     behind = np.zeros(row.size, bool)

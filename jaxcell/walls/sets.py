@@ -58,7 +58,7 @@ def observe(
     least: Float[np.ndarray, "robots"],
     most: Float[np.ndarray, "robots"],
 ) -> WallSet:
-    """Follow robots that run straight for `least` to `most` metres until they meet a wall.
+    """Update the sets of robots that run straight for `least` to `most` metres to a wall.
 
     The headings of the sets are the headings of the runs. The set of a robot is empty if its run is
     impossible from every place.
@@ -153,7 +153,7 @@ def turned(
     count: Int[np.ndarray, "stretches"],
     slices: int,
 ) -> WallSet:
-    """Replace each stretch by `count` copies, turned left by `first`, `first + 1`, ... slices."""
+    """Copy each stretch `count` times, turned left by `first`, `first + 1`, ... of all `slices`."""
     copy, number = copies(count)
     after = (state.slice + first)[copy] + number
     return state.take(copy)._replace(slice=after % slices).joined()
@@ -162,7 +162,7 @@ def turned(
 def arrivals(chords: Chords, least: float) -> WallSet:
     """Compute the set of one robot that started anywhere, after a run of at least `least` metres.
 
-    It contains places from which a run back can be that long. The number of slices must be even.
+    It has places from which a run the opposite way can be as long. `chords.slices` must be even.
     """
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)
@@ -184,7 +184,7 @@ def contains(
     slices: Int[np.ndarray, "robots"],
     place: Float[np.ndarray, "robots 2"],
 ) -> Bool[np.ndarray, "robots"]:
-    """Check for each robot whether a place on a wall, with a slice of headings, is in its set.
+    """Check for each robot whether its set contains its place on a wall with its slice of headings.
 
     Places are in metres. A corner belongs to both of its walls.
     """

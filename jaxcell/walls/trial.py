@@ -63,13 +63,13 @@ def drive_anywhere(
     **Arguments:**
 
     - `angles`: the bouncing angles, in radians; each robot chooses one of them at each bump.
-    - `headings`: robots start with a heading `2 pi k / headings`, up to its error; `None` for any
-        heading.
+    - `headings`: robots start with a heading `2 pi k / headings`, plus or minus its error; `None`
+        for any heading.
     - `goal`: the goal of the robots; `None` for robots that are only localized.
     - `start`: x and y in metres and heading in radians of the first robot; `None` to draw them.
     - `aim`, `ahead`: as for [`choose_angles`][jaxcell.walls.choose_angles], for robots without a
         goal.
-    - `say`: a function that is called with the progress.
+    - `say`: a function that is called with the progress: the work, the robots done, and all robots.
     """
     rng = np.random.default_rng(seed)
     place = places_anywhere(workspace, robots, rng)

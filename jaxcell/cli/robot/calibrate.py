@@ -22,8 +22,8 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log, run.jsonl, of a run of an anywhere.json. It is used to estimate the angle by which a
-    bump at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
+    """Log (run.jsonl) of a robot that ran a file anywhere.json. It is used to estimate the angle by
+    which a bump into a wall at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
     """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None
@@ -34,7 +34,6 @@ class RobotCalibrate(Printing):
         return self._estimate() if self.port is None else self._measure(self.port)
 
     def _estimate(self) -> int:
-        """Estimate from a log the angle by which a bump turns the robot."""
         from ...robot.bump_turn import estimate_bump_turn
         from ...robot.run_log import read_log
         from ...robot.tasks.anywhere_task import AnywhereTask

@@ -40,7 +40,7 @@ class Emulation:
     radius: float = 0.0
     "The radius of the body, in metres."
     touches: Sequence[tuple[float, float, float]] | None = None
-    "The time in seconds, and x and y in metres, of each touch of a wall; `None` without physics."
+    "The time in seconds, x and y in metres, of each touch of a wall; `None` without `--physics`."
 
     @property
     def end(self) -> int | None:
@@ -145,7 +145,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
 def seen_from(
     cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Return a function that reports the place of `intruder`, "x,y", from cells that see it."""
+    """Return a function of a cell: the place `intruder` ("x,y") if visible from it, else `None`."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

@@ -41,7 +41,7 @@ def recording_of(
 
 
 def _about(task: AnyTask) -> Mapping[str, Any]:
-    """Return the metadata of a filter, policy or belief, which name its map; `{}` for others."""
+    """Return the metadata of a filter, policy or belief, with its map; `{}` for other tasks."""
     match task:
         case FilterTask():
             return task.filter.metadata
@@ -53,7 +53,7 @@ def _about(task: AnyTask) -> Mapping[str, Any]:
 
 
 def cells_of(task: AnyTask) -> CellSpace | None:
-    """Divide the map of a filter into cells, or return `None` if the map file is missing."""
+    """Divide the map of a task into cells; `None` if the task names no map, or it is not found."""
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)

@@ -18,7 +18,7 @@ class RobotReplay(Printing):
     file: Path | None = None
     """File of the task, if it was moved after the run."""
     out: Path | None = None
-    """Folder for run.rrd, a recording of the run; this needs Rerun, which a robot may lack."""
+    """Folder for run.rrd, a recording of the run. This needs Rerun, which a robot may not have."""
 
     def run(self) -> int:
         from ...robot import load_task, read_log

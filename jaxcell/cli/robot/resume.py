@@ -17,7 +17,7 @@ from .run import RobotRun
 
 
 Place: TypeAlias = tuple[float, float, float]
-"""A pose relative to the start of a run: metres ahead, metres to the left, and radians."""
+"""A pose relative to the start of a run: metres ahead and to the left, and the turn in radians."""
 
 
 def run_before(log: Path, task: AnyTask) -> LoggedRun:
@@ -47,7 +47,7 @@ def run_before(log: Path, task: AnyTask) -> LoggedRun:
 
 
 class Standing:
-    """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
+    """A stand-in for a robot while its log is replayed: a move raises `StandingStill`."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         raise StandingStill
@@ -80,10 +80,10 @@ def _new_directory(out: Path, log: str) -> Path:
 
 
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
-    """Format the current pose of an emulated robot for `--start`: metres, metres, and degrees.
+    """Format the current pose of an emulated robot for `--start`: x and y in metres, and degrees.
 
-    `pose` is its pose in the map, in metres and radians, when the emulation began. Relative to the
-    start of the run, its place was `before` when the emulation began, and is `after` now.
+    `pose` is its pose in the map, in metres and radians, when the emulation began. Its places,
+    relative to the start of the run, are `before` (when the emulation began) and `after` (now).
     """
     x, y, heading = pose
     moved = complex(after[0] - before[0], after[1] - before[1])

@@ -72,23 +72,23 @@ class RobotRun(Printing):
     limit: AtLeastOne = 10_000
     """Number of observations after which the run ends without an answer."""
     until: Literal["known", "cycle"] = "known"
-    """Condition that ends the run of a filter: a knowledge cycle, a cycle of states that it cannot
-    leave (cycle), or, if it comes first, a single possible configuration (known)."""
+    """Condition that ends the run of a filter: a knowledge cycle, which the filter cannot leave
+    (cycle); or such a cycle or a single possible configuration, whichever is first (known)."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20
     """Number of bumps, at cells that are free on the map, after which a patrol gives up."""
     intruder: Annotated[str | None, _EMULATED] = None
-    """Position of an intruder that an emulated robot on patrol may detect, "x,y" in metres."""
+    """Position "x,y" in metres of an intruder that an emulated robot on patrol may detect."""
     camera: Annotated[str | None, Only(intruder=False)] = None
-    """Camera with which a robot on patrol finds the cross marker: the number of the camera, or a
-    folder of pictures."""
+    """Camera with which a robot on patrol finds an intruder, marked with a cross: the number of the
+    camera, or a folder of pictures."""
     calibration: Annotated[Path | None, Only(steps="encoder")] = None
     """File of `jaxcell robot calibrate`; by default, for a robot on a serial line, calibration.json
     in ~/.config/jaxcell if it exists."""
     resume: Path | None = None
-    """Log run.jsonl of a stopped run of this task, to continue it. The robot must stand at the end
-    of its last step, with the heading of the next step; an emulated robot stands at --start."""
+    """Log of a run to continue: run.jsonl of a stopped run of this task. The robot must stand at
+    the end of the last step, with the heading of the next step; an emulated robot is at --start."""
     out: Path | None = None
     """Folder for the log, the recording and summary.json; it must not contain a log yet."""
     live: str | None = None

@@ -79,7 +79,7 @@ def runner_of(
 def patrol_start(task: PatrolTask, start: str | None, emulation: Emulation | None = None) -> int:
     """Return the start cell of a patrol, on the map of the patrol.
 
-    `start` is the option `--start`. An emulated robot starts at the start of its emulation.
+    `start` is the option `--start`. An emulated robot starts where `emulation` put it.
     """
     if emulation is not None:
         x, y, theta = emulation.cells.centre(emulation.start)

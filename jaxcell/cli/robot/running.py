@@ -203,7 +203,7 @@ class _Run:
         return create, []
 
     def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
-        """Return the robot, which measures distances by encoders, calibrated or not, or a clock."""
+        """Return the robot with its source of distances: a clock, or (calibrated) encoders."""
         if calibration is not None:
             return Calibrated(robot, calibration)
         if self.options.steps == "encoder":
@@ -231,7 +231,7 @@ def _direction(
 ) -> int | None:
     """Return the index of the start direction, or `None` if the robot does not know it.
 
-    Except on a patrol, an emulated robot knows no more about it than a real one.
+    The direction of an emulated robot is taken from `emulation` only on a patrol.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

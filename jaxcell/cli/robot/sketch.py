@@ -13,7 +13,7 @@ from ..terminal import note, progress
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotSketch:
-    """Write an Arduino program that runs a filter, or a bouncing policy, on a robot without a host.
+    """Write an Arduino program that runs a filter or a policy on a robot without another computer.
 
     A comment at the top of the program describes the wiring."""
 
@@ -32,8 +32,8 @@ class RobotSketch:
     minimal: Annotated[bool, Only(file=True)] = False
     """Merge states from which every sequence of observations gives the same outputs."""
     smallest: Annotated[bool, Only(file=True, minimal=False)] = False
-    """Run the smallest machine with the same outputs for all observations that can occur. It
-    notices few of the observations that cannot occur."""
+    """Run the smallest machine with the same outputs for all observations that can occur. Most
+    observations that are impossible on the map go undetected."""
     flash: Annotated[int | None, Only(file=True)] = None
     """Flash memory of the board in bytes; by default 32256, as on an Uno."""
     out: Path | None = None

@@ -12,9 +12,9 @@ from ..terminal import status, table
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepIndices(Printing):
-    """Estimate the Sobol indices of a sweep: each parameter's share in the variance of the results.
+    """Estimate the Sobol indices of a sweep: each parameter's share of the variance of the results.
 
-    Exit status: 0 done, 2 bad input, such as a sweep of another design, or one that is not done."""
+    Exit status: 0 done, 2 bad input, such as an unfinished sweep, or one of another design."""
 
     example: ClassVar[str] = "runs/samples"
 

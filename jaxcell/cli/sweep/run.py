@@ -47,7 +47,7 @@ class Sweep(Printing):
     """Continue although files, the task or versions have changed. The attribute resumed_anyway of
     the result lists the changes."""
     timeout: float | None = None
-    """Seconds after which a chunk is stopped, and computed again in halves. A single member that
+    """Seconds after which a chunk is stopped, and each half of it computed. A single member that
     takes longer counts as failed. The engine local cannot stop a chunk, and has no timeout."""
     shard: str | None = None
     """Compute only part I of N parts of the sweep, given as I/N such as 3/100, in a subfolder of
@@ -55,7 +55,7 @@ class Sweep(Printing):
     max_failures: int | None = None
     """Number of failed members above which the sweep stops; by default it never stops."""
     out: Path | None = None
-    """Folder for the result; by default runs/ and the name of the specification."""
+    """Folder for the result; by default runs/NAME for a specification NAME.toml."""
     netcdf: Annotated[bool, Only(shard=False)] = False
     """Also write the result to sweep.nc, after the last chunk."""
 
@@ -117,7 +117,7 @@ class Sweep(Printing):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepState(Printing):
-    """Show the progress of a sweep, also while it runs, and the members that failed.
+    """Show the progress of a sweep, finished or still running, and the members that failed.
 
     Exit status: 0 all done, 1 not all done, or some members failed."""
 

@@ -18,14 +18,14 @@ _MAX_LISTED = 10
 class SweepVerify(Printing):
     """Check a sweep for damage, such as flipped bits or missing files, and repair it.
 
-    Exit status: 0 the sweep is whole, 1 some chunks could not be computed, 2 bad input."""
+    Exit status: 0 the sweep is intact, 1 some chunks could not be computed, 2 bad input."""
 
     example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
     engine: str = "local"
-    """Engine that computes chunks: local, processes, dask, or dask://host:port; see sweep."""
+    """Engine for the chunks: local, processes, dask, or dask://host:port; see `jaxcell sweep`."""
     workers: int | None = None
     """Number of worker processes if --engine is processes or dask; by default one per processor."""
 

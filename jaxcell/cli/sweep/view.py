@@ -42,7 +42,7 @@ class SweepView:
     select: tuple[str, ...] = ()
     """Member to compute again and show in detail, as NAME=VALUE for each dimension of the sweep."""
     out: Path | None = None
-    """File of the recording; by default overview.rrd or members/NAME=VALUE,....rrd in FOLDER."""
+    """File of the recording; by default, in FOLDER, overview.rrd or members/NAME=VALUE.rrd."""
 
     def run(self) -> int:
         from ...sweep.storage.store import SweepStore
@@ -143,7 +143,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """Return all parameters of the member with the index `places[name]` along each dimension."""
+    """Return all parameters of a member; `places` contains its index along each dimension."""
     return {**spec.fixed, **spec.member(places)}
 
 

@@ -15,7 +15,7 @@ TOLERANCE = 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Modes:
-    """Leading eigenvalues of a chain, or of several steps of a chain, with their eigenvectors."""
+    """Leading eigenvalues of the matrix of one or several steps of a chain, with eigenvectors."""
 
     value: Complex[np.ndarray, "modes"]
     "The eigenvalues with the largest real parts, in descending order."
@@ -88,6 +88,6 @@ def _residual(
 
 
 def check_count(count: int, cells: int) -> None:
-    """Raise `ValueError` if a chain with this number of cells does not have `count` eigenvalues."""
+    """Raise `ValueError` unless a chain of `cells` cells has at least `count` eigenvalues."""
     if not 1 <= count <= cells:
         raise ValueError(f"count: expected 1 to {cells}, the number of cells, got {count}")

@@ -35,8 +35,8 @@ class NearlyClosedSets:
     begin: Int[np.ndarray, "cells"]
     "The set that contains each cell before the steps, or -1 if no set does."
     end: Int[np.ndarray, "cells"]
-    """The set that contains each cell after the steps, or -1: equal to `begin` for almost-invariant
-    sets, the moved sets for coherent sets, and the attracting regions in basins."""
+    """The set that contains each cell after the steps, or -1 if no set does. It equals `begin` for
+    almost-invariant sets. Coherent sets have moved; basins are reduced to attracting regions."""
     leakage: Float[np.ndarray, "sets"]
     "The share of the mass of each set that is outside the set after the steps."
     steps: int
@@ -77,13 +77,13 @@ def almost_invariant_sets(
     chain `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of `L` and its time reversal if `p` is
     stationary (Froyland 2005). Its leading eigenvectors are rotated to sparse vectors, each of
     which is large on one set (Froyland, Rock and Sakellariou 2019). A set consists of the cells
-    where its vector is the largest and exceeds a threshold, chosen so that the largest share of the
-    mass stays in the set. Mass that leaves the space counts as leakage.
+    where its vector is the largest and exceeds a threshold. The threshold of a set is the one with
+    the largest share of mass that stays in the set. Mass that leaves the space counts as leakage.
 
     **Arguments:**
 
-    - `count`: largest number of sets. Eigenvalues up to 1e-6 yield no sets, because they are
-        rounding errors.
+    - `count`: largest number of sets. Eigenvalues of at most 1e-6 count as rounding errors, and
+        yield no sets.
     - `mass`: the mass of each cell at the start, not negative, by default the same for all cells.
         Cells without mass are in no set.
     - `steps`: the number of steps, by default one per phase of a sequence of chains.
@@ -91,9 +91,9 @@ def almost_invariant_sets(
     - `blur`: a chain that takes one more step in the search, such as a step to a neighbouring cell.
         Without it, a single cell that is mapped to itself is a set. The leakage ignores it.
 
-    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is 0 if the
-    span of the eigenvectors is invariant: it is the largest 2-norm, over the vectors of an
-    orthonormal basis, of the part of the vector's image outside the span.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate shows how far
+    the span of the eigenvectors is from invariant: it is the largest 2-norm, over an orthonormal
+    basis of the span, of the part of a vector's image outside the span.
 
     Two pairs of cells; in each step the chain moves to the other pair with probability 1/10:
 
@@ -255,8 +255,8 @@ class _Search:
     ) -> tuple[_Labels, _Labels, _PerSet]:
         """Choose a threshold for each set; return the sets at the start and end, and the leakage.
 
-        Each column of `first` is large on one set at the start, and each column of `last` on one at
-        the end. `last` is `None` if sets do not move. `after` is the mass at the end of `blurred`.
+        Each column of `first` is large on one set at the start, and the same column of `last` on it
+        at the end. `last` is `None` if sets stay. `after` is the mass at the end of `blurred`.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)
@@ -321,8 +321,8 @@ def _rotation(
     """Rotate the vectors of a basis so that each is large on one set of rows.
 
     This is SEBA (Froyland, Rock and Sakellariou 2019) with the row weights `root**2`. It does not
-    start from the basis itself, in which a constant vector would never change, but from rows that
-    each represent one set. A pivoted factorisation finds them (Damle, Minden and Ying 2019).
+    start from the basis itself, because a constant vector in it would never change, but from rows
+    that each represent one set. A pivoted factorisation finds them (Damle, Minden and Ying 2019).
     """
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root

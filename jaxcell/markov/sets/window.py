@@ -76,13 +76,13 @@ class Subspace:
     basis: Float[np.ndarray, "rows vectors"]
     "An orthonormal basis."
     block: Float[np.ndarray, "vectors vectors"]
-    "The matrix in this basis; its eigenvalues are the leading eigenvalues."
+    "The matrix, restricted to the subspace, in this basis; it has the leading eigenvalues."
     residual: float
     "The largest 2-norm of the part of a basis vector's image that is outside the subspace."
     products: int
 
     def above(self, least: float) -> Float[np.ndarray, "rows above"]:
-        """Compute an orthonormal basis of the eigenvectors with eigenvalues above `least`.
+        """Compute an orthonormal basis of the span of eigenvectors with eigenvalues above `least`.
 
         The leading eigenvector is always included.
         """
@@ -125,7 +125,7 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """Multiply by the matrix, deflated so that vectors of the basis have the eigenvalue -1."""
+        """Multiply by the deflated matrix, in which vectors of the basis have the eigenvalue -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)

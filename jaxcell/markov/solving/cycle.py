@@ -32,8 +32,8 @@ class Cycle:
 
     A sweep evens out the errors of neighbouring states, but hardly reduces their mean if the chain
     stays among them for many rounds, like a drifter in a closed eddy. So states that begin a round
-    are joined in aggregates if their first steps lead to the same states. The preconditioner of
-    GMRES is a factorisation of the chain between aggregates, in which one step is one round.
+    are joined in *aggregates* if their next steps lead to the same states. The preconditioner of
+    GMRES factors a smaller chain, whose states are the aggregates and whose steps are rounds.
     """
 
     order: Int[np.ndarray, "rows"]
@@ -41,13 +41,13 @@ class Cycle:
     bounds: Int[np.ndarray, "bounds"]
     "The index in `order` of the first state of each block; the last entry is the number of states."
     rows: list[scipy.sparse.csr_array]
-    "For each block, the matrix of steps from its states to all states in the order `order`."
+    "For each block, the matrix of steps from its states to all states, both ordered as in `order`."
     again: Int[np.ndarray, "first"]
     "The indices in `order` of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the blocks if states are in the order of blocks, or in reverse; else `None`."""
+        """Find the blocks if states are sorted by block, forwards or backwards; else `None`."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -108,7 +108,7 @@ class Cycle:
         """Build the chain between aggregates of the states that begin a round.
 
         **Returns:** the aggregate of each state, as a matrix `A` of 0 and 1; the probability `B` of
-        each aggregate one round after each state; and the LU factors of `A' (A - B)`."""
+        being in each aggregate one round after a state; and the LU factors of `A' (A - B)`."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
         into, first.indices = np.unique(first.indices, return_inverse=True)
@@ -137,7 +137,7 @@ class Cycle:
     def _round(
         self, again: Float[np.ndarray, "first"], right: Float[np.ndarray, "rows"]
     ) -> Float[np.ndarray, "rows"]:
-        """Compute all values in a backward sweep from `again`, those where a new round begins."""
+        """Sweep backward to solve `x = right + Q x`, from the values `again` where rounds begin."""
         x = np.zeros_like(right)
         x[self.again] = again
         for block in range(len(self.rows) - 1, -1, -1):
@@ -147,9 +147,9 @@ class Cycle:
 
 
 def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Drop small entries of a matrix with many entries, and scale each row to its old sum.
+    """Drop small entries of a matrix, and scale each row to its old sum.
 
-    A matrix with few entries keeps all of them, because rare steps may join two closed parts.
+    If the matrix has few entries, all are kept: a rare step may be the only one out of a part.
     """
     if matrix.nnz <= _MOST * matrix.shape[0]:
         return matrix
@@ -171,7 +171,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Find the end of the block from `begin`: the first state after it that a step leads to."""
+    """Find the end of the block that begins at `begin`: the first later state that it leads to."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

@@ -21,7 +21,7 @@ _FEW = 400
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Levels:
-    """States grouped by distance from a first state; a step leads at most to the next level."""
+    """States grouped by distance from a first state: a step changes the level by at most 1."""
 
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
@@ -61,7 +61,7 @@ def eliminate(
     *,
     adjoint: bool = False,
 ) -> Columns:
-    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, without a subtraction.
+    """Solve `x = right + Q x`, or `x = right + Q' x` if `adjoint`, without subtractions.
 
     States are eliminated one by one (Grassmann, Taksar and Heyman 1985). The probability of leaving
     a state is the sum of the probabilities of the steps from it, not 1 minus the probability of
@@ -73,7 +73,7 @@ def eliminate(
     **Arguments:**
 
     - `step`: the matrix `Q`, not negative.
-    - `leaving`: for each state, the probability of a step to none of the states, with all digits.
+    - `leaving`: for each state, the probability of a step out of all states, with all its digits.
     - `right`: the right-hand side, not negative.
     - `levels`: the levels of the matrix, if they are known.
     """
@@ -104,7 +104,7 @@ def eliminate(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Factor:
-    """An eliminated level, whose block of `I - Q` is an upper triangle times a lower triangle."""
+    """An eliminated level, whose block of `I - Q` is the product of two triangular matrices."""
 
     before: slice
     here: slice

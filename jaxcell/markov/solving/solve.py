@@ -9,9 +9,9 @@ that gather in gyres, is nearly triangular in the order of its strongly connecte
 factors are sparse, so it is factored without trying products first.
 
 Matrices with more than 100,000 rows are solved by BiCGSTAB with a two-level preconditioner
-(`TwoLevel`), in 60 bytes per entry. If it does not converge, a complete factorisation follows or,
-above half a million rows, where factors could exceed any memory, products. The factors of a chain
-that is unrolled over the phases of a tide are not sparse in any order, so `Cycle` solves it.
+(`TwoLevel`), in 60 bytes per entry. If it does not converge, the matrix is factored or, above half
+a million rows, where the factors could exceed any memory, solved by products. The factors of a
+chain that is unrolled over the phases of a tide are not sparse in any order, so `Cycle` solves it.
 
 If a part of the chain is left once in 10^10 steps or less often, all these methods return wrong
 answers with small residuals. Such chains are eliminated without subtractions, which takes some
@@ -53,7 +53,7 @@ class Limits:
     complete: int = 500_000
     "A matrix with more rows is not factored completely if BiCGSTAB does not converge."
     factored: int = 20_000_000
-    "A matrix with more rows is never factored; products continue."
+    "A matrix with more rows is never factored; products continue even if they are slow."
     elimination: float = 1e11
     "Largest number of multiplications of an elimination."
 
@@ -62,13 +62,13 @@ LIMITS = Limits()
 # A factorisation is accepted if it gives the probability of ever leaving, which is 1, with at most
 # this error.
 _ILL = 1e-8
-# A rough solve is accepted if no step is rarer than this, because its residual would not show it.
+# An approximate solution is accepted if no step is rarer than this; residuals hide rarer steps.
 _HIDDEN = 1e-12
 # A row leaves with probability 0 if its sum differs from 1 by at most this number.
 _CLOSED = 1e-12
 # Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
-# Largest number of times that a rough solve is repeated for the residual.
+# Largest number of approximate solutions, each for the residual of the sum of those before it.
 _ROUNDS = 6
 # The repeats end if the residual, relative to the solution, is at most the first number, rounding.
 # Products follow if they end at more than a hundred times that, and at more than the second number
@@ -79,7 +79,7 @@ _ROUNDING, _ENOUGH = 4e-16, 1e-10
 def solve_transient(
     step: scipy.sparse.csr_array, right: Columns, *, adjoint: bool = False
 ) -> tuple[Columns, int]:
-    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, where `Q` is `step`.
+    """Solve `x = right + Q x`, or `x = right + Q' x` if `adjoint`, where `Q` is `step`.
 
     The powers of `Q` must tend to 0, and `right` must not be negative. Returns the solution and the
     number of matrix products.
@@ -110,9 +110,9 @@ def factor_and_solve(
 ) -> tuple[Columns | None, int, bool]:
     """Solve the equation of [`solve_transient`][] by factoring, or by iterating if `Q` is large.
 
-    `leaving` is, for each row, the probability of a step to none of the rows. `order` is `None` or
+    `leaving` is, for each row, the probability of a step out of all the rows. `order` is `None` or
     an order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix
-    is singular up to rounding; the number of products; and whether most digits are surely correct.
+    is singular up to rounding; the number of products; and whether most digits are reliable.
     """
     products = 0
     try:
@@ -121,7 +121,7 @@ def factor_and_solve(
             if (roughly := _rough_solver(matrix)) is not None:
                 x, products = _solve_large(matrix, right, roughly)
                 if x is not None:
-                    # A rough solve would leave mass in a part that only rare steps leave.
+                    # An approximate solution leaves mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
                     return x, products, bool(steps[steps > 0].min() > _HIDDEN)
         solve = _factored(step, order)
@@ -153,7 +153,7 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 
 
 def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
-    """Sum the series of `matrix^n right`; return the sum, its length, and whether it converged."""
+    """Sum `matrix^n right` over n; return the sum, the number of products, and if it converged."""
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
@@ -200,12 +200,12 @@ def _factored(
     return solve
 
 
-# A function that solves `x = right + matrix x` roughly. Returns the number of products too.
+# A function that solves `x = right + matrix x` approximately. Returns the number of products too.
 _RoughSolver = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
 
 
 def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
-    """Return the rough solver of a large matrix, or `None` if it should be factored completely."""
+    """Return an approximate solver of a large matrix, or `None` to factor the matrix completely."""
     rows = matrix.shape[0]
     if rows > LIMITS.cycle and (cycle := Cycle.of(matrix)) is not None:
         return cycle
@@ -215,7 +215,7 @@ def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Columns, roughly: _RoughSolver
 ) -> tuple[Columns | None, int]:
-    """Solve by iterative refinement with a rough solver or, if that fails, by repeated products.
+    """Refine an approximate solution or, if that fails, continue with repeated products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the
     number of matrix products.

@@ -1,11 +1,11 @@
 """The stationary distributions of closed classes.
 
 Small chains are eliminated without subtractions, so that the probability of each cell has nearly
-all its digits, even if it is tiny. Larger chains are solved as described in `solve.py`. Products
-must converge to the same distribution from two starts, because from one start they may seem to
-converge while a slow mode remains. If they are slow, the value of one cell of each class, its
-*root*, is set to 1, and a linear system gives the values of the other cells. The root must be a
-likely cell, because the matrix without an unlikely cell is still singular up to rounding.
+all its digits, even if it is tiny. Larger chains are solved as described in `solve.py`. Repeated
+products are accepted only if they converge to the same distribution from two starts: from one, they
+may seem to converge while a slow mode remains. If they converge slowly, the value of one cell of
+each class, its *root*, is set to 1, and a linear system gives the values of the other cells. The
+root must be a likely cell, because without an unlikely cell the matrix remains nearly singular.
 """
 
 import contextlib
@@ -97,7 +97,7 @@ class Rooted:
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":
-        """Choose the likeliest cell of each class as its root."""
+        """Build the equations, with the likeliest cell of each class, by `likely`, as its root."""
         peak = np.zeros(np.bincount(group).size)
         np.maximum.at(peak, group, likely)
         peaks = np.flatnonzero(likely == peak[group])
@@ -117,7 +117,7 @@ class Rooted:
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
         """Compute the expected visits to each cell, for each start, before a root is reached.
 
-        Elimination replaces an inverse of at most `small` rows, and one that rounding spoils.
+        If cells are at most `small`, or if rounding spoils the inverse matrix, they are eliminated.
         """
         identity = np.eye(self.others.size)
         if self.others.size > small:

@@ -21,13 +21,13 @@ _SEED = 0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TwoLevel:
-    """A rough solver of equations with `I - Q`: BiCGSTAB with a two-level preconditioner.
+    """An approximate solver of equations with `I - Q`: BiCGSTAB with a two-level preconditioner.
 
-    An incomplete factorisation removes the differences of the error between neighbouring states. It
-    exists without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The
-    remaining error is nearly equal in neighbouring states, because a slow chain stays long among a
-    few states before it moves on, like a drifter in an eddy. So such states are joined in
-    *aggregates*, and the chain between aggregates has few states (Takahashi 1975).
+    An incomplete factorisation evens out the errors of neighbouring states. It needs no pivoting,
+    because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The remaining error is nearly
+    equal in neighbouring states, because a slow chain stays among a few states for long before it
+    moves on, like a drifter in an eddy. So such states are joined in *aggregates*, and the chain
+    between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
@@ -64,7 +64,7 @@ class TwoLevel:
         return cls(matrix, factor, aggregate, coarse, steps)
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + Q x` roughly, and return the solution and the number of products."""
+        """Solve `x = right + Q x` approximately; return the solution and the number of products."""
         products = 0
 
         def left(x: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
