@@ -32,7 +32,7 @@ def corridor(directions: int = 2) -> "space.CellSpace":
 
 
 def lab() -> "space.CellSpace":
-    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m, and 8 directions."""
+    """Load Lab A of Alam 2018: 19 positions in a room of 8 m x 4 m, and 8 directions."""
     return space.CellSpace.load(bundled("lab_a"))
 
 
@@ -78,7 +78,7 @@ def stream() -> "mapping.Chain":
 
 
 def line_model() -> "markov.DecisionModel":
-    """Build the decision model of a robot on a line of three cells, which gains 1 in the last."""
+    """Build the decision model of a robot on a line of three cells, with reward 1 in the last."""
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
     return markov.DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
 
@@ -131,7 +131,7 @@ def _two_ends(x: Any, p: Any) -> Any:
 
 
 def angles(chunk: int = 64) -> "sweep.Spec":
-    """Specify a sweep over two bouncing angles in Lab A, with `chunk` angles per job."""
+    """Specify a sweep over two bouncing angles in Lab A, in jobs of at most `chunk` angles."""
     lines = (
         'task = "groups"',
         f"chunk = {chunk}",

@@ -18,7 +18,7 @@ cell to cell, and measures them with the encoders of the wheels; `cell_strides` 
 displacement of a step in each direction. A step ends at the centre of a cell, or where it began if
 a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a filter expects.
 
-| task (read by `load_task`) | run | replay of a log | source |
+| task (read by `load_task`) | run | replay of a log | Alam 2018 |
 | --- | --- | --- | --- |
 | `FilterFollower`: a localization filter | `run_follower` | `replay_follower` | section 2.4 |
 | `PolicyFollower`: a localization policy | `run_follower` | `replay_follower` | chapter 2 |
@@ -31,7 +31,7 @@ a bumper was pressed. The robot observes 0 for a step and 1 for a bump, as a fil
 Each run returns a `RunOutcome`. A `RunLog` writes every observation to the disk before the robot
 continues. `read_log` reads the log, even if it was cut off, and a replay has the same outcome.
 
-A stopped run can be resumed. A `Walker` that is given the earlier observations counts their steps
+A stopped run can be resumed. A `Walker` that is given the earlier observations replays their steps
 without driving, so that the task returns to its last state. `Calibrated` corrects the encoders of a
 robot with the `Calibration` that `jaxcell robot calibrate` measures, and saves in the
 `calibration_file`.

@@ -18,7 +18,7 @@ class AnywhereOutcome(RunOutcome):
     place: tuple[float, float] | None = None
     "The centre of the bounding box of the possible places in metres, or `None` if unknown."
     extent: float = math.inf
-    "The diagonal of this bounding box in metres, infinite before the first bump."
+    "The diagonal of the bounding box of the places, in metres; infinite before the first bump."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class AnywhereSettings:
     ahead: int = 1
     "The number of future bumps that the choice of an angle takes into account."
     seed: int = 0
-    "The seed for drawing the starts of the simulations that compare the angles."
+    "The seed for the random starts in the simulations that compare the angles."
 
 
 def run_anywhere(
@@ -46,15 +46,15 @@ def run_anywhere(
 ) -> AnywhereOutcome:
     """Localize a robot that starts at an unknown pose, or lead it to its goal.
 
-    The robot drives straight until it bumps, backs off by half of `filter.errors.displacement`, and
-    turns. The filter uses only the angles of the turns and the lengths of the straight runs.
+    The robot drives straight until a bump, backs off by `settings.filter.errors.displacement / 2`,
+    and turns. The filter uses only the angles of the turns and the lengths of the straight runs.
 
     **Arguments:** a walker; the filter, the angles and the goal; the log, to which each straight
     run is written immediately; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], whose result is
-    `"localized"`, `"arrived"` at the goal, or `"refuted"` if the lengths of the runs are impossible
-    from every start.
+    `"localized"`, `"arrived"` at the goal, `"refuted"` if the lengths of the runs are impossible
+    from every start, or `"unfinished"` after `limit` bumps.
 
     A simulated point robot in an L-shaped room:
 
@@ -159,7 +159,7 @@ class SetFollower:
         self.state = self.settings.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
-        """Replay a log, and yield the length of the straight run and the next turn at each bump.
+        """Replay a log, and yield the length of the run before each bump and the turn after it.
 
         The length is `None` if the robot met no wall, and the turn is `None` after the last run.
         When the two numbers are yielded, `state` contains the possible places before the turn.

@@ -9,7 +9,7 @@ from .run_log import LoggedRun
 
 
 # The turns toward the wall that are compared, in radians.
-_TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
+_BUMP_TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
 # Whenever the possible places have at most this extent in metres, the turns are compared by this
 # number of the following runs.
 _EXTENT, _RUNS = 1.5, 3
@@ -42,7 +42,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
         turns.append(turn or 0.0)
         states.append(follower.state if follower.extent <= _EXTENT else None)
     rng = np.random.default_rng(0)
-    error, windows = np.zeros(_TURNS.size), 0
+    error, windows = np.zeros(_BUMP_TURNS.size), 0
     for first, state in enumerate(states[: -_RUNS or None]):
         if state is not None and state.wall.size:
             windows += 1
@@ -50,8 +50,8 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
             window = slice(first, first + _RUNS)
             error += _least_error(
                 filter.boundary,
-                np.tile(place, (_TURNS.size, 1, 1)),
-                np.tile(heading, (_TURNS.size, 1)),
+                np.tile(place, (_BUMP_TURNS.size, 1, 1)),
+                np.tile(heading, (_BUMP_TURNS.size, 1)),
                 turns[window],
                 lengths[first + 1 : first + 1 + _RUNS],
                 filter.errors.displacement / 2,
@@ -62,19 +62,19 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
             f"the robot is never localized to {_EXTENT:g} m and then drives {_RUNS} straight runs: "
             "expected a longer run"
         )
-    return float(_TURNS[error.argmin()])
+    return float(_BUMP_TURNS[error.argmin()])
 
 
 def _least_error(
     boundary: Boundary,
-    place: Float[np.ndarray, "turns places 2"],
-    heading: Float[np.ndarray, "turns places"],
+    place: Float[np.ndarray, "bump_turns places 2"],
+    heading: Float[np.ndarray, "bump_turns places"],
     turns: list[float],
     lengths: list[float],
     back: float,
     rng: np.random.Generator,
-) -> Float[np.ndarray, "turns"]:
-    """Return the least `_squared_error` near the given starts, for each angle of `_TURNS`."""
+) -> Float[np.ndarray, "bump_turns"]:
+    """Search at random near the starts for the least `_squared_error` of each bump turn."""
     error = _squared_error(boundary, place, heading, turns, lengths, back)
     for along, aside in _SPREADS:
         best = np.argsort(error, axis=1)[:, :_BEST]
@@ -89,18 +89,18 @@ def _least_error(
 
 def _squared_error(
     boundary: Boundary,
-    place: Float[np.ndarray, "turns places 2"],
-    heading: Float[np.ndarray, "turns places"],
+    place: Float[np.ndarray, "bump_turns places 2"],
+    heading: Float[np.ndarray, "bump_turns places"],
     turns: list[float],
     lengths: list[float],
     back: float,
-) -> Float[np.ndarray, "turns places"]:
-    """Sum the squared errors of the run lengths, in m², for each angle of `_TURNS` and each start.
+) -> Float[np.ndarray, "bump_turns places"]:
+    """Sum the squared errors of the run lengths, in m², for each bump turn and each start.
 
-    After a bump, the robot backs off by `back` metres, and makes the next turn of `turns`.
+    After bump `i`, the robot backs off by `back` metres, turns `turns[i]`, and drives `lengths[i]`.
     """
     shape = heading.shape
-    by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
+    by_bump, place, heading = _BUMP_TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)
     error = np.zeros(by_bump.size)
     for turn, length in zip(turns, lengths, strict=True):

@@ -10,8 +10,8 @@ from .walker import Walker
 
 
 Until: TypeAlias = Literal["known", "cycle"]
-"""The condition that ends the run of a filter. With `"cycle"` it is a knowledge cycle, a cycle of
-states that no observation leaves; with `"known"`, this or a single possible configuration."""
+"""The condition that ends the run of a filter. With `"cycle"` the run ends in a knowledge cycle, a
+cycle of states that no observation leaves; with `"known"` also when one configuration is left."""
 
 
 class Follower(abc.ABC):
@@ -22,7 +22,7 @@ class Follower(abc.ABC):
     observations: str
     "The observations of the robot: 0 for a step, 1 for a bump."
     colors: list[int]
-    "The colour of the filter or policy after each observation; empty for a belief."
+    "The output (colour) of the filter or policy after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
     "The result of the run, or `None` before its end."
 
@@ -41,7 +41,7 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """True if no observation can follow; a localized filter continues to a knowledge cycle."""
+        """True if the log of a run cannot contain a further observation."""
         return self.result is not None
 
     @property
@@ -57,7 +57,7 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """The fields of the state that the log contains for each observation, as JSON values."""
+        """The part of the state that is logged with each observation, as JSON values."""
 
     @property
     def localized(self) -> str:
@@ -117,7 +117,7 @@ class FilterFollower(Follower):
 
     @property
     def over(self) -> bool:
-        # A run until the cycle continues after one configuration is left.
+        # With `until="cycle"`, a run continues after one configuration is left.
         return self.result == "refuted" or self._state.localized
 
     @property

@@ -1,8 +1,8 @@
 """Find the marker of a dummy intruder in the frames of a camera: a dark cross on a light sheet.
 
 In Alam 2018, section 4.5.7, robots on patrol look for a cross, whose shape and detection are not
-described. Here the marker is a black cross on a white square. In units of half the width of an arm,
-the arms are 2 wide, their ends are 3 from the centre, and the sides of the sheet are 5 from it:
+described. Here the marker is a black cross on a white square. If the arms are 2 units wide, their
+ends are 3 units from the centre, and the sides of the sheet are 5 units from it:
 
 ```text
 +-----------+
@@ -85,8 +85,8 @@ def find_cross(frame: Frame) -> Marker | None:
 
     The frame is searched at its full resolution, at half of it, and so on, for shapes that are
     darker than their surroundings. An affine map fits the moments of each shape to the moments of
-    the cross, and then a homography fits its outline. If the fit is close, and a camera can have
-    this view, the frame is rectified by the homography and correlated with the marker.
+    the cross, and then a homography fits its outline. If the fit is close, and a camera could see a
+    sheet in this perspective, the homography rectifies the frame for a correlation with the marker.
 
     **Arguments:** a frame; 640 by 480 pixels are enough, and the time is proportional to the number
     of pixels. **Returns:** the marker, or `None`.
@@ -252,10 +252,10 @@ def _fit(
 def _onto_edges(
     points: Float[np.ndarray, "points 2"], edge: Int[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "3 3"], float]:
-    """Fit the homography that moves points to the lines of their edges, by linear least squares.
+    """Fit the homography that maps each point to the line of its edge, by linear least squares.
 
-    All edges may be shifted inward by one common distance, because the pixels of an outline belong
-    to the shape and depend on the threshold. The second result is this normalized distance.
+    `edge` numbers the edge of each point. The second result is the normalized distance by which all
+    edges are shifted inward, because outlines lie inside their shapes and depend on the threshold.
     """
     at, sideways = _AT[edge], _FACING[edge] == 0
     extended = np.column_stack([points, np.ones(len(points))])
@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Return the pixels of a perfect marker, and an orthonormal basis of linear brightness."""
+    """Return the pixels of a perfect marker, and an orthonormal basis of patches linear in x, y."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

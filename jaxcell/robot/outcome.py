@@ -4,7 +4,7 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of a run in which a robot does its task."""
+    """The outcome of a run: its result, the observations, and the possible cells at the end."""
 
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
@@ -20,8 +20,8 @@ class RunOutcome:
     reason: str
     "A sentence that explains the result."
     colors: tuple[int, ...] = ()
-    """The colour of the filter after each observation; 0 after an impossible observation, if the
-    filter has no trap state."""
+    """The output (colour) of the filter or policy after each observation; 0 after an impossible
+    observation, if a filter has no trap state."""
     cells: tuple[int, ...] = ()
     "The possible cells of the robot according to the filter, policy or belief."
 

@@ -12,7 +12,7 @@ from ..space.slip import ERRORS, MISSED
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cloud:
-    """The particles after some observations."""
+    """The state of the particles after the observations so far."""
 
     pose: Float[np.ndarray, "particles 3"]
     "The pose of each particle: x and y in metres, and the heading in radians."
@@ -32,7 +32,7 @@ class Particles:
     After each step, new particles are drawn from those that agree with the observation. Runs with
     the same seed are equal.
 
-    In a corridor, a robot that bumps after two steps turns at one end, in cell 0 or 5:
+    In a corridor, a robot that bumps after two free steps has turned at an end, in cell 0 or 5:
 
         >>> import math
         >>> from jaxcell import examples, robot, space
@@ -55,7 +55,7 @@ class Particles:
     "The number of particles."
     seed: int = 0
     share: float = 0.95
-    "The credible set of an estimate contains the robot with at least this probability."
+    "The least probability with which the credible set of an estimate contains the robot."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -93,7 +93,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set, with `nowhere` = 1 if no particle matched the observation."""
+        """Compute the credible set; its `nowhere` is 1 if no particle matched the observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

@@ -48,8 +48,8 @@ class Patrol:
     ) -> None:
         """Put the robot at the position `start`, in the direction `facing`, 0 East to 3 South.
 
-        The patrol ends after `visits` goals, `most_bumps` bumps, or `limit` steps. With the same
-        seed, the robots of a team still have different goals.
+        The patrol ends after `visits` goals, `most_bumps` bumps, or `limit` steps. The random goals
+        depend on `seed` and on the number of the robot in its team.
         """
         for name, value in (("visits", visits), ("most_bumps", most_bumps), ("limit", limit)):
             if value < 1:

@@ -12,7 +12,7 @@ def run_plan(
 
     **Arguments:**
 
-    - `walker`: the robot, at the centre of the first cell of the plan, in the cell's direction.
+    - `walker`: the robot, at the position and in the direction where the plan starts.
     - `actions`: the `actions` of a `jaxcell.bounce.Plan`: 0 for a step without a bump, else the
         angle in radians, counter-clockwise, of the turn after a bump.
     - `log`: the log, to which each observation is written immediately.

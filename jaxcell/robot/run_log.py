@@ -103,7 +103,7 @@ class LoggedRun:
 
     @property
     def colors(self) -> list[int]:
-        """The colour of the filter after each observation; empty without a filter."""
+        """The output (colour) of a filter or policy after each observation; otherwise empty."""
         return [event["color"] for event in self._observed() if "color" in event]
 
     @property
@@ -129,7 +129,7 @@ def why_stopped(error: BaseException) -> str:
 
 
 def stopped(outcome: _O, run: LoggedRun) -> _O:
-    """Mark the outcome of a replay as stopped, with the reason, if the run was stopped."""
+    """Mark the unfinished replay of a stopped run as stopped, and add the reason."""
     if run.stopped is None or outcome.result != "unfinished":
         return outcome
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")

@@ -53,8 +53,8 @@ def filter_sketch(
     - `direction`: the number of the robot's direction at the start, or `None` if it is unknown.
         See [`jaxcell.robot.Walker`][].
     - `flash`: the flash memory of the board, in bytes.
-    - `machine`: a smaller machine for the program to run instead of the filter or policy, found by
-        [`jaxcell.automata.fewest_bytes`][] without its argument `output`.
+    - `machine`: a smaller machine for the program to run instead of the filter or policy, the one
+        that [`jaxcell.automata.fewest_bytes`][] finds with its default `output`.
 
     **Returns:** the text of the program.
 
@@ -211,7 +211,7 @@ def _machine_header(source: Filter | Policy, machine: MooreMachine) -> str:
 
 
 def table_bytes(header: str) -> dict[str, int]:
-    """Compute the size of each table of a C header in bytes, by the name of the table."""
+    """Map the name of each table in a C header to the size of the table in bytes."""
     return {
         name: int(bits) // 8 * int(rows) * int(columns or 1)
         for bits, name, rows, columns in _TABLE.findall(header)
@@ -219,7 +219,7 @@ def table_bytes(header: str) -> dict[str, int]:
 
 
 def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
-    """Raise if a known direction does not exist, or a bounce would end between two directions."""
+    """Raise `ValueError` if the direction does not exist, or a bounce ends between directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:

@@ -67,9 +67,9 @@ def member_actions(
         the result of [`jaxcell.space.free_steps`][] for the cells and motion of the trajectory.
 
     **Returns:** the actions of each robot in order, one character each: `0` for a free step; `1`
-    for a step into a wall and a turn by the bouncing angle; `2` for this turn without a step,
-    because another robot is in the way; `+` and `-` for a turn by one direction to the left and to
-    the right, without a step.
+    for a step into a wall and a turn by the bouncing angle; `2` for a turn by the bouncing angle
+    without a step, because another robot is in the way; `+` and `-` for a turn by one direction to
+    the left and to the right, without a step.
 
     A single robot in a row of two cells makes a step, and turns at the wall:
 
@@ -179,7 +179,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state with the observations of an earlier run, whose turns count as done."""
+        """Update the state with the observations of an earlier run, and pass over its turns."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:
@@ -213,10 +213,10 @@ def run_member(
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots do not see each other and share no clock, so they arrive a little early or late at
-    the places where two robots meet in the trajectory. At such a place, each robot turns without a
-    step, as in the trajectory, and does not sense the other robot. If a step that is free in the
-    trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and tries
-    again, at most 3 times in all.
+    the places where two robots meet in the trajectory. At such a place, each robot makes the turn
+    of the trajectory without a step, and does not sense the other robot. If a step that is free in
+    the trajectory bumps, another robot may be in the way. Then the robot goes back, waits, and
+    tries again, at most 3 times in all.
 
     **Arguments:** a walker; the task; the log; the seconds of each wait; and a function that waits.
     **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` if a step does not bump

@@ -25,13 +25,13 @@ class Walker:
 
     In the model of a bouncing robot (Alam 2018, Eq. 2.4), a robot is always at the centre of a
     cell. A step goes straight along the heading. After a free step the robot is at the centre of
-    the cell where the step ended, which may be beside the line of the step. After a bump it is
+    the cell where the step ended; this centre may lie off the line of the step. After a bump it is
     where the step began. Therefore the walker drives on to the centre of the cell after a step, and
     back to the start after a bump. A wall on the way to the centre counts as a bump as well.
 
     To drive to the centre, the walker must know the heading of the robot at the start, for example
     from a compass. Without `strides` the walker needs no heading, and all steps have one length.
-    This agrees with the model if all directions are along the axes, and approximates it otherwise.
+    Such steps agree with the model if all directions are along the axes; else they approximate it.
 
     Each target is a place in the frame of the odometry, so that each step corrects the error of the
     step before. Slip is not corrected, because the encoders do not sense it.
@@ -75,9 +75,9 @@ class Walker:
         - `recalled`: the observations of the run to resume. The walker counts these steps without
             driving, because the robot already stands at the end of the last step, with the heading
             of the next step.
-        - `tolerance`, `turn_tolerance`: the largest errors, measured by the encoders, that are not
-            corrected; in metres and in radians. The default `tolerance` is 0.4 % of a step, but at
-            least 1 mm (the shortest drive of the wheels) and at most 4 mm.
+        - `tolerance`, `turn_tolerance`: the errors, in metres and radians by the encoders, up to
+            which the walker corrects nothing. The default `tolerance` is 0.4 % of a step, but at
+            least 1 mm (the shortest possible drive) and at most 4 mm.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)
@@ -143,8 +143,7 @@ class Walker:
     def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
         """Drive straight until a bump, at most `most` metres, and back off by `back` metres.
 
-        Returns the length of the run that the encoders measure, in metres; `None` if there was no
-        bump.
+        Returns the length of the run in metres by the encoders, or `None` if there was no bump.
         """
         self.drives = True
         moved = self._robot.forward(most, tolerance=self._tolerance)

@@ -26,8 +26,8 @@ def compare_images(
 ) -> Comparison:
     """Compare the images of cells in `simple_map` with steps that shapely computes.
 
-    `bounce` is the bouncing angle of `simple_map`, in radians. Only the cells `only` are
-    compared, by default a sample of 200 cells.
+    `bounce` is the bouncing angle of `simple_map`, in radians. `only` are the cells to compare, by
+    default a sample of 200 cells.
     """
     z = sample(cells.size, _IMAGES) if only is None else only
     target, clear = _targets(cells, z, motion)
@@ -49,9 +49,8 @@ def _targets(
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
     """Find the position after a step from each cell; a robot that bumps keeps its position.
 
-    **Returns:** the positions, and a mask of the cells to compare. From other cells, the step
-    touches walls on both sides or ends in a corner, so that rounding decides whether the robot
-    bumps.
+    **Returns:** the positions, and a mask of the cells to compare. A cell is left out if its step
+    touches walls on both sides or ends in a corner, so rounding decides whether the robot bumps.
     """
     assert cells.workspace is not None
     near, space = _NEAR * cells.cell, cells.workspace.free_space

@@ -75,7 +75,7 @@ class Comparison:
 
 
 def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
-    """Draw at most `count` sorted numbers below `size`, which depend only on the arguments."""
+    """Draw at most `count` sorted, different numbers below `size`, equal for equal arguments."""
     if size <= count:
         return np.arange(size)
     return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))

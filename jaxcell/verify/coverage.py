@@ -74,8 +74,8 @@ def _matrix(
 def _nearest(policy: CoveragePolicy) -> Comparison:
     """Compare the distance from the mixture to the target with non-negative least squares.
 
-    An additional equation requires that the weights sum to 1. The sum of the solution may be
-    smaller, but its proportions are those of the best mixture, so it is normalized.
+    An additional equation says that the weights sum to 1, but holds only approximately. The
+    solution is the best mixture times a number of at most 1, so it is divided by its sum.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

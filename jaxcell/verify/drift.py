@@ -19,7 +19,7 @@ _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Compare with other solvers: persistent groups, the drifters that end in them, and voyages."""
+    """Compare persistent groups, the drifters that end in them, and voyages with other solvers."""
     compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return compared

@@ -14,7 +14,7 @@ _COIN, _LOST = 0.5, 1e-4
 
 
 def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
-    """Compare a filter with sparse matrices.
+    """Compare a filter with computations on sparse matrices.
 
     The transitions of some states are compared with products of matrices, and knowledge cycles with
     the strongly connected components of the transition graph that no edge leaves.
@@ -60,7 +60,7 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
 
 
 def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
-    """Compare a policy with sets of possible cells, which are computed step by step.
+    """Compare the possible cells of a policy with sets of cells that are followed step by step.
 
     A step replaces each cell by its image. [`jaxcell.verify.compare_images`][] compares the images.
     """

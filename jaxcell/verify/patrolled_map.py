@@ -47,7 +47,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
-    """Compute the probability that a robot sees the cell `target` within each attack time."""
+    """Compute the probability that a robot sees an attack on `target`, for each attack duration."""
     view, times = patrol.visible[:, target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time: twice the mean resistance, because conductances sum to 1."""
+    """Compute the mean commute time 2 C R, with total conductance C = 1 and mean resistance R."""
     used = policy.weights > 0
     if not used.any():
         return 0.0

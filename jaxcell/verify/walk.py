@@ -48,7 +48,7 @@ def compare_commute(
 ) -> list[Comparison]:
     """Compare the minimum commute time under constraints with a conic program in cvxpy.
 
-    `share` is the minimum share of steps on the shortest closed tour of the vertices `emphasis`.
+    At least `share` of all steps must be on the shortest closed tour of the vertices `emphasis`.
     """
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
@@ -73,7 +73,7 @@ def compare_commute(
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:
-    """Compare the best mixture of walks with the best of linear programs, one for each vertex."""
+    """Compare the best mixture of walks with linear programs, one for each attacked vertex."""
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):

@@ -37,8 +37,8 @@ class ByClock:
         - `robot`: a robot such as a [`jaxcell.robot.Create`][], on which `arm` has been called.
         - `speed`, `turning`: the speeds of drives and turns, in metres and radians per second. They
             must be speeds that [`jaxcell.robot.Driver.drive`][] leaves unchanged.
-        - `clock`, `sleep`: functions that return the time, and that wait, in seconds. For an
-            emulated robot they must use the time of the emulator.
+        - `clock`, `sleep`: a function that returns the time in seconds, and one that waits for a
+            number of seconds. For an emulated robot both must use the time of the emulator.
         - `pause`: the seconds for which the robot stands still after each motion.
         """
         for name, value, most in (("speed", speed, 0.5), ("turning", turning, 4.0)):
@@ -61,7 +61,7 @@ class ByClock:
     def _roll(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels, and return the elapsed seconds and whether a bump ended the motion."""
+        """Turn the wheels for up to `seconds`; return the elapsed time, and true after a bump."""
         began = self._clock()
         free = True
         try:

@@ -152,11 +152,11 @@ class Driver:
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
         """Set the speeds of the wheels, from -0.5 to 0.5 m/s, for at most `patience` seconds.
 
-        If a byte of the encoded speeds equals the opcode of a command, the next slower speeds on
-        the same arc are sent, because a lost byte could make the robot execute this command. These
-        speeds are never replaced: 0.008 to 0.082 and 0.174 to 0.248 m/s for turns on the spot, and
-        0.008 to 0.127 m/s straight ahead. With `stop_on_bump`, a bump stops the wheels immediately,
-        and they stand still until a call of `stop`, or of `drive` without `stop_on_bump`.
+        If the bytes of the speeds contain the opcode of a command, which the robot could execute
+        when another byte is lost, the next slower speeds on the same arc are sent. Speeds of 0.008
+        to 0.082 and 0.174 to 0.248 m/s in turns on the spot, and 0.008 to 0.127 m/s straight ahead,
+        are sent unchanged. With `stop_on_bump`, a bump stops the wheels immediately, and they stand
+        still until the next call of `stop`, or of `drive` without `stop_on_bump`.
 
         **Returns:** `True` if the robot drives, and `False` after a bump.
 
@@ -183,7 +183,7 @@ class Driver:
     def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
         """Wait for a reading newer than `reading`.
 
-        The caller keeps its speeds for `steady` seconds, in which a simulation may skip readings.
+        The caller will keep its speeds for `steady` seconds, so a simulation may skip readings.
         """
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
@@ -289,7 +289,7 @@ class Driver:
                 self._repeat()
 
     def _repeat(self) -> None:
-        """Send the speeds again, or stop the wheels if the reading or the speeds are too old."""
+        """Repeat the speeds, or stop the wheels if the robot or the caller is silent too long."""
         now = self._now()
         if self._reason is None:
             if self._reading is None or now - self._reading.time > self._patience:

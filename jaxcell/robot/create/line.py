@@ -1,4 +1,4 @@
-"""Open the serial line to a robot, with errors in plain words."""
+"""Open the serial line to a robot, and explain failures in plain words."""
 
 import contextlib
 import errno

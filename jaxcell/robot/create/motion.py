@@ -109,11 +109,11 @@ class Create(Driver):
         tolerance: float,
         timeout: float | None,
     ) -> Moved:
-        """Drive to a standstill at which `quantity` of the readings has changed by `target`.
+        """Drive until `quantity` of the readings has changed by `target` and the robot is at rest.
 
         `wheels` computes the speeds of the right and the left wheel in m/s, from the remaining
-        change of the quantity and the turn so far in radians. `what` names the motion in errors,
-        and `most` is the largest allowed `speed`.
+        change of the quantity and the turn so far in radians. `what` names the motion in error
+        messages, and `most` is the largest allowed `speed`.
         """
         start = now = self.sensors()
         stop_on_bump = quantity == "distance" and target > 0
@@ -167,7 +167,7 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """Compute the signed speed at the distance `rest` before the end of a motion.
+    """Compute the speed, with the sign of `rest`, of a motion that has `rest` (m or rad) to go.
 
     The magnitude is `speed` at first, and decreases to `slowest` near the end.
     """

@@ -14,7 +14,7 @@ from .packets import layout, members, requested_values
 
 
 BAUD = 115200
-"""The baud rate of a Create 2 or Roomba 600, with 8N1 and without flow control."""
+"""The baud rate of a Create 2 or Roomba 600, whose line has 8N1 framing and no flow control."""
 
 STREAM_PERIOD = 0.015
 """The period of the frames in seconds. The robot reads its sensors once per period."""
@@ -84,9 +84,9 @@ class StreamParser:
 
     The protection depends on the packets. For `jaxcell.robot.STREAM`, if a single byte of three
     consecutive frames is changed, lost or doubled, at most two of these frames are lost, and only
-    values that the robot sent are returned. The reason is that at least two fixed bytes disagree if
-    a frame is read from a wrong position, and that the value of the last packet never equals the
-    header. If an equal value were lost, the next header could be taken for the checksum.
+    values that the robot sent are returned. There are two reasons. If a frame is read from a wrong
+    position, at least two fixed bytes disagree. And the last value never equals the header; if it
+    did and were lost, the checksum would be read as the value, and the next header as the checksum.
     Greater damage may remain unnoticed, because an eight-bit checksum accepts one in 256 damaged
     frames whose length and packet numbers are right.
 
@@ -101,7 +101,7 @@ class StreamParser:
     """
 
     skipped: int
-    "The number of bytes so far that belong to no accepted frame."
+    "The number of bytes so far that were not part of an accepted frame."
 
     def __init__(self, ids: Sequence[int]):
         self._layout = _FrameLayout.of(tuple(ids))

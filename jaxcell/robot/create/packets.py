@@ -15,7 +15,7 @@ METRES_PER_COUNT = math.pi * 0.072 / 508.8
 """The distance in metres that a wheel with a diameter of 72 mm rolls per encoder count."""
 
 WHEEL_OVERCURRENT = 0b11000
-"""The mask of the wheels' bits in packet 14 (overcurrent); its other bits are for the brushes."""
+"""The bits of packet 14 (overcurrent) for the wheels; its other bits are for the brushes."""
 
 
 class Mode(enum.IntEnum):
@@ -28,7 +28,7 @@ class Mode(enum.IntEnum):
 
 
 class Contact(enum.IntFlag):
-    """The bits of packet 7 for pressed bumpers, and for wheels that hang in the air."""
+    """The bits of packet 7: pressed bumpers, and dropped wheels, which hang in the air."""
 
     BUMP_RIGHT = 1
     BUMP_LEFT = 2
@@ -140,7 +140,7 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The numbers of the packets in each group, by the number of the group."""
+"""A dictionary from the number of each group to the numbers of its packets."""
 
 
 @functools.lru_cache
@@ -157,7 +157,7 @@ def members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def layout(ids: Iterable[int]) -> struct.Struct:
-    """Return the format of the values that the robot sends for the packets and groups `ids`."""
+    """Return the `struct` format of the values that a robot sends for packets and groups `ids`."""
     return struct.Struct(">" + "".join(packet.code for packet in members(tuple(ids))))
 
 
@@ -173,7 +173,7 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 
 
 def requested_values(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
-    """List the values of the requested packets in order, and check that they are in range."""
+    """List the values of the packets in order. Raises `ValueError` for a missing or wrong value."""
     numbers = []
     for packet in members(tuple(ids)):
         if packet.name not in values:
@@ -190,6 +190,6 @@ def requested_values(ids: Iterable[int], values: Mapping[str, int]) -> list[int]
 def encoder_difference(before: int, after: int) -> int:
     """Compute `after - before` for two encoder counts, which wrap at 16 bits.
 
-    The difference has a sign, and is correct for motions of less than 2**15 counts (14 m).
+    The difference is signed, and correct for motions of less than 2**15 counts (14 m).
     """
     return (after - before + 2**15) % 2**16 - 2**15

@@ -32,7 +32,7 @@ class Reading:
     contact: Contact
     "The pressed bumpers, and the wheels that hang in the air."
     cliff: tuple[bool, bool, bool, bool]
-    "True if no floor is under a sensor, for the left, front left, front right and right sensor."
+    "True for each sensor that has no floor under it: left, front left, front right and right."
     overcurrent: bool
     "True if the motor of a wheel draws too much current."
     mode: Mode
@@ -40,7 +40,7 @@ class Reading:
     charger: bool
     "True if a charger is plugged in or the robot stands on its dock."
     charging_state: int
-    "The state of charging: 0 none, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
+    "The charging state: 0 off, 1 reconditioning, 2 full charging, 3 trickle, 4 waiting, 5 fault."
     voltage: float
     "The voltage of the battery, in volts."
     charge: float
@@ -66,10 +66,10 @@ class Reading:
 
         Distances are computed from the encoders, because the odometry of the robot (packets 19 and
         20) is wrong in most firmware. The encoders do not sense the direction in which a wheel
-        turns. The robot assumes the last commanded direction, so the counts have the wrong sign if
-        the robot is pushed by hand against this direction. Since the previous reading, the robot
-        must have moved less than 14 m. `first_mode` is the number that the robot reports for mode
-        Off: 0, or 1 for some robots.
+        turns, so the robot counts in the last commanded direction. If it is pushed by hand against
+        this direction, the counts have the wrong sign. The robot must have moved less than 14 m
+        since the reading `previous`. `first_mode` is the number that the robot reports for mode
+        Off: 0, or 1 for robots that number their modes from 1.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0

@@ -29,7 +29,7 @@ _GOODBYE = b"q"
 class Watchdog:
     """A handle with which a driver controls its watchdog process.
 
-    The process runs `command`, which must call `watch`. It inherits the file descriptors `lines`.
+    The process runs `command`, which must call `watch`; it inherits the file descriptors `lines`.
 
     **Raises:** `OSError` if the process does not start.
     """

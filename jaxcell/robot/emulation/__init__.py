@@ -1,1 +1,1 @@
-"""A robot without hardware, which moves in a map and speaks the Open Interface."""
+"""An emulated robot, which moves in a map and speaks the Open Interface."""

@@ -31,7 +31,7 @@ class Noise:
     rotation: float = 0.0
     "The standard deviation of the relative error of a turn in place, drawn once per turn."
     veer: float = 0.0
-    "The standard deviation of the drift of the heading per metre of a straight drive, in radians."
+    "The standard deviation of the error of the heading after one metre straight ahead, in radians."
     encoder: float = 0.0
     "The standard deviation of the relative error of each encoder, drawn at each time step."
     bump_turn: float = 0.0
@@ -107,7 +107,7 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """The seconds of steady rolling that can be predicted: 0, because each step draws noise."""
+        """The seconds for which the body will surely roll steadily: 0, because steps draw noise."""
         return 0.0
 
     @classmethod
@@ -158,7 +158,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Move straight by `forward` metres or up to a wall, and return the completed fraction."""
+        """Move `forward` metres along `heading`, or up to a wall; return the completed fraction."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)

@@ -26,7 +26,7 @@ _CLIFFS = ("cliff_left", "cliff_front_left", "cliff_front_right", "cliff_right")
 
 @runtime_checkable
 class Moving(Protocol):
-    """A body with two wheels, such as a [`Body`][jaxcell.robot.emulation.body.Body]."""
+    """The interface of a two-wheeled body, such as [`Body`][jaxcell.robot.emulation.body.Body]."""
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -49,7 +49,7 @@ class Moving(Protocol):
         """The seconds for which the body will roll steadily and touch no wall; 0 if unknown."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Turn the left and the right wheel for some seconds, each at its speed in m/s."""
+        """Turn the left wheel at `left` m/s and the right wheel at `right` m/s for `seconds`."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Emulator:
     port: str
     "The name of the device that the host opens."
     contact: Contact
-    "The wheels that hang in the air, as bits of packet 7."
+    "The bits of packet 7 for wheels that hang in the air; the body determines the other bits."
     cliffs: set[str]
     "The names of the cliff packets (`cliff_left`, ...) that sense no floor."
     charger: bool
@@ -143,7 +143,7 @@ class Emulator:
 
     @property
     def glide(self) -> float:
-        """The `glide` of the body, but 0 while a command has not yet taken effect."""
+        """The seconds for which the body will roll steadily; 0 while a command is pending."""
         return 0.0 if self._pending else self.body.glide
 
     def __enter__(self) -> "Emulator":

@@ -20,9 +20,9 @@ _GLIDE, _LOOK = 0.3, 0.03
 class SimulatedCreate(Create):
     """An armed [`jaxcell.robot.Create`][] that drives an emulated robot in emulated time.
 
-    The driver, its commands and the frames of the robot are the same as with a serial line. But
-    there is no line, no thread and no watchdog process, and time passes only when the driver waits
-    for the robot. So runs are reproducible on any machine. While a robot in the physics engine
+    The driver, its commands and the frames of the robot are the same as with a serial line, but
+    there is no line, no thread and no watchdog process. Time passes only when the driver waits for
+    the robot, so that runs are reproducible on any machine. While a robot in the physics engine
     rolls steadily, frames are skipped to save time.
     """
 
@@ -30,7 +30,7 @@ class SimulatedCreate(Create):
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """Connect to an emulator. For a body, create an emulator that runs as fast as possible."""
+        """Connect to an emulator, or to a new one for a body, which runs as fast as possible."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

@@ -30,8 +30,8 @@ class PhysicsBody:
     """A Create 2 that a physics engine moves among the walls of a map.
 
     Its motors bring each wheel to the commanded speed with a limited acceleration. The encoders
-    count the turns of the wheels, even if they slip. Half of the bumper counts as pressed while it
-    is pushed in by at least `physics.threshold`.
+    count the turns of the wheels, even if they slip. Each half of the bumper counts as pressed
+    while it is pushed in by at least `physics.threshold`.
 
     A robot in a room of 8 m:
 
@@ -157,7 +157,7 @@ class PhysicsBody:
 
     @property
     def _rate(self) -> float | None:
-        """The `lag_rate` at which the wheels approach their commanded speeds; `None` if unknown."""
+        """The result of `lag_rate`; `None` without `leaps`, or soon after a new speed."""
         leaps = self._leaps and self._steady > _SETTLED
         return lag_rate(self._data, self._speeds) if leaps else None
 

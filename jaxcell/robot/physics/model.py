@@ -71,10 +71,10 @@ def robot_model(
 
     Each wall is a thin box. The shell is a sphere that collides only with walls. Walls touch the
     sphere at the height of its centre, where it has the circular outline of the robot, so that
-    contacts with walls and corners are exact. The wheels are ellipsoids with one contact with the
-    floor each, because cylinders have two contacts and slip in turns.
+    contacts with walls and corners are exact. The wheels are ellipsoids that touch the floor at one
+    point each, because cylinders touch it at two points and slip when the robot turns.
 
-    The walls are those of `workspace` without an offset for the robot. `pose` is x and y in metres
+    The walls of `workspace` are not moved by the radius of the robot. `pose` is x and y in metres
     and the heading in radians. `wheels` are the radii of the left and the right wheel in metres.
     """
     x, y, heading = pose

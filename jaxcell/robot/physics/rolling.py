@@ -52,8 +52,8 @@ def roll_on(
 ) -> float:
     """Advance a robot that rolls straight or turns on the spot, and cannot touch a wall.
 
-    The lags of both wheels behind their motors decay at one common rate, which determines the turns
-    of the wheels. The body has the velocity of its wheels, plus a small slip proportional to it.
+    The lags of both wheels behind their motors decay at one common rate, so that the turns of the
+    wheels are known. The body moves with its wheels, plus a small slip proportional to their speed.
 
     `data` is the state of the engine, which is changed. `speeds` are the commanded speeds of the
     left and the right wheel in m/s, `rate` is the result of `lag_rate`, and `stiffness` is that of

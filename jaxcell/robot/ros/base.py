@@ -17,11 +17,11 @@ _STEERING, _MAX_STEERING = 2.0, 0.4
 
 
 class Base(RosRobot):
-    """A base that subscribes to `cmd_vel`, and publishes `odom` and a bumper.
+    """A mobile base that subscribes to `cmd_vel`, and publishes `odom` and `bumper`.
 
-    Speeds are sent as `geometry_msgs/Twist` or `TwistStamped`, the type to which the base
-    subscribes. The bumper is a `std_msgs/Bool` on `bumper`, published continuously, and true while
-    the bumper is pressed. A short node can publish it from a contact sensor, or from a laser that
+    Speeds are sent as `geometry_msgs/Twist` or as `TwistStamped`, depending on the subscription of
+    the base. Messages on `bumper` are `std_msgs/Bool`, published continuously, and true while the
+    bumper is pressed. A short node can publish them from a contact sensor, or from a laser that
     sees a wall close ahead.
     """
 
@@ -66,7 +66,7 @@ class Base(RosRobot):
         tolerance: float,
         speed: float,
     ) -> Moved:
-        """Drive until `quantity` of the motion is `target`; `what` names the motion in errors.
+        """Drive until `quantity` has changed by `target`; error messages call the motion `what`.
 
         At each odometry message, `roll` sends speeds that depend on the remaining change of the
         quantity and on the turn so far, in radians.

@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """Return a function that cancels all goals of a Create 3 and returns futures of the answers."""
+    """Return a function that cancels all goals of a Create 3 and returns futures of its replies."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 

@@ -48,13 +48,13 @@ class RosRobot(Drivable, abc.ABC):
     """
 
     kind: ClassVar[str]
-    "The kind of the robot (`create3` or `base`), from which the watchdog knows how to stop it."
+    "The kind of the robot (`create3` or `base`), which tells the watchdog how to stop it."
     contact: ClassVar[str]
     "The topic of the bumper."
     greeting: float = 10.0
-    "The seconds within which the first odometry message must arrive."
+    "The seconds to wait for the first odometry message."
     answer: float = 5.0
-    "The seconds within which the bumper must report, and the robot must subscribe to speeds."
+    "The seconds to wait for the first bumper message, and for the robot's subscription to speeds."
 
     def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
@@ -156,7 +156,7 @@ class RosRobot(Drivable, abc.ABC):
             self._check()
 
     def _check(self) -> None:
-        """Raise if the robot must not drive."""
+        """Raise `RobotStopped` if the robot must not drive, or the error that ended the thread."""
         if self._failure is not None:
             raise self._failure
         # If several topics are silent, the longest silence is the cause.
@@ -234,23 +234,23 @@ class RosRobot(Drivable, abc.ABC):
             assert self._odometry is not None
             return self._odometry
 
-    def _wait(self, condition: Callable[[], bool], end: float, what: str) -> None:
-        """Wait for a condition; raise if the robot must not drive, or as `_in_time` does."""
+    def _wait(self, condition: Callable[[], bool], end: float, motion: str) -> None:
+        """Wait for a condition; raise if the robot must stop, or the `motion` outlasts `end`."""
         with self._news:
             while not condition():
                 self._check()
-                self._in_time(end, what)
+                self._in_time(end, motion)
                 self._news.wait(TICK)
 
-    def _in_time(self, end: float, what: str) -> None:
-        """Stop the wheels and raise if the motion `what` has not ended by the time `end`."""
+    def _in_time(self, end: float, motion: str) -> None:
+        """Stop the wheels and raise if the `motion` has not ended by the time `end`."""
         if time.monotonic() > end:
             with self._news:
-                self._stop(f"{what}: it takes too long")
+                self._stop(f"{motion}: it takes too long")
                 self._check()
 
     def _after(self, messages: int) -> Odometry:
-        """Wait until more than `messages` odometry messages have arrived, and return the latest."""
+        """Wait for the odometry message after the first `messages` ones, and return the latest."""
         self._wait(lambda: self._messages > messages, math.inf, "")
         assert self._odometry is not None
         return self._odometry

@@ -1,1 +1,1 @@
-"""The tasks of robots that are stored in files: filters, plans, policies and patrols."""
+"""Tasks of robots, stored in files: filters, plans, policies and patrols."""

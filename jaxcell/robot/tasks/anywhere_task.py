@@ -20,7 +20,7 @@ class AnywhereTask(Task):
     headings: int | None
     "The number of equally spaced headings that are possible at the start; `None` for any heading."
     build: Callable[[], AnywhereSettings]
-    "A function that builds the settings, which may take seconds."
+    "A function that builds the settings; the call may take seconds."
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
@@ -36,10 +36,10 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     """Write the task of a robot that starts at an unknown pose to a file.
 
     The file contains the map and all `fields`. `cell_m`, `directions`, `step_m` and `bounces_deg`
-    describe the robot. `headings`, `slices`, `errors` (as a dictionary) and `counted_m` (its
-    `step`) are for `WallFilter.of`. `known_m` is the `radius` of [`AnywhereSettings`][], and `aim`
-    and `ahead` are its fields. `goal_m` and `goal_radius_m` are the centre and the radius of a
-    goal; without a goal the robot localizes itself.
+    describe the robot. `headings`, `slices`, `errors` (as a dictionary) and `counted_m` are for the
+    arguments `headings`, `slices`, `errors` and `step` of `WallFilter.of`. `known_m`, `aim` and
+    `ahead` are for the fields `radius`, `aim` and `ahead` of [`AnywhereSettings`][]. `goal_m` and
+    `goal_radius_m` are the centre and radius of a goal; without a goal the robot localizes itself.
     """
     write_task(
         path,

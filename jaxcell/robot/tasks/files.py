@@ -109,7 +109,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Returns:** the task.
 
     **Raises:** `ValueError`, with the file and the field, if the file contains no task or plan, or
-    not this robot; `FileNotFoundError` if there is no file.
+    no robot with this number; `FileNotFoundError` if there is no file.
 
     The task of the only robot of a team:
 

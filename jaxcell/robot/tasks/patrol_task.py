@@ -16,7 +16,7 @@ from .task import Task, common_fields, robot_fields, write_task
 
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
-    """The task of a robot that patrols the cells of a map in a random walk."""
+    """The task of a robot that patrols the cells of a map by a random walk."""
 
     kind = "patrol"
     robot: int
@@ -36,7 +36,7 @@ class PatrolTask(Task):
     start: int
     "The position at the start."
     reach: float
-    "The distance up to which the robot sees, in metres."
+    "The largest distance at which the robot sees, in metres."
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
@@ -65,8 +65,8 @@ def save_patrols(
     - `walks`: the `image` and `probability` of the walk of each robot, as in
         [`PatrolTask`][jaxcell.robot.PatrolTask].
     - `starts`: the position of each robot at the start.
-    - `reach`: the distance up to which a robot sees, in metres.
-    - `about`: further fields of the file.
+    - `reach`: the largest distance at which a robot sees, in metres.
+    - `about`: further fields to write to the file, such as the name of the map.
 
     A robot that patrols between the ends of a corridor:
 

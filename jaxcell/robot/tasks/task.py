@@ -39,7 +39,7 @@ class Task:
 
     @property
     def needs_heading(self) -> bool:
-        """True if steps depend on the direction, so that the robot must know its heading."""
+        """True if steps differ between directions, so that the robot must know its heading."""
         strides = self.strides
         return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
 
@@ -50,7 +50,7 @@ class Task:
 
     @property
     def header(self) -> dict[str, Any]:
-        """The description of the task in the header of a log."""
+        """The fields that describe the task in the header of a log."""
         return {
             "kind": self.kind,
             "file": str(self.path.absolute()),
@@ -82,7 +82,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
     """Read at least `count` angles in degrees from a file, and return them in radians.
 
-    An error names `source`, the command of `jaxcell` that writes such files.
+    Error messages name `source`, the command of `jaxcell` that writes such files.
     """
     values = fields.get(name)
     least = f"at least {count} " if count else ""
