@@ -196,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from `piece` to `goal` in `through`, without its start, or `None`."""
+    """Find the shortest path from `piece` via `through` to `goal`, without its start, or `None`."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

@@ -185,7 +185,7 @@ def _captured(
     charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """Compute the least probability of capture at each vertex after a start in `visited` states."""
+    """Compute the least capture at each vertex, for attacks that begin in the states `visited`."""
     away, least = 1 - np.eye(attack.size), np.ones(attack.size)
     late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):
