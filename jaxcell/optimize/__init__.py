@@ -11,16 +11,16 @@ of `A`, that is nearest to a target `b` is a point of their convex hull:
 
 `mixture` finds it exactly with an active-set method.
 
-**Minimum commute** (Eq. 4.2 to 4.5). On a graph with edge weights `w` a walk takes edge `e` out of
-a vertex with probability `w_e` over the sum of the weights there. With `b_e = e_i - e_j` for an
-edge between `i` and `j`, and `0 = l_1 < l_2 <= ... <= l_n` the eigenvalues of the Laplacian
+**Minimum commute** (Eq. 4.2 to 4.5). On a graph with edge weights `w`, a walk leaves a vertex along
+edge `e` with probability `w_e` divided by the sum of the weights there. With `b_e = e_i - e_j` for
+an edge between `i` and `j`, and `0 = l_1 < l_2 <= ... <= l_n` the eigenvalues of the Laplacian
 
     L = sum_e w_e b_e b_e',     the mean commute time is C = 4 / (n - 1) sum_{i>=2} 1 / l_i,
 
-over pairs of different vertices; Eq. 4.3 is half of `C`, the mean hitting time. `C` is convex in
-`w`. The weights with the least `C` are an A-optimal design. `minimum_commute` computes the weights
-with an interior-point method in `O(edges^3)` per step; with an *emphasis*, the weights on the
-closed tour through given vertices, `shortest_tour`, sum to at least a share `h`.
+where the mean is over pairs of different vertices. Eq. 4.3 is half of `C`, the mean hitting time.
+`C` is convex in `w`. The weights with the least `C` are an A-optimal design. `minimum_commute`
+computes the weights with an interior-point method in `O(edges^3)` per step; with an *emphasis*, the
+weights on the closed tour through given vertices, `shortest_tour`, sum to at least a share `h`.
 
 **Fastest mixing.** Find the symmetric matrix `I - L` on a graph whose eigenvalues are nearest to 0,
 except for the eigenvalue 1 of the uniform distribution:

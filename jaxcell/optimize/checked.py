@@ -34,7 +34,7 @@ def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
 def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return `count` positive numbers, also 0 with `zero`; errors contain `what` ("per edge")."""
+    """Return `count` numbers > 0, or >= 0 if `zero`; errors contain `what`, such as "per edge"."""
     array = np.array(values, np.float64)
     if array.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")

@@ -63,7 +63,7 @@ def minimum_commute(
     - `share`: the least sum of the weights on the edges of the tour, from 0 to 1.
     - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. With
         durations, the commute time is in their unit, and `share` is a share of the time.
-    - `constraints`: linear constraints; not with durations, and on at most 2,000 vertices.
+    - `constraints`: linear constraints, only without `durations` and on at most 2,000 vertices.
     - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
@@ -150,7 +150,7 @@ def _room(
     share: float,
     constraints: Sequence[Linear],
 ) -> Room:
-    """Find the weights that constraints allow, with at least `share` on the edges of the tour."""
+    """Find the set of weights that constraints allow, with at least `share` on the tour."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     left = room(len(graph.edges), [*constraints, *emphasis])
     apart = vertices_apart(graph.vertices, graph.edges[left.used])

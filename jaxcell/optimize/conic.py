@@ -26,9 +26,9 @@ def least_resistance(
 ) -> ConicWeights:
     """Find the weights with the least sum of resistances under constraints, with Clarabel.
 
-    The sum is the least energy `sum_e |F_e|^2 / w_e` of currents `F` that lead from each vertex
-    evenly to all other vertices, through edges with conductances `w`. With durations `t`, `w` are
-    shares of time and the energy is `sum_e t_e |F_e|^2 / w_e`.
+    The sum is the least energy `sum_e |F_e|^2 / w_e` of currents `F` through edges with
+    conductances `w`: one from each vertex, which leaves at all other vertices in equal parts. With
+    durations `t`, `w` are shares of time and the energy is `sum_e t_e |F_e|^2 / w_e`.
     """
     # Imported here because only `--verify` needs cvxpy, which takes a second.
     import cvxpy

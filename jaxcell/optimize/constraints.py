@@ -115,7 +115,7 @@ class Room:
     def prices_of(
         self, prices: Float[np.ndarray, "prices"], count: int
     ) -> Float[np.ndarray, "constraints"]:
-        """Return the price of each of the first `count` constraints, 0 if it has no effect."""
+        """Return the price of each of the first `count` constraints; 0 for one without effect."""
         owned = (self.owner >= 0) & (self.owner < count)
         # Without prices, `bincount` would return whole numbers.
         return np.bincount(self.owner[owned], np.abs(prices / self.units)[owned], count) * 1.0
@@ -123,8 +123,8 @@ class Room:
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
         """Return an upper bound on `gain @ weights` over all allowed weights.
 
-        Any prices give a bound, because those of the wrong sign are ignored. The prices of the
-        linear program give a tight bound.
+        Any prices give a bound, because those of the wrong sign are ignored. The bound is tight for
+        the optimal prices of the linear program that maximises `gain @ weights`.
         """
         prices = np.where(self.signs * prices > 0, 0.0, prices)
         left = gain - self.sums[: self.edges] @ prices
@@ -134,8 +134,8 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds the weights and slacks that can be positive, all in the same solution.
-    A second program finds a point far from all bounds.
+    One linear program finds a solution in which all weights and slacks that can be positive are
+    positive. A second program finds a point far from all bounds.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:
@@ -178,7 +178,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
 
 class _Sides(NamedTuple):
-    """The sum of weights and the bounds of constraints, as rows with a largest entry of 1."""
+    """The sum of weights and the bounds of constraints, as rows scaled to a largest entry of 1."""
 
     rows: Float[np.ndarray, "sides edges"]
     bounds: Float[np.ndarray, "sides"]

@@ -86,8 +86,8 @@ def minimum_cover(
 ) -> MinimumCover:
     """Choose the fewest sets that cover all elements, with a mixed-integer program.
 
-    In bad cases the computing time grows exponentially with the number of sets; it is a fraction of
-    a second for 200 cells of a room.
+    In bad cases the computing time grows exponentially with the number of sets; a room of 200 cells
+    takes a fraction of a second.
 
     **Arguments:**
 

@@ -69,15 +69,15 @@ def stackelberg(
     - `method`: `"dobss"` or `"multiple-lp"`; by default `"multiple-lp"` for one type, and `"dobss"`
         for several types, followed by `"multiple-lp"` if the residual is too large and there are at
         most 10,000 combinations.
-    - `time_limit`: time limit of the mixed-integer program, in seconds. When it is over, the result
-        is the best commitment so far, whose residual bounds its error.
+    - `time_limit`: time limit of the mixed-integer program, in seconds. When it is reached, the
+        result is the best commitment so far, and the residual bounds its error.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
-    **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: the
-    excess of an upper bound on all commitments over the value, relative to the range of the
-    leader's payoffs; and the most that a type gains by another target, relative to the largest
-    difference of its payoffs under one strategy. Differences below the tolerance may count as 0.
-    Iterations are the nodes of the branch and bound, or the linear programs.
+    **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers. One
+    is the excess of an upper bound on all commitments over the value, relative to the range of the
+    leader's payoffs. The other is the most that a type gains by another target, relative to the
+    largest difference of its payoffs under one strategy. Differences below the tolerance may count
+    as 0. Iterations are the nodes of the branch and bound, or the linear programs.
 
     Mixing pays for the leader, whose first strategy alone would have the payoff 2 (Conitzer and
     Sandholm 2006):

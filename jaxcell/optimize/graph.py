@@ -75,7 +75,7 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """Build the symmetric sparse matrix whose entries `[i, j]` are the values of the edges."""
+        """Build the symmetric sparse matrix with the value of edge `i, j` in its entry `[i, j]`."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

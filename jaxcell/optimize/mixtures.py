@@ -31,9 +31,9 @@ class Mixture:
 def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     """Minimise `|A x - b|^2` over the `x >= 0` that sum to 1 (Alam 2018, Eq. 3.8).
 
-    `A x - b` is the point of least norm in the convex hull of the columns of `A - b`. An active-set
-    method finds it up to rounding. If columns are affinely dependent, several weights give the
-    nearest mixture; any of them may be returned.
+    At the optimum, `A x - b` has the least norm in the convex hull of the columns of `A - b`. An
+    active-set method finds it up to rounding. If columns are affinely dependent, several weights
+    give the nearest mixture; any of them may be returned.
 
     **Arguments:**
 

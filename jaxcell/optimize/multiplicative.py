@@ -26,8 +26,8 @@ def least_resistance(
     its duration. Then `sum_e g_e w_e^2 / u_e` bounds the sum at other weights `u` and equals the
     sum at `u = w`. The bound is least at weights in proportion to `w_e sqrt(g_e)`. If the tour then
     has less than its share, its weights are raised, and the other weights are lowered. Each step to
-    these weights lowers the sum. Two steps are extrapolated (Varadhan and Roland 2008), but less
-    far if the sum would increase.
+    these weights lowers the sum. Every two steps are extrapolated (Varadhan and Roland 2008), by a
+    shorter length if the sum would increase.
 
     **Returns:** the weights with the smallest relative gap, and the number of inversions of the
     Laplacian.

@@ -5,8 +5,8 @@ edges with weights `w` and durations `t`, where `b_e = e_i - e_j` for an edge `e
 
     minimise R(w) = tr X     over numbers x >= 0 with sums' x = totals,
 
-where `x` are the weights, which sum to 1, followed by the slack of inequalities. With `c_e = X b_e
-/ sqrt(t_e)` the derivatives are
+where `x` are the weights, followed by the slacks of inequalities. Each column of `sums` is an
+equation; the first is that the weights sum to 1. With `c_e = X b_e / sqrt(t_e)` the derivatives are
 
     -dR/dw_e = |c_e|^2, the gain of an edge,     d2R/dw_e dw_f = 2 (c_e' c_f)(c_e' b_f) / sqrt(t_f).
 
@@ -15,8 +15,8 @@ pressure (the dual slack) of an entry of `x` is not negative, and 0 if the entry
 Mehrotra's predictor-corrector steps approach it, each with one Cholesky factorisation.
 
 **The bound.** `R` is convex and homogeneous of degree -1, so its reciprocal is concave, and the
-tangent at `w` bounds the reciprocal everywhere: no weights have a sum below `R(w)^2 / most`, with
-`most` the largest `gain @ u` over all weights `u`. The gap is the certificate, and ends the steps.
+tangent at `w` bounds it everywhere: `R(u) >= R(w)^2 / most` for all weights `u`, with `most` the
+largest `gain @ u`. The steps end when the relative gap, the residual of the certificate, is small.
 """
 
 import contextlib
@@ -51,9 +51,9 @@ _Prices: TypeAlias = Float[np.ndarray, "prices"]
 class Emphasis(NamedTuple):
     """The set of weights with at least a given share on the edges of a tour.
 
-    The excess of the weight on the tour over the share is one more unknown. There are two
-    equations: one for the sum of all weights, one for the sum of the excess and the weights off the
-    tour. An equation for the weight on the tour would be inaccurate if the share is almost 1.
+    The unknowns are the weights, and the excess of the weight on the tour over the share. There are
+    two equations: one for the sum of all weights, one for the sum of the excess and the weights off
+    the tour. An equation for the weight on the tour would be inaccurate if the share is almost 1.
     """
 
     on_tour: Bool[np.ndarray, "edges"]
@@ -81,7 +81,7 @@ class Emphasis(NamedTuple):
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(self, weights: _Weights, spare: float = 0.0) -> _Weights:
-        """Scale weights to sum 1, with at least `share + spare * (1 - share)` on the tour."""
+        """Scale weights to a sum of 1, with at least `share + spare * (1 - share)` on the tour."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -89,7 +89,7 @@ class Emphasis(NamedTuple):
         return weights * np.where(self.on_tour, more, less)
 
     def start(self, design: "Callable[[Float[np.ndarray, 'edges']], Design]") -> _Numbers:
-        """Return initial numbers: equal weights after two multiplications by the roots of gains.
+        """Return initial numbers: equal weights, multiplied twice by the roots of their gains.
 
         In trees without an emphasis, these weights are optimal.
         """

@@ -61,14 +61,14 @@ class SpectralProblem:
         return matrix / np.outer(self.root, self.root)
 
     def along(self, matrix: _Matrix) -> _Weights:
-        """Compute the number `s_e' A s_e` of each edge, for a symmetric matrix `A`."""
+        """Compute `s_e' A s_e` for each edge `e`, with a symmetric matrix `A`."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         own = np.diag(scaled)
         return own[tail] + own[head] - 2 * scaled[tail, head]
 
     def between(self, matrix: _Matrix) -> Float[np.ndarray, "edges edges"]:
-        """Compute the number `s_e' A s_f` of each pair of edges, for a symmetric matrix `A`."""
+        """Compute `s_e' A s_f` for each pair of edges `e` and `f`, with a symmetric matrix `A`."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         rows = scaled[tail] - scaled[head]
@@ -109,8 +109,8 @@ def least_norm(
     general solver cannot exploit this structure: Clarabel, through cvxpy, is 7 times as slow for 30
     vertices and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
 
-    The start `weights` is strictly within the limits, with a norm below 1. `tolerance` bounds the
-    excess over the least norm, relative to 1 minus the norm.
+    The initial `weights` are strictly within the limits, with a norm below 1. `tolerance` bounds
+    the excess over the least norm, relative to 1 minus the norm.
 
     **Returns:** the best weights, their norm, a lower bound on all norms, and the number of steps.
     """
@@ -167,7 +167,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
     solve = _hessian_solve(problem, point, inverse, slack)
 
     def change(forces, pressure):  # type: ignore[no-untyped-def]
-        """Return the step toward given dual variables, the changes of slacks, and step lengths."""
+        """Return the step to dual variables, changes of slacks, and primal and dual lengths."""
         weights, level = solve(_balance(problem, forces, pressure))
         opened = level * np.eye(root.shape[-1]) + _SIGNS * problem.laplacian(weights)
         widened = -(problem.bounds @ weights)
@@ -194,7 +194,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
 def _balance(
     problem: SpectralProblem, forces: _Pair, pressure: _Forces
 ) -> Float[np.ndarray, "unknowns"]:
-    """Compute the sums in the dual constraints, which must be 0 for edges and 1 for the level."""
+    """Compute the left sides of dual constraints, which must be 0 for edges and 1 for the level."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 
@@ -202,7 +202,7 @@ def _balance(
 def _hessian_solve(
     problem: SpectralProblem, point: _Point, inverse: _Pair, slack: _Forces
 ) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[_Weights, float]]:
-    """Return a function that computes the change of weights and level from sums of `_balance`."""
+    """Return a function that computes changes of weights and level from a result of `_balance`."""
     stiff = scipy.sparse.diags_array(point.pressure / slack)
     hessian = np.empty((len(point.weights) + 1,) * 2)
     hessian[:-1, :-1] = (problem.bounds.T @ stiff @ problem.bounds).toarray()
@@ -239,5 +239,5 @@ def _length(inverse_root: _Pair, change: _Pair) -> float:
 
 
 def _ratio(values: _Forces, change: _Forces) -> float:
-    """Return the longest step, at most 1, after which no number is negative."""
+    """Return the longest step, `t <= 1`, with no negative number in `values + t * change`."""
     return 1 / float((-change / values).max(initial=1))

@@ -106,7 +106,7 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
 
 
 def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """Find an order with farthest insertion, then reverse parts while this shortens the tour."""
+    """Find an order by farthest insertion, then reverse parts of it while that makes it shorter."""
     tour = [0]
     nearest = between[0].copy()
     while len(tour) < between.shape[0]:

@@ -14,7 +14,7 @@ The main names are in this package; the packages below contain all names, and de
 - `patrol.team`: parts of a graph, travel times, idleness, the age of news at a base, and charging.
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells;
     `distributed_policies` and `capture_policies` compute walks; `capture_probabilities` computes
-    how likely walks capture; `vulnerability` adds a simulation, and a law fitted to it.
+    the probability of capturing attacks; `vulnerability` also fits a law to simulated times.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
 - `patrol.perimeter`: robots on a closed perimeter that all move by the tosses of one coin.
 

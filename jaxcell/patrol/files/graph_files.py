@@ -57,7 +57,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex as read from a file, not yet checked; error messages name it by its `field`."""
+    """A vertex as read from a file, not yet checked; `field` is its place there, for errors."""
 
     field: str
     name: object
@@ -65,7 +65,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge as read from a file, not yet checked; error messages name it by its `field`."""
+    """An edge as read from a file, not yet checked; `field` is its place there, for errors."""
 
     field: str
     tail: object

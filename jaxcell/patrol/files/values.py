@@ -32,9 +32,9 @@ def load_values(
 def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
     """Read the stakes of a game at each of the named vertices.
 
-    Each line has the name of a vertex and one, two or four numbers, equally many on all lines: the
-    value of the goods to the patroller, their value to the adversary if it differs, the gain of the
-    patroller from a capture, and the penalty of the adversary. `#` begins a comment.
+    Each line has the name of a vertex and one, two or four numbers, the same count on all lines:
+    the value of the goods to the patroller, their value to the adversary if it differs, the gain of
+    the patroller from a capture, and the penalty of the adversary. `#` begins a comment.
     """
     return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)
 

@@ -72,7 +72,7 @@ def fit_gld(
     bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
     for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of this interval.
 
-    Newton's method starts from the best few laws on a grid of shapes. The result is the best of
+    Newton's method searches from the best few laws on a grid of shapes. The result is the best of
     several local maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one
     sample may have a larger likelihood, but is useless.
 
@@ -80,12 +80,12 @@ def fit_gld(
 
     - `samples`: array `[samples]`, in any order and unit.
     - `censored`: whether the samples are whole numbers that stand for intervals. The default is
-        `True` if all samples are whole numbers and two are equal.
-    - `steps`: largest number of steps of a search.
-    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
+        `True` if all samples are whole numbers and at least two are equal.
+    - `steps`: largest number of Newton steps in each search.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds its tolerance, 1e-4.
 
-    **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
-    log-likelihood of one more step.
+    **Returns:** [`GldFit`][]. The residual of its certificate is the gain in log-likelihood that is
+    predicted for one more step.
 
     Four parameters need more than four samples:
 
@@ -130,7 +130,7 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The samples of a fit, and points at which a law's log-odds serve as two of its parameters."""
+    """The samples of a fit. A law is given by its two shapes and by its log-odds at two points."""
 
     data: Likelihood
     few: Likelihood
@@ -140,9 +140,9 @@ class _Problem:
     log_odds: _Point
     "The log-odds of the empirical distribution function at the points `inner`."
     outer: _Point
-    "The interval from the lower end of the least sample to the upper end of the greatest."
+    "The interval from the lower end of the smallest sample to the upper end of the largest."
     narrow: _Point
-    "The interval from the upper end of the least sample to the lower end of the greatest."
+    "The interval from the upper end of the smallest sample to the lower end of the largest."
     size: int
     steps: int
 
@@ -216,10 +216,10 @@ class _Maximum:
 def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Find a local maximum of the likelihood, starting from the law `law_through(numbers, point)`.
 
-    A censored sample is an interval. Its likelihood has a kink if the support of the law ends at
-    the outer end of the interval, and the maximum often lies there. So the search first requires
-    supports that contain the intervals (`outer`). It then also tries supports that end within the
-    least or the greatest interval (`narrow`), and keeps the better result.
+    A censored sample is an interval. The likelihood has a kink if the support of the law ends at
+    the outer end of the lowest or highest interval, and the maximum is often there. So the search
+    first requires supports that contain the intervals (`outer`). It then also tries supports that
+    end within the lowest or highest interval (`narrow`), and keeps the better result.
     """
     wide = _maximise(problem, numbers, point)
     narrowed = wide.edge & (problem.narrow != problem.outer)
@@ -238,13 +238,13 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
 def _maximise(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
     """Maximize the likelihood with bounded Newton steps from the law `law_through(numbers, point)`.
 
-    The curvatures of the loss are replaced by their absolute values, so that each step lowers it.
-    No method of `scipy.optimize` does the same: `trust-exact` takes no bounds, and `trust-constr`
-    and L-BFGS-B stop too early.
+    The eigenvalues of the Hessian of the loss are replaced by their absolute values, so that each
+    step lowers the loss. No method of `scipy.optimize` suits: `trust-exact` takes no bounds, and
+    `trust-constr` and L-BFGS-B stop too early.
 
-    Two parameters of a law are its log-odds at two points, one on each side. Where the support is
-    bounded, the point is that of `outer`, so that no change of the other parameters excludes a
-    sample. Otherwise it is that of `inner`, where the log-odds hardly depend on the shape.
+    Two parameters of a law are its log-odds at two points, one on each side. If the support is
+    bounded there, the point is that of `outer`, so that no change of the other parameters excludes
+    a sample. Otherwise it is that of `inner`, where the log-odds hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])

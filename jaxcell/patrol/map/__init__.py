@@ -20,13 +20,13 @@ probability of capture is
     p_d = 1 - prod_r S_r(t_a).
 
 `capture_probabilities` computes it exactly for all cells, in time `O(robots * cells * edges *
-t_a)`, for the times and the start of an `Attack`. A `Capture` adds the weakest of the `contested`
-cells, where an attack may succeed or fail; an adversary attacks this cell. For one cell
+t_a)`, for the times and the start of an `Attack`. In the `contested` cells an attack may succeed or
+fail; a `Capture` also gives the weakest of them, which an adversary attacks. For one cell
 `vulnerability` adds the method of the source (4.4.6): simulated times, and a generalized lambda
-distribution fitted to these times (`Vulnerability`). `capture_policies` finds walks with a locally
-largest least probability of capture (`CaptureSearch`), and `capture_frontier` its trade-off with
-the unpredictability of steps (`Frontier`). `capture_by_tours` computes this probability for closed
-tours through covers. `PatrolledMap` contains all results, for datasets and recordings.
+distribution fitted to these times (`Vulnerability`). `capture_policies` finds walks that locally
+maximise the probability at the weakest cell (`CaptureSearch`), `capture_frontier` computes its
+trade-off with the unpredictability of steps (`Frontier`), and `capture_by_tours` its value for
+closed tours through covers. `PatrolledMap` contains all results, for datasets and recordings.
 """
 
 from ...base.hosted import attach

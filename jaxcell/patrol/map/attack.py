@@ -26,7 +26,7 @@ class Attack:
     arrive in time, for an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
-        """Create attacks of one or several durations, in steps; `start` places the robots."""
+        """Create attacks that take the given numbers of steps; `start` says where robots begin."""
         given = np.atleast_1d(np.asarray(times))
         if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"times: expected whole numbers of steps, got {times!r}")
@@ -48,7 +48,7 @@ class Attack:
         """Compute the distribution of each robot over its cells out of view when an attack begins.
 
         `view` is the mask of the cells from which a target is seen, one row per target. For the
-        start `worst`, all cells out of view have equal probabilities, and callers find the worst.
+        start `worst`, cells out of view are equally probable, and callers choose the worst cell.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):

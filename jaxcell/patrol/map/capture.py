@@ -35,7 +35,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability of capture if all cells out of view are equally likely starts of a robot."
+    "The probability of capture if robots start with equal probability in any cell out of view."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -64,7 +64,7 @@ class Capture(Result):
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
-        """The contested cell with the least probability at each attack time; the first of ties."""
+        """The contested cell with the least probability at each attack time; the first in a tie."""
         chosen = self.probability[:, self.contested]
         alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
         return self.contested[alike.argmax(axis=1)]
@@ -132,8 +132,8 @@ def capture_by_tours(
 ) -> float | None:
     """Compute the least probability of capture by robots that follow closed tours of their covers.
 
-    When an attack begins, all places on a tour out of view of the target are equally likely. An
-    adversary who sees a robot would do better, because it knows when the robot returns.
+    The attack begins with each robot at a random place of its tour from which the target is not
+    seen. An adversary who sees a robot would do better, because it knows when the robot returns.
 
     **Arguments:** the graph and the visibility, as in [`capture_probabilities`][]; the cells that
     each robot visits, on a tour from [`jaxcell.optimize.shortest_tour`][]; and the attack, of which
@@ -208,7 +208,7 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """Extend `late` by `steps` steps: the probability that a robot from a cell misses a target."""
+    """Extend by `steps` steps the probability `late` that a robot from a cell misses a target."""
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)

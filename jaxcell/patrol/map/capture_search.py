@@ -28,7 +28,7 @@ STEPS = 300
 """Number of gradient steps for each start."""
 # An even walk is no start if its capture is less than this share of the capture by tours.
 _HOPELESS = 0.1
-# Tolerance of the relative gain by the last quarter of the steps.
+# Tolerance of the relative gain in the last quarter of the steps.
 _TOLERANCE = 0.02
 # Random spread of the logits at the first two starts, and at the other starts; without it, robots
 # would stay equal.
@@ -113,9 +113,9 @@ def capture_policies(
     from *even* walks, which take all edges with equal probability; both are perturbed randomly.
 
     Each trained walk is then mixed with *excursions*, a walk that visits all cells and drifts back
-    to those where the robot spends most of its time. Excursions take a share of the time of 1e-5
-    per cell, at most 0.1 in total, so that every cell is visited, and commute times are bounded.
-    The result is a local optimum, the best of all starts.
+    to those where the robot spends most of its time. The share of time of excursions is 1e-5 per
+    cell, at most 0.1 in total, so that every cell is visited, and commute times are bounded. The
+    result is a local optimum, the best of all starts.
 
     **Arguments:**
 
@@ -130,8 +130,8 @@ def capture_policies(
     - `say`: a function that is called with a description of the work, the number of completed
         steps, and their total.
 
-    **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the capture
-    that the last quarter of the steps added; if it is large, more steps would capture more.
+    **Returns:** [`CaptureSearch`][]. The residual of its certificate is the relative gain of the
+    probability in the last quarter of the steps; if it is large, more steps would gain more.
 
     One robot in a corridor of five cells, each of which sees its neighbours:
 

@@ -52,7 +52,7 @@ class Circulation:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trained(Circulation):
-    """The trained walk of one robot, with a solver of the linear system of its shares of time."""
+    """The trained walk of a robot, with a solver for the linear system of its shares of time."""
 
     pivot: int
     rest: Int[np.ndarray, "others"]
@@ -60,7 +60,8 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Solve for the shares of time of a walk; `pivot` is a cell that it visits often."""
+        """Solve for the shares of time of a walk, given the probability `chance` of each step to
+        `image`, and a cell `pivot` that the walk visits often."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
@@ -76,7 +77,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Convert derivatives by the shares of time into derivatives by the visits to each cell."""
+        """Turn derivatives with respect to shares of time into those with respect to visits."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -192,7 +193,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the `count` most missed targets, at least 1 in each of `count // 4` index ranges."""
+    """Choose the `count` targets missed most, at least one in each of `count // 4` index ranges."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets

@@ -44,7 +44,7 @@ class Attacks:
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     """Simulate patrolling robots, and an adversary that attacks one cell while it is out of view.
 
-    The first cells of robots are drawn from their shares of time. An attack takes the first of the
+    Each robot starts in a cell drawn from its shares of time. An attack takes the first of the
     attack times, and fails if a robot sees the target in this time.
     """
     attack_time = int(patrol.attack.attack_time[0])

@@ -77,7 +77,7 @@ class PatrolledMap(Result):
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The compared lower bounds on the share of steps along the tours, or `None`."
+    "The lower bounds on the share of steps along the tours that were compared, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),

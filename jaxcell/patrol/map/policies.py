@@ -33,7 +33,7 @@ class Policy:
     """The walk of one robot on the cells of a map, or on a subset of them."""
 
     cells: Int[np.ndarray, "visited"]
-    "The cells that the robot visits, in order."
+    "The cells that the robot visits, in ascending order."
     weights: Float[np.ndarray, "edges"]
     "The share of steps along each edge of the graph, in the long run."
     chain: Chain
@@ -59,7 +59,7 @@ class Policy:
 
 
 def of_policies(path: str, *description: Any, **more: Any) -> Any:
-    """Build a quantity as `derived` does: the attribute `path` of each policy of a result."""
+    """Build a quantity: the attribute `path` of each policy; the rest is passed to `derived`."""
     attribute = operator.attrgetter(path)
     return derived(*description, **more)(
         lambda result: np.array([attribute(policy) for policy in result.policies])
@@ -69,11 +69,11 @@ def of_policies(path: str, *description: Any, **more: Any) -> Any:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Compute walks of robots that each see the whole map (Alam 2018, section 4.4.4).
+    """Compute walks that each watch the whole map (Alam 2018, section 4.4.4).
 
-    Robot `i` has the cover of [`jaxcell.optimize.greedy_cover`][] with `choice=i`.
-    [`jaxcell.optimize.minimum_commute`][] computes its walk, of least mean commute time with at
-    least a given share of steps on the closed tour through the cover. A single cell needs no tour.
+    Robot `i` has the cover of [`jaxcell.optimize.greedy_cover`][] with `choice=i`. Of all walks
+    with at least a given share of steps on the closed tour through the cover, it takes the walk of
+    least mean commute time, by [`jaxcell.optimize.minimum_commute`][]. A single cell needs no tour.
 
     **Arguments:** a connected graph and the visibility, as in
     [`jaxcell.patrol.capture_probabilities`][]; the number of robots; and the least share of steps

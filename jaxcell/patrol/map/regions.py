@@ -37,7 +37,7 @@ class Regions(Result):
         return int((self.region < 0).sum())
 
     def cells(self, region: int) -> Int[np.ndarray, "vertices"]:
-        """Return the cells of one region, in order."""
+        """Return the cells of one region, in ascending order."""
         return np.flatnonzero(self.region == region).astype(np.int32)
 
 
@@ -77,7 +77,7 @@ def base_station(
 def angular_regions(
     graph: Graph, base: int, view: Bool[np.ndarray, "cells"], robots: int
 ) -> Regions:
-    """Divide the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
+    """Divide among robots the cells that a base station does not see (Alam 2018, section 4.4.5).
 
     Regions contain the cells outside the view and the *rim*, the cells in view that are next to a
     cell outside the view. Robots report from the rim. The rest of the view belongs to no region,
@@ -196,7 +196,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path to `goal` within `through`, after `piece`; `None` if there is none."""
+    """Find the shortest path from `piece` via `through` to `goal`, without its start, or `None`."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

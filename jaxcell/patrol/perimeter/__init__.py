@@ -1,11 +1,11 @@
 """Robots on a closed perimeter whose moves are all decided by one coin.
 
 A `Perimeter` has segments and robots. The rules of `Movement` are baselines of Alam 2018, Table 4.1
-(Agmon, Kraus and Kaminka 2008): robots go in both directions (BMP), or ahead, and turn in no time
-(DNCP) or in one step (DCP). The probability of detection is a polynomial in the probability of
-heads, `detection_polynomials`; `maximin` finds the best probability of heads and bounds its error
-(`Maximin`). `hitting_law` and `mean_hitting_times` compute the law and the mean of the time until a
-robot is in a segment.
+(Agmon, Kraus and Kaminka 2008). Robots move in either direction (BMP), or they move only ahead, and
+a turn takes no time (DNCP) or one step (DCP). The probability of detection is a polynomial in the
+probability of heads, `detection_polynomials`; `maximin` finds the best probability of heads and
+bounds its error (`Maximin`). `hitting_law` and `mean_hitting_times` compute the law and the mean of
+the time until a robot is in a segment.
 """
 
 from ...base.hosted import attach

@@ -36,11 +36,11 @@ class Movement(enum.Enum):
 class Perimeter:
     """Robots at equal distances on a closed perimeter, which move together (Agmon et al. 2008).
 
-    An attack begins when the robots head clockwise, before a coin is tossed. Because robots move
-    simultaneously, the segments between two successive robots describe the state: segment `i` is
-    `i` segments ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot:
-    an adversary who enters it as the robot leaves is detected when a robot enters it again. A robot
-    that turns in place remains in its segment.
+    An attack begins when the robots head clockwise, before a coin is tossed. Because robots remain
+    equally far apart, segments are numbered from one robot to the next: segment `i` is `i` segments
+    ahead of a robot and `distance - i` behind the next. Segment 0 contains a robot: an adversary
+    who enters it as the robot leaves is detected when a robot enters it again. A robot that turns
+    in place remains in its segment.
     """
 
     segments: int
@@ -200,8 +200,8 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     **Arguments:** the robots, and the probability of heads of their coin. **Returns:** the times
     for segments 0 to `perimeter.distance - 1`; `inf` if it is possible that no robot ever comes.
 
-    Robots that toss a fair coin, four segments apart. Segment `i > 0` takes `i (4 - i)` steps, and
-    the return to segment 0 takes 4:
+    Robots that toss a fair coin, four segments apart. A robot reaches segment `i > 0` in `i (4 -
+    i)` steps on average, and returns to segment 0 in 4:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)

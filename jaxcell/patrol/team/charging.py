@@ -123,9 +123,9 @@ def charged(
 ) -> Charged:
     """Modify walks so that they return to a charger in time, and compute their exact statistics.
 
-    A robot draws a step of its walk after which it can still reach the charger in time. If its walk
-    has no such step, it goes to a random neighbour from which it can reach the charger in time. So
-    its steps depend on the number of steps since the last charge. Robots are independent.
+    A robot draws its next step among those of its walk after which it can still reach the charger
+    in time. If there is none, it goes to a random neighbour from which it can reach the charger in
+    time. So its steps depend on the number of steps since the last charge. Robots are independent.
 
     **Arguments:**
 
@@ -185,7 +185,7 @@ def _captured(
     charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """Compute the probability of capture at each vertex, from the worst state in `visited`."""
+    """Compute the least capture at each vertex, for attacks that begin in the states `visited`."""
     away, least = 1 - np.eye(attack.size), np.ones(attack.size)
     late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):

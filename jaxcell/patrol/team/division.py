@@ -48,11 +48,11 @@ def divide_graph(
 ) -> Int[np.ndarray, "vertices"]:
     """Divide a graph into connected parts with nearly equal numbers of vertices.
 
-    Parts grow from vertices far apart: each time, the smallest takes the nearest free vertex beside
-    it. If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
+    Parts grow from distant vertices: each time, the smallest part gets the nearest free vertex next
+    to it. If sizes then differ by more than 1, simulated annealing moves vertices between parts.
 
     **Arguments:** a connected graph; the number of parts, at most half the number of vertices; and
-    names of vertices, for errors. **Returns:** the part of each vertex. Every part has two or more.
+    names of vertices, for errors. **Returns:** the part of each vertex. No part is a single vertex.
 
     A line of six vertices:
 
@@ -141,7 +141,7 @@ def _balanced(
 
 
 def _pieces_without(vertex: int, part: list[int], neighbours: list[list[int]]) -> list[list[int]]:
-    """Return the connected pieces into which a part falls without one of its vertices."""
+    """Return the connected pieces that remain of a part if one of its vertices is removed."""
     pieces, reached = [], {vertex}
     for first in neighbours[vertex]:
         if part[first] != part[vertex] or first in reached:

@@ -13,7 +13,7 @@ from .times import hitting_check, move_times
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timed(Result):
-    """A walk in seconds: each step takes the travel time of its edge."""
+    """Times of a walk in seconds, if each step takes the travel time of its edge."""
 
     title: ClassVar[str] = "Random walk with travel times"
     tables: ClassVar[Mapping[str, str]] = {"edge": "edges"}

@@ -99,10 +99,9 @@ def steps_between_visits(
 ) -> Float[np.ndarray, "vertices"]:
     """Compute the mean time between visits to each vertex by any robot.
 
-    Robots are independent; simultaneous visits count as one, and each step of a wait is a visit.
-
-    `shares` is the result of [`long_run`][]. Times are in steps, infinite if no robot visits the
-    vertex.
+    Robots are independent; simultaneous visits count as one, and each step spent waiting is a
+    visit. `shares` is the result of [`long_run`][]. Times are in steps, infinite if no robot visits
+    the vertex.
 
     Two robots, each of which spends half of the time at each of two vertices:
 
@@ -134,12 +133,12 @@ def simulate_idleness(
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `matrices`: the transition matrix of each robot. Its states are the vertices or, with a
-        memory, pairs of a state of the memory and a vertex, as in
+    - `matrices`: the transition matrix of each robot. Its states are the vertices or, if robots
+        have memory, pairs of a state of the memory and a vertex, as in
         [`MaximinCapture`][jaxcell.patrol.walks.MaximinCapture].
     - `times`: array `[edges]`, the travel time of each edge; by default 1. A wait takes the least
         travel time.
-    - `attack_time`: duration of an attack, one number or array `[vertices]`, to compute capture.
+    - `attack_time`: duration of an attack, one number or array `[vertices]`, if capture is wanted.
     - `seed`: seed of the simulation.
 
     **Returns:** [`Idleness`][], in the unit of `times`.

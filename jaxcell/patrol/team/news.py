@@ -131,8 +131,8 @@ def _backward(
     """Follow a robot backward in time: from the base, where news arrives, to each vertex.
 
     **Returns:** a mask of the vertices whose news the robot brings to the base in the long run; and
-    for each age, the probability that the robot's last visit to the base is older than that, and
-    for each vertex the probability that its news at the base is older than that.
+    an iterator over ages, which yields the probability that the last visit to the base is longer
+    ago, and for each vertex the probability that its news at the base is older.
     """
     whole = with_vertices_on_the_way(matrix, delays)
     (share,) = long_run([whole])

@@ -16,8 +16,8 @@ _TIME = 1e-6
 def move_times(
     graph: Graph, times: Any = None, wait: float = 1
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the time of the move between each pair of vertices, 0 without an edge. An edge takes
-    its entry in `times`, by default 1, and a wait at a vertex takes `wait`."""
+    """Compute the time of a move between each pair of vertices; 0 if no edge joins them. An edge
+    takes its entry in `times`, by default 1, and a wait at a vertex takes `wait`."""
     each = np.ones(len(graph.edges)) if times is None else np.asarray(times, np.float64)
     return graph.matrix(each).toarray() + wait * np.eye(graph.vertices)
 

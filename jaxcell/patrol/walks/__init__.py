@@ -1,7 +1,7 @@
 """Walks on a graph: their measures, and the walks that optimise them.
 
-With `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), `A` the incidence matrix, and
-`0 = k_1 <= k_2 <= ... <= k_n` its eigenvalues:
+With `A` the incidence matrix, `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), and
+`0 = k_1 <= k_2 <= ... <= k_n` the eigenvalues of `L`:
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
     pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
@@ -23,12 +23,12 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
     log p_ij`, in nats, and `maximum_return_time_entropy` the `return_time_entropy`, the entropy of
     the time of return to a vertex. Each function returns an `OptimizedWalk`.
 - `measure` computes `h`, `C`, `K`, `H` and more of any chain (`Measures`). `GraphPatrol` adds the
-    graph, for datasets and recordings, and for several independent robots the first arrival at
-    each vertex and the probability of capturing an attack.
+    graph, for datasets and recordings. For several independent robots it also contains the first
+    arrival at each vertex and the probability of capturing an attack.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
-    `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
-    recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that
-    return to a charger. With a *memory*, a state that may change at each move, they capture more:
+    `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`. Its
+    recursion is `F_t = P + P (F_{t-1} - diag F_{t-1})`. `charged_capture` does so for robots that
+    return to a charger. With a *memory*, a state that may change at each move, robots capture more:
     `memory_patrol` compares memories of several sizes and a tour (`MemoryPatrol`), and
     `capture_bound` is an upper bound for any memory.
 - In `strategy_game`, a `StrategyGame`, the patroller commits to a mixture of walks and the

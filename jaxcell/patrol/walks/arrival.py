@@ -74,11 +74,11 @@ def first_passage(
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
 ) -> Float[Array, "states targets"]:
-    """Compute the probability of first passage from each state to each target in time.
+    """Compute the probability that a robot from each state reaches each target in its attack time.
 
-    At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`,
-    with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. Only the lengths of
-    `longest` and `horizon` count: the largest delay and attack time, for JAX to compile.
+    The probability at time `k` is `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k -
+    t_il)(l, j))`, with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. JAX
+    compiles for the lengths of `longest` and `horizon`, the largest delay and attack time.
     """
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)

@@ -105,8 +105,8 @@ def strategy_game(
     The strategies of the patroller are the walk toward each vertex, [`jaxcell.patrol.toward`][],
     the walk with the least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is
     an emphasis, the walk with the least commute time under that emphasis. Each strategy sorts the
-    vertices by a mean hitting time: the time from a vertex to the preferred vertices or, in the
-    strategy for all vertices, the time to a vertex from all other vertices.
+    vertices by a mean hitting time. This is the time from a vertex to those that the walk prefers;
+    if the walk prefers all vertices, it is the time to a vertex from all others.
 
     **Arguments:**
 

@@ -37,7 +37,7 @@ _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"Largest number of vertices for which first arrivals are computed; they take 10 s at this number."
+"Largest number of vertices for which first arrivals are computed, which then takes 10 s."
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,9 +60,9 @@ class GraphPatrol(Measures):
     game: StrategyGame | None = None
     shares: RobotShares
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
-    "The transition matrix of each robot, if robots differ; the measures are then of robot 0."
+    "The transition matrix of each robot, if robots differ; the measures are then those of robot 0."
     timed: Timed | None = None
-    "The walk in seconds, if edges have travel times."
+    "Times of the walk in seconds, if edges have travel times."
     by_steps: bool = False
     "`True` if the walk was optimised for times in steps although edges differ in travel time."
     division: Division | None = None
@@ -70,7 +70,7 @@ class GraphPatrol(Measures):
     news: News | None = None
     charged: Charged | None = None
     walks_with_memory: MemoryPatrol | None = None
-    "The walks of robots with memory, or `None`. The other measures are of the walk without memory."
+    "The walks of robots with memory, or `None`. Other results are for the walk without memory."
     idleness: Idleness | None = None
     "The times between visits to vertices, for these walks and three other patrols, or `None`."
     weights_unused: bool = False

@@ -148,7 +148,7 @@ def memory_patrol(
 def _on_tour(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> Float[np.ndarray, "places vertices"]:
-    """Return 1 for each start on a short closed tour and each vertex that it reaches in time."""
+    """Return 1 if a robot from a place of a short closed tour is at a vertex in time, else 0."""
     lengths = None if travel_times is None else np.asarray(travel_times, float)
     tour = shortest_tour(Graph(graph.edges, graph.vertices, ways=lengths), range(graph.vertices))
     lasts = move_times(graph, travel_times)[tour, np.roll(tour, -1)]

@@ -29,8 +29,8 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     out vertices that are on no path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Among equally long paths, such as one straight
-    edge and several edges along it, the path with fewer edges is first. Remaining ties are broken
-    by the highest number of an edge that is on only one of the paths: its path is second.
+    edge and several edges along it, the path with fewer edges is first. If two paths still tie, the
+    second contains the edge with the highest number, among the edges on only one of them.
 
     **Arguments:** a connected graph; the vertex for which the walk heads; and the number of paths
     from each other vertex, or all simple paths if there are fewer. **Returns:**
@@ -78,7 +78,7 @@ def _lengths(graph: Graph) -> list[int]:
     """Return integer lengths with which no two paths are equally long.
 
     The lowest bits are one bit per edge, so that different paths have different sums; the middle
-    bits count the edges; the highest bits are the length in units.
+    bits count the edges; the highest bits are the length, in a unit that divides all lengths.
     """
     exact = _exact(graph.lengths)
     units = math.lcm(*(length.denominator for length in exact))

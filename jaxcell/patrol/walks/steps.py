@@ -1,4 +1,4 @@
-"""Walks on a graph as tables of steps, for gradients in the logits of all steps."""
+"""Walks on a graph as tables of steps, for gradients with respect to the logits of all steps."""
 
 from typing import Any, NamedTuple, TypeAlias
 
@@ -63,7 +63,7 @@ class Steps(NamedTuple):
 
     @jax.jit
     def chances(self, logits: _TeamSteps, floor: float | Float[Array, ""]) -> _TeamSteps:
-        """Compute the probability of each step: at least `floor` divided by the number of steps."""
+        """Compute the probability of each step, with a share `floor` of equally likely steps."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
@@ -179,7 +179,7 @@ class ChargedSteps(NamedTuple):
         ).reshape(value.shape)
 
     def often(self, chance: _Chance) -> Float[Array, "cells"]:
-        """Compute the expected visits of a robot to each cell between two charges."""
+        """Compute the expected number of visits of a robot to each cell between two charges."""
         begin = jnp.zeros(self.allowed.shape[2], chance.dtype).at[self.charger].set(1)
 
         def step(here, chance):  # type: ignore[no-untyped-def]

@@ -81,7 +81,7 @@ def active_targets(
 
 
 def late_gain(course: list[float]) -> float:
-    """Compute the share of the last value in `course` that the last quarter of the values added."""
+    """Compute the gain in the last quarter of the values `course`, relative to the last value."""
     if not course:
         return 0.0
     return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
@@ -95,9 +95,10 @@ def log_missed_from_worst(
 ) -> Float[Array, "targets"]:
     """Compute the log-probability that a robot from its worst start misses each target.
 
-    `late` is the probability of a miss from each cell, and `weight` the weight of the cell as a
-    start. With a hardness, an inverse temperature, the minimum over starts is a soft minimum of
-    logarithms, because the gradient of a product of many probabilities is almost 0.
+    `late` is the probability of a miss from each cell, `weight` its weight as a start, and `tiny`
+    the least capture that counts. With a hardness, an inverse temperature, the minimum of capture
+    over starts is a soft minimum of logarithms, because the gradient of a product of many
+    probabilities is almost 0.
     """
     caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
     if hardness is None:

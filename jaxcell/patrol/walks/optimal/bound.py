@@ -15,7 +15,7 @@ _BEGINS = 6
 # Largest number of variables of the linear program for the probabilities of attacks.
 _MOST = 500_000
 CUTS = 1500
-"""Largest number of cuts in the test of one probability of capture."""
+"""Largest number of Benders cuts in each test whether a probability of capture can be kept."""
 # Largest number of moves times the longest attack for which cuts are made, and the largest product
 # of this number and the number of cuts, without symmetries.
 _PROMISES, _WORK = 1500, 240_000
@@ -99,10 +99,10 @@ class _Visits:
         self.waits = self.head[second] == self.head[first]
         self.returns = self.head[second] == self.tail[first]
 
-    def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for each pair whose second move ends in time at a vertex new to the pair, or 0.
+    def new_visits(self, time: int) -> Float[np.ndarray, "pairs"]:
+        """Return 1 for each pair whose second move reaches a new vertex in time, and otherwise 0.
 
-        The first move of the pair ends at `time`, in steps since the attack began.
+        The first move ends `time` after the attack began; visits before the attack do not count.
         """
         # The first move of a walk begins before the attack, so a return to its start counts.
         again = self.waits | (self.returns & (time > self.lasts[self.first]))
@@ -121,7 +121,7 @@ class _Visits:
             pair = np.flatnonzero(time + self.lasts[self.second] <= self.end)
             after = self.second[pair]
             used = self.first[pair] * self.end + time
-            blocks.append((after, time + self.lasts[after], used, self.counted(time)[pair]))
+            blocks.append((after, time + self.lasts[after], used, self.new_visits(time)[pair]))
         move, ends, used, visits = map(np.concatenate, zip(*blocks, strict=True))
         column = np.arange(move.size)
         # A move that begins at some time needs a move that ends there at that time.
@@ -143,11 +143,11 @@ class _Visits:
         return shares / shares.sum()
 
     def most(self, draw: Float[np.ndarray, "vertices"], begin: int) -> float:
-        """Compute the largest total `draw` of the vertices that a walk from `begin` can visit."""
+        """Compute the largest sum of `draw` at vertices that a walk from `begin` visits in time."""
         worth = np.zeros((self.end + 1, self.tail.size))
         for time in range(self.end - 1, 0, -1):
             later = np.minimum(time + self.lasts[self.second], self.end)
-            gains = self.counted(time) * draw[self.head[self.second]] + worth[later, self.second]
+            gains = self.new_visits(time) * draw[self.head[self.second]] + worth[later, self.second]
             np.maximum.at(worth[time], self.first, gains)
         opening = np.flatnonzero((self.tail == begin) & (self.lasts <= self.end))
         at_once = self.lasts[opening] <= self.attack[self.head[opening]]

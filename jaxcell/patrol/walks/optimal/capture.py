@@ -69,7 +69,7 @@ class MaximinCapture:
 
     @property
     def chains(self) -> list[Chain]:
-        """The chain of each robot, whose cells are the states."""
+        """The Markov chain of each robot; the cells of a chain are the states."""
         return [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in self.matrices]
 
 
@@ -89,11 +89,11 @@ def maximin_capture(
 ) -> MaximinCapture:
     """Find chains that maximise the least probability of capturing an all-knowing adversary.
 
-    The adversary attacks a vertex when a robot leaves another vertex or the same one, and is
-    captured if a robot reaches it within the attack time. It knows the chains and sees the robots,
-    so it attacks where and when the probability of [`walk_capture_probabilities`][] is least.
-    Several robots move independently, each with its own chain, and all are at their worst positions
-    at the same time.
+    The adversary attacks a vertex as a robot leaves this or another vertex, and is captured if a
+    robot reaches the attacked vertex within the attack time. It knows the chains and sees the
+    robots, so it attacks where and when the probability of [`walk_capture_probabilities`][] is
+    least. Several robots move independently, each with its own chain, and all are at their worst
+    positions at the same time.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
     of a soft minimum of logarithms, whose inverse temperature rises, lead near the optimum. If all
@@ -122,10 +122,10 @@ def maximin_capture(
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is the largest relative gain
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
     fewer programs are solved, and the tolerance is 0.02. On graphs of more than 100 none are
-    solved; the residual is then the share of the value that the last steps added: the last quarter
-    of the steps of Adam or, without Adam, the steps at the highest inverse temperature. With
-    memory, the limit of 100 applies to the number of vertices times the square of `memory`. The
-    iterations are the gradient steps from all starts and the programs.
+    solved; the residual is then the relative gain in the last steps: the last quarter of the steps
+    of Adam or, without Adam, the steps at the highest inverse temperature. With memory, the limit
+    of 100 applies to the number of vertices times the square of `memory`. The iterations are the
+    gradient steps from all starts and the programs.
 
     On a line of three vertices, a robot needs two steps from one end to the other:
 
@@ -216,8 +216,8 @@ def _descend(
     Harder minima have a higher inverse temperature. The descents for them begin at the best result,
     and at the known walks `copies`.
 
-    **Returns:** the best moves, the number of steps, and the share of the value that the descent
-    for the hardest minimum added.
+    **Returns:** the best moves, the number of steps, and the relative gain in the descent for the
+    hardest minimum.
     """
 
     def value(moves: Float[np.ndarray, "robots moves"]) -> float:
@@ -270,10 +270,9 @@ def _ascend(
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
 ) -> tuple[_Matrices, int, float]:
-    """Follow the gradient in the logits of steps from each start.
+    """Follow the gradient with respect to the logits of steps from each start.
 
-    **Returns:** the best matrices, the number of steps, and the share of the value that the last
-    quarter of the steps added.
+    **Returns:** the best matrices, the number of steps, and the result of `late_gain`.
     """
     begins = [steps.logits(start) for start in starts]
     cells = begins[0].shape[-1]
@@ -318,10 +317,10 @@ def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
 
 
 def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
-    """Remove negligible moves from the chains of a team, unless capture decreases.
+    """Remove negligible moves from the chains of a team, unless this reduces capture.
 
-    Because each step has a least probability, a robot visits even vertices that it leaves to other
-    robots, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
+    In the search no step has probability 0, so a robot visits even vertices that it leaves to
+    others, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:

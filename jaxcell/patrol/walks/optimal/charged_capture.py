@@ -116,7 +116,7 @@ def charged_capture(
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
     """Count how often a short tour takes each step, for each number of steps since the last charge.
 
-    The tour visits all vertices; its steps when a charge is overdue are left out."""
+    The tour visits all vertices; steps that it takes while a charge is overdue are not counted."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
     # All edges have the same length here, because each takes one step.
     tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])

@@ -66,9 +66,9 @@ def load_constraints(
 
     **Arguments:**
 
-    - `path`: a JSON file, an object with the list `constraints`. Each constraint has `edges`, a
-        list of pairs of vertices or `"all"`, or `vertices`, a list of names or `"all"`; and
-        `least`, `most` or both, the bounds of the sum of their shares. With `"each": true` the
+    - `path`: a JSON file, an object with the list `constraints`. Each constraint has either `edges`
+        (a list of pairs of vertices, or `"all"`) or `vertices` (a list of names, or `"all"`). The
+        bounds of the sum of their shares are `least`, `most` or both. With `"each": true` the
         bounds apply to each share separately; `factors` multiply the shares in the sum. A
         constraint may have `same` instead: a list of edges with equal shares. `label` is its name.
     - `graph`, `names`: the graph, and the names of its vertices.

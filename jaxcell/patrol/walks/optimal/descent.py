@@ -59,8 +59,8 @@ def minimize(
 
     `what` is the name of the calling function, for messages.
 
-    **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
-    relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
+    **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap divided
+    by the value, or by 1 if the value is below 1: to first order, no chain improves the value by a
     larger share. If the problem is convex, this holds for any change, not only to first order. The
     iterations are the total over all starts.
     """

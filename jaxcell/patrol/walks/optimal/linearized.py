@@ -96,7 +96,8 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store `missed`, the probability of a miss in time `left`, in `late` and `probability`."""
+        """Store `missed`, the probability of a miss in time `left`, in `late` for use with
+        more time, and in `probability` for targets whose attack takes this time."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

@@ -114,9 +114,9 @@ class ChainPolytope:
         """Compute by how much `gains @ moves` is below its maximum over all chains.
 
         If `gains` is the gradient of a function, this is the Frank-Wolfe gap: 0 at a stationary
-        point, and for a concave function a bound on its distance from the maximum. A linear program
-        only finds the prices of the equalities. For any prices, the best move from each vertex
-        gives an upper bound, so the tolerance of the program does not matter.
+        point, and for a concave function a bound on its distance from the maximum. With any prices
+        of the equalities, the best move from each vertex gives an upper bound. A linear program
+        only finds good prices, so its tolerance does not matter.
         """
         if self.stationary is not None:
             sums, sides = self.equalities()

@@ -23,13 +23,13 @@ class Pursuit:
 
     The *promises* of a robot at a vertex are probabilities of reaching each target within each
     number of steps. The promises that it can keep form a convex set at each vertex. After a move,
-    promises for the targets not reached become promises with less time left. Because the adversary
-    may attack at any time, promises for the whole attack time must always be at least a given
-    probability. Each set is approximated from outside by *cuts*, half-spaces that contain it. A
-    linear program at a vertex, with the sets at its neighbours, either shows how given promises can
-    be kept, or returns a cut that excludes them, as in stochastic dual dynamic programming.
-    Programs are solved along random walks whose moves follow the last solution. Vertices that a
-    symmetry of the game exchanges share the cuts of one of these vertices, the *model*.
+    the promises for targets not yet reached must be kept in the time that is left. Because the
+    adversary may attack at any time, promises for the whole attack time must always be at least a
+    given probability. Each set is approximated from outside by *cuts*, half-spaces that contain it.
+    A linear program at a vertex, with the sets at its neighbours, either shows how given promises
+    can be kept, or returns a cut that excludes them, as in stochastic dual dynamic programming.
+    Programs are solved along random walks whose moves follow the last solution. Vertices that
+    symmetries of the game map to each other share the cuts of one of them, the *model*.
     """
 
     def __init__(
@@ -146,8 +146,8 @@ class _Program:
     """The linear program that tests whether the next move can keep the promises at a vertex.
 
     Its variables (columns), from 0 to 1, are the promises; for each neighbour, the probability of
-    the move, and this probability times each promise there; a slack; and the *relief*, by which
-    promises may fall short, which is 0 except in the proof that no promises can be kept.
+    the move, and its products with the promises there; a slack; and the *relief*, the amount by
+    which promises may fall short. The relief is 0 except in the proof that no promises can be kept.
     """
 
     def __init__(self, pursuit: Pursuit, here: int, least: float) -> None:
@@ -252,8 +252,8 @@ class _Program:
     def impossible(self) -> bool:
         """Try to prove, after a failed solve, that the program of this vertex has no solution.
 
-        Then the robot cannot keep the least probability of capture at any neighbour. The proof is a
-        positive lower bound on the relief that would be necessary.
+        Without a solution, the robot cannot keep the least probability of capture at any neighbour.
+        The proof is a positive lower bound on the relief that a solution needs.
         """
         for row in (*self.wanted, *self.full):
             self.solver.changeRowBounds(row, -np.inf, np.inf)

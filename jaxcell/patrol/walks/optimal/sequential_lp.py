@@ -22,7 +22,7 @@ _ENOUGH, _GOOD = 0.1, 0.75
 
 NEAR, MOST = 0.5, 6
 """A linear program has at most `MOST` attacks per move. Their probability of capture exceeds the
-least by at most `NEAR` times the value."""
+least at their target by at most `NEAR` times the value, the least capture by the team."""
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
@@ -71,13 +71,12 @@ def maximize_least_capture(
 def _program(
     polytope: ChainPolytope, moves: _Moves, here: LinearizedCapture, distance: float
 ) -> tuple[_Moves, float]:
-    """Find the best chains if probabilities of capture are linearized at the chains `here`.
+    """Find the best chains if `here` linearizes the probabilities of capture at the chains `moves`.
 
-    No probability of a move changes by more than `distance`.
-
-    The variables are the probabilities of the moves of each robot, the change of its least
-    probability of capture for each target, and the relative change of the value. Probabilities of
-    capture are divided by the value. Few attacks are constraints at first. If the distance is 1,
+    No probability of a move changes by more than `distance`. The variables are the probabilities of
+    the moves of each robot, the change of its least probability of capture for each target, and the
+    relative change of the *value*, the least probability of capture by the team. Probabilities of
+    capture are divided by the value. At first, few attacks are constraints. If the distance is 1,
     the gain serves as a bound, so attacks are added as long as the solution violates any.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
@@ -110,10 +109,10 @@ def _solved(
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
 ) -> tuple[_Moves, Float[np.ndarray, "robots targets"], float]:
-    """Solve the linear program with the attacks in the mask `known`.
+    """Solve the linear program of `_program` with only the attacks in the mask `known`.
 
-    **Returns:** the chains, the increase of the least probability of each robot for each target,
-    and the relative gain of the value.
+    **Returns:** the chains; for each robot and target, the increase of the least probability of
+    capture over starts, divided by the value; and the relative gain of the value.
     """
     probability = here.probability
     robots, count = moves.shape
