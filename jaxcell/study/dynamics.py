@@ -34,7 +34,7 @@ class SystemStudy(Study):
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
-        """The system, with the number of cells in the parameter `cells`, if it is given."""
+        """The system, whose numbers of cells the parameter `cells` replaces if it is given."""
         system = load_system(self.system)
         if not self.cells:
             return system
@@ -135,7 +135,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Return the defaults `known`, some replaced by `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
+    """Return the parameters `known`, updated by texts `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

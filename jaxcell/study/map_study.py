@@ -33,12 +33,12 @@ class CellStudy(Study):
         return space.estimates.cutting(extent)
 
     def written(self, extent: "space.Extent") -> float | int:
-        """Estimate the memory in bytes that `run` and the writing of the files need."""
+        """Estimate the memory in bytes that it takes to run the study and to write its files."""
         return self.needed(extent)
 
     @property
     def smaller(self) -> str:
-        """Advice in a `MemoryError`, before the advice to use larger cells; may be empty."""
+        """Other advice to save memory, before "use larger cells" in a `MemoryError`, or empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -80,7 +80,7 @@ class MapStudy(CellStudy):
     """Base class of studies of a bouncing robot on a map."""
 
     directions: AtLeastOne | None = None
-    """Number of directions; by default the number that the map suggests, or 8."""
+    """Number of directions in which the robot can drive; by default as the map suggests, or 8."""
     robot_radius: Annotated[Metres, Limit(ge=0)] | None = None
     """Radius of a disc robot in metres; by default the radius in the map, or 0."""
     step: Length | None = None
@@ -120,7 +120,7 @@ class MapStudy(CellStudy):
 
 
 def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Parse a cell, `x,y,heading` (metres, degrees) or its number. An error names `parameter`."""
+    """Parse a cell: its number, or a pose `x,y,heading` (m, degrees). Errors name `parameter`."""
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))

@@ -31,7 +31,7 @@ Kind = TypeVar("Kind")
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """The unit of a parameter. In specifications, the name of the parameter ends in `suffix`."""
+    """The unit of a parameter. `Study.spec` adds `suffix` to a parameter's name, as in `cell_m`."""
 
     suffix: str
     word: str
@@ -81,11 +81,11 @@ def _number(value: int | float) -> str:
 
 
 class Only:
-    """A condition on other parameters, without which a value of the parameter is refused.
+    """A condition on other parameters. Unless it is met, a parameter must keep its default value.
 
     `Only(strategy="capture", base=False)` is met with that strategy and without a base. `True`
     stands for any value except the default, `False` for the default, and a tuple for alternatives.
-    A parameter with several conditions needs one of them.
+    If a parameter has several conditions, it is enough that one is met.
     """
 
     def __init__(self, **values: Any) -> None:
@@ -164,7 +164,7 @@ def conditions(options: Any) -> dict[str, list[Only]]:
 
 
 def without_effect(options: Any) -> list[str]:
-    """Return the parameters without effect: the parameters that meet none of their conditions."""
+    """Return the parameters that have no effect, because none of their conditions is met."""
     kind: Any = type(options)
     return [
         name

@@ -79,7 +79,7 @@ class Study:
                     existing(path)
 
     def memory(self, written: bool = False) -> float | int:
-        """Estimate the peak memory that the answer needs, in bytes; 0 if unknown.
+        """Estimate the peak memory in bytes that it takes to compute the answer; 0 if unknown.
 
         With `written`, the estimate includes the memory for writing the files. **Raises:**
         `MemoryError` with advice, if less memory is free.
@@ -101,7 +101,7 @@ class Study:
 
     @classmethod
     def spec_name(cls, parameter: str) -> str:
-        """Return the name of a parameter in specifications: its own name, then its unit, if any."""
+        """Return the name of a parameter in `spec`, which ends in the unit, if any: `cell_m`."""
         unit = within(parameters(cls)[parameter], Unit)
         return parameter if unit is None else f"{parameter}_{unit.suffix}"
 
@@ -131,7 +131,7 @@ def _kinds(study: Any) -> dict[str, list[Any]]:
 
 @contextlib.contextmanager
 def about(parameter: str) -> Iterator[None]:
-    """Put the name of a parameter before the message of a `ValueError` in a `with` block."""
+    """Put a parameter's name before the message of a `ValueError` that a `with` block raises."""
     try:
         yield
     except ValueError as error:

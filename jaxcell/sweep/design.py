@@ -45,7 +45,7 @@ class Parameter:
 @dataclasses.dataclass(frozen=True)
 class _Distribution:
     draw: Callable[[np.random.Generator, int], np.ndarray]
-    "A function that draws a number of independent samples."
+    "A function that draws a given number of independent samples."
     quantile: Callable[[np.ndarray], np.ndarray]
     "A function that computes quantiles at given probabilities: the median at 0.5."
 

@@ -44,12 +44,12 @@ def run_sweep(
     **Arguments:**
 
     - `spec`: the specification.
-    - `out`: the folder of the store, which one run at a time may write.
+    - `out`: the folder of the store, to which only one run at a time can write.
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine that
         [`engine_named`][] returned.
     - `workers`: the number of processes of the engines `processes` and `dask`.
-    - `resume`: if true, continue an existing sweep in the folder, and try failed members again. A
-        `spec` with all its members and new ones enlarges the sweep.
+    - `resume`: if true, continue an existing sweep in the folder, and try failed members again. If
+        `spec` adds members to the existing sweep, the sweep is enlarged.
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
     - `chunks`: the numbers of the chunks to compute, without writing the final result; by default
@@ -151,7 +151,7 @@ class _Jobs:
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
-    """Return the outcome of a job, or a failure if its variables do not match the first result."""
+    """Return an outcome, or a failure if its variables differ from those of the first result."""
     if isinstance(outcome, Computed):
         try:
             store.check(outcome)
@@ -168,7 +168,7 @@ def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Add advice to an `OSError` about a full disk that a `with` block raises."""
+    """Add advice to the `OSError` that a `with` block raises if the disk is full."""
     try:
         yield
     except OSError as error:

@@ -104,9 +104,9 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate first-order and total indices, and the ends of their confidence intervals.
 
-    In Saltelli's design, A and B are independent samples. A row has the outputs at a point of A, at
-    the point of B with the same number, and at the point of A with one parameter from B, for each
-    parameter in turn. Each of the returned arrays has the shape `(2, parameters)`.
+    In Saltelli's design, A and B are independent samples. Row i has the outputs at point i of A, at
+    point i of B, and, for each parameter in turn, at point i of A with this parameter from B. Each
+    of the returned arrays has the shape `(2, parameters)`.
     """
     from scipy import stats
 

@@ -78,7 +78,7 @@ def merge_sweep(
     **Raises:** `ValueError` if a shard is missing, damaged, or not done, or if shards differ in
     their specification, task, versions, or input files; and the errors of [`run_sweep`][].
 
-    Two shards of two angles:
+    A sweep of two angles, computed as two shards:
 
         >>> from jaxcell import examples, sweep
         >>> out, spec = examples.folder(), examples.angles(chunk=1)

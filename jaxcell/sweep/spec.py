@@ -46,9 +46,9 @@ class Chunk:
 class Spec:
     """The specification of a sweep.
 
-    The *members* of a sweep are all combinations of its parameters. Each parameter of a grid is a
-    *dimension*. A list is one dimension, `member`; random samples are one dimension, `sample`. A
-    *chunk* is a box of members that one call of the task computes.
+    Each parameter of a grid is a *dimension* of the sweep. A list is one dimension, `member`, and
+    random samples are one dimension, `sample`. The *members* are all combinations of indices along
+    the dimensions. A *chunk* is a box of members that one call of the task computes.
 
     A bundled specification, with 72 angles on each of two maps:
 
@@ -61,7 +61,7 @@ class Spec:
     path: Path
     "The file of the specification."
     folder: Path
-    "The folder of the user's file, to which its paths are relative, even if `path` is a copy."
+    "The folder of the user's file, where relative paths begin, even if `path` is a copy elsewhere."
     text: bytes
     "The content of the file."
     document: Mapping[str, Any]
@@ -201,7 +201,7 @@ class Spec:
     def differences(self, other: "Spec") -> list[str]:
         """Describe the differences from another specification, such as "seed: 1 there, 2 here".
 
-        This specification is "there", the other "here". Long values are cut around the difference.
+        This specification is "there", the other "here". Long values show only where they differ.
         """
         if self.text == other.text:
             return []
@@ -220,9 +220,9 @@ class Spec:
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
         """Find the members of this specification in a smaller one, `old`.
 
-        **Returns:** an array for each dimension, with the index in `old` of the values at each
-        index of this specification, or -1 for new values; `None` if this specification lacks a
-        member of `old`, or if the specifications differ in another field.
+        **Returns:** for each dimension, an array that maps each index of this specification to the
+        index of the same values in `old`, or to -1 for new values; `None` if this specification
+        lacks a member of `old`, or if the specifications differ in another field.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -263,7 +263,7 @@ class Spec:
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the name of each nested field, and its value as text, in which 1 and 1.0 differ."""
+    """Yield the name of each nested field, and its value as text, so that 1 and 1.0 differ."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")

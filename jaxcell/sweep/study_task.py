@@ -20,7 +20,7 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Create a study from parameters of TOML or JSON; a single value may stand for a tuple."""
+    """Create a study from parameters read from TOML or JSON; a tuple may be given as one value."""
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
     for name in parameters:

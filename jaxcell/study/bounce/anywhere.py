@@ -27,11 +27,11 @@ class AnywhereStudy(MapStudy):
     seed: int = 0
     """Seed of the random starts, errors and choices."""
     anywhere: Annotated[bool, Only(collision="swept")] = False
-    """Start robots anywhere, and track their possible positions along the walls instead of among
-    cells. A robot counts its steps while it drives straight from bump to bump."""
+    """Start robots anywhere, and track their possible positions along the walls instead of their
+    possible cells. A robot drives straight from bump to bump, and counts the steps of each run."""
     heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
-    """Headings that the robots may have at the start: only the directions of the map (known), or
-    all headings (unknown)."""
+    """Knowledge of a robot about its heading at the start: it is one of the directions of the map
+    (known), or it may be any heading (unknown)."""
     errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
     """Bounds of the errors, each as NAME=VALUE. In metres: distance=0.05 for the length of a run
     between bumps; late=0.01 for the distance counted between meeting a wall and feeling the bump;
@@ -81,7 +81,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The parameters `aim` and `ahead` for `walls.drive_anywhere`; empty without them."""
+        """Keyword arguments `aim` and `ahead` of `walls.drive_anywhere`, if the study has them."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
@@ -165,9 +165,9 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Compute the median number of bumps and the median length in metres of plans on cells.
+    """Compute the median number of bumps and the median length in metres of plans among cells.
 
-    The plans lead from the starts of the first robots of a trial to the goal, to judge the trial.
+    For comparison with a trial, plans lead to the goal from the starts of up to 20 of its robots.
     The medians are `None` if an angle is not a multiple of the angle between directions.
     """
     import numpy as np

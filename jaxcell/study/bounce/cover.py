@@ -26,7 +26,7 @@ class Cover(MapStudy):
     reliability: Annotated[float, Limit(gt=0, le=1)]
     """Probability of a turn without error."""
     target: str = "uniform"
-    """Wanted time at each position: uniform, an image (by its brightness), or FILE.nc:VARIABLE."""
+    """Desired share of time per position: uniform, an image (brightness), or FILE.nc:VARIABLE."""
     weights: Literal["basin", "size"] = "basin"
     """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
     number of cells (size)."""

@@ -12,15 +12,15 @@ from ..study import Say, radians, silent
 
 
 MAX_AT_ONCE = 20_000_000
-"""The largest number of cells times angles that is written as one dataset and one recording."""
+"""The largest number of pairs of cell and angle written as one dataset and one recording."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Groups(MapStudy):
     """Find the periodic groups of a bouncing robot, and the steps from every cell to its group.
 
-    With more than 20 million cells times angles, or more than fit in memory, the results are
-    written to a Zarr store, one direction at a time, instead of a dataset and a recording.
+    If there are more than 20 million pairs of cell and angle, or more than fit in memory, results
+    are written to a Zarr store, one direction at a time, instead of a dataset and a recording.
     """
 
     name: ClassVar[str] = "groups"

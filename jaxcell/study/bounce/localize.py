@@ -45,24 +45,24 @@ class Localize(AnywhereStudy):
     offsets: Annotated[bool, Only(collision="swept", anywhere=False, bounces=False, slip=False)] = (
         False
     )
-    """Start the robot anywhere in a cell, on a map whose walls run along the edges of cells. If the
-    robot knows its heading, its true cell is always among the possible cells of the filter."""
+    """Start the robot anywhere in a cell. The walls of the map must run along the edges of cells.
+    If it knows its heading, its true cell is always among the possible cells of the filter."""
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Add a trap state to the filter, for observations that cannot occur on the map."""
     smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
     """Find the smallest automaton with the same outputs as the filter or the policy, and prove a
     lower bound on its number of states. The search has a limit of one minute."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
-    """Standard deviation of three errors: of steps and of turns, as shares, and of the veer, in
-    radians per metre. A belief then localizes the robot instead of a filter."""
+    """Common standard deviation of three errors: the relative errors of a step and of a turn, and
+    the drift of the heading in radians per metre. A belief then replaces the filter."""
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
     """Angle in degrees by which a bump at an incidence of 45 degrees turns the robot toward the
     wall. The wheel encoders do not measure it. At an incidence i the angle is sin(2 i) times as
     large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
     """Distance in metres by which the wheels skid at a head-on bump. The encoders count it as
-    travel, so the robot then drives back too far. At an incidence i the distance is cos(i)² times
-    as large."""
+    travel, so the robot goes too far when it drives back to the start of its step. At an incidence
+    i the distance is cos(i)² times as large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of fine cells, into which a belief divides the cells of the map. The default
     is 100,000 for a slip of 2 % or more, and rises to 400,000 for smaller slips. With more fine

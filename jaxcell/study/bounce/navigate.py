@@ -69,9 +69,9 @@ class Navigate(AnywhereStudy, Plans):
     keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
-    """Standard deviation of three errors: of steps and of turns, as shares, and of the veer, in
-    radians per metre. The result then also has the probability that the plan succeeds, and a policy
-    that is certain to reach the goal, if there is one."""
+    """Common standard deviation of three errors: the relative errors of a step and of a turn, and
+    the drift of the heading in radians per metre. The result then also has the probability that
+    the plan succeeds, and a policy that is certain to reach the goal, if there is one."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -35,7 +35,7 @@ class Rooms(Study):
     obstacles: Annotated[int, Limit(ge=0, le=1000)] = 6
     """Number of rectangles in a random room."""
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360
-    """Number of directions."""
+    """Number of directions in which the robot can drive."""
     collision: Collision = "swept"
     """Part of a step that must be free: all (swept), or only its end, as in Alam 2018
     (endpoint)."""

@@ -1,4 +1,4 @@
-"""Read the target of a coverage study: the wanted share of time at each position."""
+"""Read the target of a coverage study: the desired share of time at each position."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ _LARGEST_COORDINATE = 1e9
 
 
 def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
-    """Read the wanted share of time at each position from the parameter `target`.
+    """Read the desired share of time at each position from the parameter `target`.
 
     The text is `uniform`; the name of an image, whose bright parts get larger shares; or
     `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
@@ -76,7 +76,7 @@ def _variable(cells: CellSpace, path: Path, variable: str) -> Float[np.ndarray, 
 def _nearest(
     array: xr.DataArray, name: str, centres: Float[np.ndarray, "positions"]
 ) -> xr.DataArray:
-    """Find the value of the sorted coordinate `name` nearest to each centre; return its index."""
+    """Return, for each centre, the index of the nearest value of the sorted coordinate `name`."""
     values = np.asarray(array[name], float)
     # The bound on coordinates keeps their differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():

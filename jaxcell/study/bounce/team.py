@@ -27,9 +27,9 @@ class Team(MapStudy):
     seed: int = 0
     """Seed of the random starts."""
     max_parts: AtLeastOne = 1000
-    """Maximal number of parts of the trajectory. One robot turns before each part but the first."""
+    """Maximum number of parts of the trajectory. Between two parts, one robot turns in place."""
     part_steps: AtLeastOne | None = None
-    """Maximal number of steps of a part; by default the number of cells, at most 100,000."""
+    """Maximum number of steps of a part; by default the number of cells, at most 100,000."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

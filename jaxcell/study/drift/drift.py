@@ -46,11 +46,11 @@ class Drift(SeaStudy):
     """Current that carries drifters: the records in turn, repeated without end (changing), or the
     mean of the records (mean). By default changing, but mean with --method source."""
     depths: tuple[Metres, ...] = ()
-    """Depths of the layers in metres; by default the depths in the file, or the surface."""
+    """Depths of layers in metres; by default those in the file or, if it has none, the surface."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
-    """Names of the velocities towards the East and North, if the file does not identify them."""
+    """Names of eastward and northward velocity variables, if the file does not identify them."""
     windage: Share = 0.0
     """Share of the wind speed to add to the current at the surface; the file must have wind."""
     stokes: bool = False
@@ -60,8 +60,8 @@ class Drift(SeaStudy):
     simulated drifters; with --method source the time in which drifters of the slowest layer move by
     one cell on average."""
     method: Literal["drifters", "source"] = "drifters"
-    """Method to build the map of cells: sample points of each cell drift, and may leave the map
-    (drifters); or the rules of Alam 2018 apply, --spread turned and --edge uniform (source)."""
+    """Method to build the map of cells: follow sample points of each cell, which may leave the map
+    (drifters), or use the rules of Alam 2018 (source): --spread turned and --edge uniform."""
     rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
     """Probability that a drifter follows the current in a step, without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
@@ -74,14 +74,14 @@ class Drift(SeaStudy):
     (exit). By default uniform with --method source, and otherwise exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they stay at the coast until the current carries them off,
-    with friction of the water at coasts (hold) or without friction (slip); or they strand, and so
-    leave the map (strand)."""
+    and water slows down towards land (hold) or flows along it without friction (slip); or they
+    strand, and so leave the map (strand)."""
     land: Path | None = None
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
     gaps: Literal["open", "land"] = "open"
-    """Treatment of squares without data that are not land in the mask or the coastline: as an open
-    edge (open), or as land (land)."""
+    """Treatment of squares without data that neither the mask nor the coastline marks as land: as
+    an open edge (open), or as land (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
@@ -100,7 +100,7 @@ class Drift(SeaStudy):
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
     """Time in seconds after which drifters are counted in the regions and on beaches."""
     beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
-    """Time in seconds in which half of the surface drifters in a cell at a coast strand."""
+    """Time in seconds after which half of the surface drifters in coastal cells have stranded."""
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
     """Time in seconds in which half of the drifters on a beach float again; by default they never
     float again."""
@@ -114,7 +114,7 @@ class Drift(SeaStudy):
     leave in a day. They depend less on the duration of a step than persistent groups do. By default
     3, and none in large maps."""
     discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
-    """Discount factor per step."""
+    """Discount factor per step of rewards: 100 for a step that reaches the goal, otherwise -1."""
     seed: int = 0
     """Seed of the simulated drifters."""
 

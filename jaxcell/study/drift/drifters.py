@@ -34,14 +34,14 @@ class Drifters(SeaStudy):
     """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north limits of the region to divide into cells, in degrees. The region
-    may contain the date line."""
+    crosses the date line if the east limit is less than the west limit."""
     least: AtLeastOne = 1
     """Minimum number of observed moves from a cell; cells with fewer are left out of the map."""
     drogue: Literal["kept", "lost"] | None = None
     """Select drifters that still have their drogue (kept), or drifters that have lost it (lost) and
     so move with the wind too; by default all drifters."""
     after: Days | None = None
-    """Time in days at which the distribution of drifters is computed; by default the long run."""
+    """Time in days at which to compute the distribution of drifters; by default in the long run."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find: parts of the water that drifters hardly leave."""
     samples: Annotated[int, Limit(ge=2)] = 100

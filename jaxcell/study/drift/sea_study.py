@@ -11,7 +11,7 @@ from ..study import Study
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SeaStudy(Study):
-    """Base class of studies of drifters, whose currents or trajectories are read from files."""
+    """Base class of studies that read currents, or trajectories of drifters, from files."""
 
     file: tyro.conf.Positional[tuple[Path, ...]]
     """Files of currents or of trajectories."""

@@ -45,7 +45,7 @@ class GraphStudy(Study):
     the base."""
     charger: Annotated[str | None, Only(speed=False)] = None
     """Vertex to which each robot must return within --every steps. The walk is changed to meet this
-    condition; with --attack-time, a walk that meets it is optimized instead."""
+    condition; with --attack-time, a new walk is optimized under this condition instead."""
     every: Annotated[int | None, Needed(charger=True)] = None
     """Largest number of steps between two visits to the charger."""
     baselines: bool = False
@@ -56,7 +56,7 @@ class GraphStudy(Study):
     """Seed of the recorded walk, and of simulations."""
 
     def more(self, patrolled: "patrol.GraphPatrol", say: Say) -> dict[str, Any]:
-        """Compute the results that options such as `base` and `baselines` add to a patrol."""
+        """Compute the additional results that options such as `base` and `baselines` request."""
         more: dict[str, Any] = {}
         times = self.times(patrolled.graph)
         seconds = None if times is None else times * self.time_unit
@@ -101,7 +101,7 @@ class GraphStudy(Study):
         return patrol.team.whole_times(graph, self.speed, self.time_unit)
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """Return the numbers of the vertices `wanted` in `names`. An error names `parameter`."""
+        """Return the index in `names` of each vertex in `wanted`. Errors name `parameter`."""
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -31,10 +31,10 @@ class PatrolGraph(GraphStudy):
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
     """Aim of the walk: a short mean commute time (commute), shortest paths to --vertex (toward),
-    fast convergence to the long run (mixing), a short mean time to a random vertex (kemeny),
-    maximal entropy of steps (entropy) or of return times (return-time), or a high probability of
-    capture within --attack-time (capture). With mixing, kemeny and return-time, all vertices have
-    equal shares of time, or the shares in --visits, and a robot may stay at a vertex."""
+    fast convergence to the long-run distribution (mixing), a short mean time to a random vertex
+    (kemeny), maximal entropy of steps (entropy) or of return times (return-time), or a high
+    probability of capture within --attack-time (capture). With mixing, kemeny and return-time, all
+    vertices have equal shares of time, or those in --visits, and a robot may stay at a vertex."""
     emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
     """Two or more vertices to visit more often."""
     share: Share = 0.8
@@ -45,8 +45,8 @@ class PatrolGraph(GraphStudy):
     vertex: Annotated[str | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
-    """Number of shortest paths from each vertex to take into account. With one path, as in Table
-    4.2 of Alam 2018, the walk takes the shortest path to the vertex."""
+    """Number of shortest paths from each vertex that determine the walk toward a vertex. With one
+    path, as in Table 4.2 of Alam 2018, the walk takes the shortest path."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
@@ -60,12 +60,12 @@ class PatrolGraph(GraphStudy):
     ] = None
     """File with a line "vertex weight" per vertex; shares of time are proportional to weights."""
     values: Annotated[Path | None, Only(game=True)] = None
-    """File with a line for each vertex: "vertex value", or "vertex value value reward cost". The
-    first value is that of the goods there to the patroller, and the second to the adversary. After
-    a capture there, the patroller gains the reward, and the adversary pays the cost."""
+    """File with a line for each vertex: its name and one, two or four numbers. They are the value
+    of the vertex to the patroller, its value to the adversary if that differs, and, for a capture
+    at the vertex, the reward of the patroller and the cost to the adversary."""
     game: bool = False
-    """Also find the best mixture of the walks toward each vertex and of the commute walk, against
-    an adversary who knows the mixture."""
+    """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
+    against an adversary who knows these probabilities."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

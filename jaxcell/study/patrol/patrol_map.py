@@ -38,17 +38,17 @@ class PatrolMap(CellStudy):
     range: _Reach = 6.0
     """Range of sight of a robot in metres; walls block its view."""
     sight: Literal["centre", "cell", "source"] = "centre"
-    """Condition for a robot to see a cell. From the centre of the robot's cell, the centre (centre)
-    or the whole of the other cell (cell) must be in view; or from the centre of the other cell, the
-    robot's whole cell must be in view (source, as for attacks in Alam 2018)."""
+    """Condition for a robot in one cell to see another cell: the other cell's centre (centre) or
+    all of it (cell) is visible from the centre of the robot's cell; or all of the robot's cell is
+    visible from the other cell's centre (source, as for attacks in Alam 2018)."""
     strategy: Literal["commute", "capture"] = "commute"
     """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
-    probability of capture at the weakest cell (capture). The maximum is local, for the first of the
-    attack times and for the distribution --start."""
+    probability of capture at the weakest cell (capture). The search for the latter finds a local
+    maximum, for the first of the attack times and the distribution --start."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Minimum share of steps on the shortest closed tour through the cells that see the whole map.
-    With "auto", it is the one of 0, 0.2, 0.5 and 0.8 with the highest probability of capture, or 0
-    on more than 2,000 cells."""
+    "auto" tries 0, 0.2, 0.5 and 0.8, and takes the share with the highest probability of capture;
+    on more than 2,000 cells it takes 0."""
     start: Literal["stationary", "uniform", "worst"] = "stationary"
     """Distribution of each robot when an attack begins, over its cells that do not see the target:
     as in the long run (stationary), uniform, or best for the adversary (worst)."""
@@ -64,7 +64,7 @@ class PatrolMap(CellStudy):
     base_range: Annotated[_Reach | None, Only(base=True)] = None
     """Range of sight of the base station in metres; by default the range of a robot."""
     lost: Annotated[int | None, Only(base=True)] = None
-    """Number of a robot that stops reporting. The other robots divide the map among themselves."""
+    """Index, from 0, of a robot that stops reporting. The other robots divide the whole map."""
     target: str | None = None
     """Cell to attack, "x,y" in metres; by default the most vulnerable cell at the first of the
     attack times."""

@@ -37,9 +37,9 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, keyed by file name.
 
-    The files are those that parameters and fixed values name, the images of map_server files, and
-    user modules: those that the task or a value names (`FILE.py:NAME` or `MODULE:NAME`), and those
-    that they import.
+    The files are: files whose paths are parameters or fixed values; the images of map_server files;
+    the user's modules in the task or in values (`FILE.py:NAME` or `MODULE:NAME`); and the user's
+    modules that these import.
     """
     known = {}
     columns = [parameter.values for parameter in spec.parameters]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import zarr
 
 FILE_BYTES = 2**20
-"""Approximate largest size of a file in bytes; a file holds at least one chunk of the sweep."""
+"""Approximate maximum size of a file in bytes; a file holds at least one chunk of the sweep."""
 _STATUS = Variable(
     (),
     np.zeros(0, np.int8),

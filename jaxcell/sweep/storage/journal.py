@@ -39,9 +39,9 @@ class Record:
 
     kind: Kind
     state: int
-    "The state of the chunk, such as `DONE`; 0 in a record that has no chunk."
+    "The state of the chunk, such as `DONE`; 0 in a record that is not about a chunk."
     number: int
-    "The number of the chunk; 0 in a record that has no chunk."
+    "The number of the chunk; 0 in a record that is not about a chunk."
     start: int
     "The position of the content in the file, in bytes."
     length: int

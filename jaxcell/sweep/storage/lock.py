@@ -1,4 +1,4 @@
-"""Lock a store, so that one run at a time writes to it."""
+"""Lock a store, so that only one run at a time writes to it."""
 
 import contextlib
 import fcntl

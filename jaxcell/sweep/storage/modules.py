@@ -45,7 +45,7 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
 
 
 def _imported(path: Path, name: str) -> Iterator[str]:
-    """Yield the names of modules that a file may import, with the packages that contain them."""
+    """Yield the names of modules that a file may import, and of the packages that contain them."""
     parts = name.split(".")
     yield from (".".join(parts[:count]) for count in range(1, len(parts)))
     package = name if path.stem == "__init__" else name.rpartition(".")[0]

@@ -24,8 +24,8 @@ def opened(
 ) -> Iterator[SweepStore]:
     """Open the store of a sweep, which the caller has locked, for a run.
 
-    The arguments and errors are those of `run_sweep`. An existing sweep is enlarged if the
-    specification has all its members and new ones.
+    `made` is from `made_with`; the other arguments and the errors are those of `run_sweep`. If the
+    specification adds members to an existing sweep, the sweep is enlarged.
     """
     tidy(folder)
     if not (folder / JOURNAL).exists():
@@ -132,7 +132,7 @@ def _grow(
 def _copy_members(
     store: SweepStore, large: SweepStore, number: int, places: Mapping[str, np.ndarray]
 ) -> None:
-    """Copy the members of chunk `number` of `large` that are done in the smaller `store`."""
+    """Fill chunk `number` of `large` with the members that are done in the smaller `store`."""
     chunk = large.spec.chunk(number)
     sources = [places[name][part] for name, part in zip(places, chunk.region, strict=True)]
     inside = [np.flatnonzero(source >= 0) for source in sources]

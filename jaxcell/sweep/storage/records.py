@@ -71,7 +71,7 @@ class Members(msgspec.Struct):
 
 
 def encode(content: Any) -> bytes:
-    """Encode the content of a record. Arrays become their types, shapes and bytes."""
+    """Encode the content of a record. An array is stored as its type, shape and bytes."""
     return msgspec.msgpack.encode(
         content, enc_hook=lambda array: (array.dtype.str, array.shape, array.tobytes())
     )
@@ -95,7 +95,7 @@ class Exported(msgspec.Struct):
 
 @dataclasses.dataclass
 class Contents:
-    """The last readable record of each kind and chunk in a journal, and its damaged records."""
+    """The records of a journal: the last readable one of each kind and chunk, and damaged ones."""
 
     begun: Begun | None = None
     frame: Computed | None = None

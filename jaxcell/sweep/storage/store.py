@@ -33,7 +33,7 @@ class SweepStore:
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
-        """Open a store for reading; if `append`, check all records, and open it for writing too.
+        """Open a store for reading. If `append` is true, check all records, and allow writing.
 
         Chunks with damaged records become `TO_DO`, and an incomplete record at the end is removed.
         """
@@ -76,12 +76,12 @@ class SweepStore:
 
     @property
     def frame(self) -> Computed | None:
-        """The first result without its values, a template for others; `None` if there is none."""
+        """The first result, without values, as a template for others; `None` if there is none."""
         return self.contents.frame
 
     @property
     def states(self) -> np.ndarray:
-        """The state of each chunk: `FAILED` if a member failed, `DONE` if all members are done."""
+        """State of each chunk: `FAILED` if a member failed, else `TO_DO` until all are `DONE`."""
         states = np.full(self.spec.chunk_count, TO_DO, np.int8)
         for number, record in self.contents.chunks.items():
             states[number] = record.state

@@ -1,4 +1,4 @@
-"""Engines compute chunks in this process, in other processes, or on a cluster of Dask.
+"""Engines compute chunks in this process, in other processes, or on a Dask cluster.
 
 An engine is a generator. It takes a few jobs per worker at a time, and yields the outcome of each
 job when the job ends. Closing the generator stops the workers at once.
@@ -35,7 +35,7 @@ _JOBS_EACH = 2
 # One message per job would saturate the scheduler at 1,000 workers.
 _TOGETHER = 16
 LOOK_SECONDS = 1.0
-"""Seconds between two counts of the workers of a cluster, whose number may change."""
+"""Seconds between two counts of the workers of a cluster; workers may join or leave it."""
 _GONE = (
     "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
     "resume the sweep with another cluster"
@@ -57,14 +57,14 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
     - `name`: `local` (this process), `processes` (other processes), `dask` (a new cluster on this
         machine), or `dask://host:port` (the cluster of that scheduler, with workers that can import
-        jaxcell and the task). Addresses of Dask are also accepted: `tcp://host:port`, or
-        `tls://host:port` with the configuration of Dask.
+        jaxcell and the task). Dask's own addresses are also accepted: `tcp://host:port`, or
+        `tls://host:port` if the configuration of Dask sets up TLS.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
         processor that this process may use.
     - `timeout`: seconds after which a job is stopped and counts as failed; not for `local`.
 
-    **Returns:** a function that takes jobs, and yields their outcomes in the order in which they
-    end. After each outcome it takes more jobs, until it gets `None`.
+    **Returns:** a generator function. It takes jobs from its argument, a function that returns a
+    job or, if none is left, `None`. It yields each job with its outcome when the job ends.
 
     An unknown name:
 
@@ -254,7 +254,7 @@ def _reaching(address: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
-    """Silence the log of Dask about a lost scheduler, because our error reports the loss."""
+    """Silence Dask's log messages about a lost scheduler; an exception reports the loss instead."""
     loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
     kept = [logger.disabled for logger in loggers]
     for logger in loggers:

@@ -14,7 +14,7 @@ from .work import Failure
 
 _FILE = "progress.json"
 SECONDS_BETWEEN = 1.0
-"""Minimum time in seconds between two writes of the progress file."""
+"""Minimum time in seconds between two updates of the progress file."""
 
 
 @dataclasses.dataclass(frozen=True)

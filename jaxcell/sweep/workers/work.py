@@ -50,7 +50,7 @@ class Job:
     "If true, JAX computes with 64 bits."
     length: int = 0
     """The minimum number of members in a call of the task: if the job has fewer, the last member is
-    repeated. All whole chunks have one length, so that JAX compiles a task once."""
+    repeated. It is the same for all whole chunks, so that JAX compiles a task only once."""
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
@@ -59,7 +59,7 @@ class Job:
         return cls(chunk.number, places, *about, length)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Create a job for the members of this job at the indices `places` of the chunk."""
+        """Create a job for those members of this job whose indices in the chunk are `places`."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch, length=0)
@@ -138,7 +138,7 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """Make the paths of a specification absolute. Raise if its first chunk has wrong parameters."""
+    """Check a specification with the parameters of its first chunk, and make its paths absolute."""
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
@@ -158,7 +158,7 @@ def with_task_found(spec: Spec) -> Spec:
 def with_files_found(spec: Spec) -> Spec:
     """Make the paths in the parameters of a study absolute, so that all workers find the files.
 
-    A path is relative to the folder of the specification, or else to the current folder.
+    A relative path is searched in the folder of the specification, then in the current folder.
     """
     study = study_of(spec.task)
     kinds = {} if study is None else parameters(study)
