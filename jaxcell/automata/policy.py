@@ -84,7 +84,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The `index` of a [`PolicyState`][] whose map is refuted: the number of states."""
+        """The `index` of a [`PolicyState`][] after a refutation; it equals the number of states."""
         return self.turn.size
 
     @functools.cached_property

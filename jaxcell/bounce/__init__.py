@@ -45,15 +45,15 @@ straight runs. Functions: `plan`, `replay`, `all_plans`.
 
     phi with probability r,     each other direction within epsilon of phi with (1 - r) / (2 k),
 
-where `epsilon` is `k` directions. Each angle has a limiting distribution over the positions, and
-the mixture `alpha` of angles whose coverage is nearest to a target minimises `|A alpha - b|^2`.
+where `epsilon` is `k` directions. Each angle has a limiting distribution over the positions, a
+column of `A`. The mixture `alpha` nearest to a target `b` minimises `|A alpha - b|^2`.
 Functions: `noisy_turns`, `noisy_bounce_map`, `coverage_target`, `coverage_policy`.
 
 **Teams** (Eq. 3.9 to 3.11, Alg. 3.4). All robots step at the same time, and a robot bumps if it
 would meet a wall or another robot. The joint state of `m` robots is a tuple of cells, one of `N^m`.
-A joint trajectory follows the joint map until it repeats a state, and goes on from the best of the
-`2 m` states with one robot turned by one direction. Functions: `team_trajectory`,
-`team_trajectories`.
+A joint trajectory follows the joint map until it repeats a state. Then one of the `m` robots turns
+by one direction, left or right, whichever of these `2 m` turns leads to the most new positions.
+Functions: `team_trajectory`, `team_trajectories`.
 
 Only `bounce_image` works under `jit` and `vmap`. The coverage needs 64-bit numbers:
 `jax.config.update("jax_enable_x64", True)`.

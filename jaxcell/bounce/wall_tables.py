@@ -28,7 +28,7 @@ class Walls:
     next: Int32[np.ndarray, "grids ways ways slots"]
     "For each wall of way `v`, `next[:, v, w]` is the slot of the wall of way `w` that follows it."
     length: Int32[np.ndarray, "grids ways ways slots"]
-    "Number of steps from each wall to the next; -1 for no wall."
+    "Number of steps from each wall to the wall in the same entry of `next`; -1 for no wall."
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":

@@ -315,7 +315,7 @@ def by_cells(
 ) -> Basins:
     """Build basins in which each cell leads to the attractor of its group.
 
-    `new(name, dtype, size)` creates arrays over cells. `changed` comes from `changed_by_half_step`.
+    `new(name, dtype, size)` creates arrays over cells. `changed` is a field of [`Basins`][].
     """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     basin = new("basin", np.int32, box.size)

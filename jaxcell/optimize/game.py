@@ -140,9 +140,10 @@ _Solved = tuple[_Weights, Int[np.ndarray, "types"], float, int]
 
 
 def _dobss(R: _Payoffs, C: _Payoffs, time_limit: float) -> _Solved:
-    """Solve the program DOBSS for payoffs `R` of the leader and `C` of the follower.
+    """Solve the mixed-integer program DOBSS for payoffs `R` of the leader and `C` of the follower.
 
-    Its variables are the weights `x`, the value `a` and answer `q` of each type, and `z = x q`.
+    Its variables are the leader's weights `x`, the value `a` and the best response `q` of each type
+    of follower, and `z = x q`.
     """
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones

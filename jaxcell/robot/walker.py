@@ -29,9 +29,10 @@ class Walker:
     where the step began. Therefore the walker drives on to the centre of the cell after a step, and
     back to the start after a bump. A wall on the way to the centre counts as a bump as well.
 
-    To drive to the centre, the walker must know the heading of the robot at the start, for example
-    from a compass. Without `strides` the walker needs no heading, and all steps have one length.
-    Such steps agree with the model if all directions are along the axes; else they approximate it.
+    To drive to the centre, the walker must know the step in each direction, `strides`, and the
+    heading at the start, for example from a compass. Without `strides` it needs no heading, and all
+    steps have one length. Such steps agree with the model if all directions are along the axes;
+    else they approximate it.
 
     Each target is a place in the frame of the odometry, so that each step corrects the error of the
     step before. Slip is not corrected, because the encoders do not sense it.

@@ -57,7 +57,7 @@ def section(extent: Extent, motion: Motion) -> float | int:
 
 
 def groups(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the bytes of the periodic groups of all cells, including the runs to walls."""
+    """Estimate the bytes needed to find the periodic group of each cell, and the runs to walls."""
     return section(extent, motion) + 8 * extent.ways(motion) * extent.positions
 
 

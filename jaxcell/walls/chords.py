@@ -130,7 +130,7 @@ def _ends(
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
-    """Split each group of `2**level` slices, with its rows and their pairs with walls, into two."""
+    """Split each group of `2**level` slices in two, with its rows, and the pairs (row, wall)."""
     group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
     source = np.repeat(np.arange(rows.slice.size), 2)
     there = (group << (level - 1)) < slices

@@ -100,7 +100,7 @@ class LocalizationPolicy(States):
 
     @property
     def _fixed_places(self) -> int:
-        """The largest number of possible positions at the end of the sequence `fixed`."""
+        """The largest number of positions left possible by the turns `fixed`, over all starts."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]

@@ -1,4 +1,4 @@
-"""Reading ocean currents on cells from files."""
+"""Read ocean currents from files, as velocities on grid cells."""
 
 import dataclasses
 import os

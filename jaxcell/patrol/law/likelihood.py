@@ -62,7 +62,7 @@ class Likelihood:
     def loss(
         self, numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*#laws 2"]
     ) -> Float[np.ndarray, "*laws"]:
-        """Compute the negative mean log-likelihood of the laws `law_through(numbers, point)`."""
+        """Compute the negative mean log-likelihood of laws given as for [`law_through`][]."""
         law = law_through(numbers, point)
         return self._loss(law, law.log_odds(self.x))
 

@@ -83,7 +83,7 @@ class PatrolledMap(Result):
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
     smallest_covers: Float[np.ndarray, "robots"] | None = None
-    "The size of the smallest cover of the cells of each robot; NaN if unknown."
+    "The least number of positions from which all cells of each robot are seen; NaN if unknown."
     chosen_share: Annotated[
         float | None, quantity("", "share of steps on the tours", "1", kind="share")
     ] = None

@@ -63,10 +63,10 @@ class Perimeter:
 
     @property
     def images(self) -> Int[np.ndarray, "2 states"]:
-        """The state after one step, for heads (row 0, with probability p) and for tails (row 1).
+        """The state after one step if the coin shows heads (row 0, probability p) or tails (row 1).
 
         In state `phase * distance + i`, a robot is `i` segments behind the attacked segment. In
-        phase 0 the robot heads towards the segment and in phase 1 away from it.
+        phase 0 the robot moves towards the segment and in phase 1 away from it.
         """
         i = np.arange(self.distance, dtype=np.int32)
         ahead, behind = (i - 1) % self.distance, (i + 1) % self.distance

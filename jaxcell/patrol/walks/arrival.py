@@ -103,7 +103,7 @@ def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"
 def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
-    """Check the times, and return the times of moves (0 without an edge) and of attacks."""
+    """Check that times are whole; return those of moves (0 if no edge) and of attacks."""
     attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
     given = 1 if travel_times is None else travel_times
     times = _whole("travel_times", given, len(graph.edges), "edge")

@@ -142,7 +142,7 @@ def _checks(result: Result, prefix: str) -> Checks:
 
 
 def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
-    """Return checks that the numbers of each variable are in the range of its kind."""
+    """Return checks that the values of each variable are possible for its kind, as for shares."""
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in dataset.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)

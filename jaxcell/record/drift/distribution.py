@@ -55,7 +55,7 @@ def density() -> Scale:
 
 
 def levels(share: np.ndarray) -> np.ndarray:
-    """Convert each cell's share of all drifters to a picture class of the scale [`density`][]."""
+    """Convert each cell's share of all drifters to the index of its colour on [`density`][]."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
 

@@ -112,9 +112,9 @@ class Body:
 
     @classmethod
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
-        """Put a body at the centre of a cell; `bumper_give` chooses the travel of its bumper.
+        """Create a body at the centre of a cell, whose `error` is the same for all its motions.
 
-        `error` is the value of `distance`, `rotation` and `veer` in its `Noise`.
+        Its `Noise` has this value as `distance`, `rotation` and `veer`.
         """
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
