@@ -74,7 +74,7 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
     if values.dtype.kind in "OU":
         return {"sha256": digest(json.dumps(values.tolist()).encode())}
     described = f"{values.dtype.str} {values.shape} ".encode()
-    fingerprints: dict[str, Any] = {"sha256": digest(described + values.tobytes())}
+    fields: dict[str, Any] = {"sha256": digest(described + values.tobytes())}
     if values.dtype.kind == "f":
         flat = values.astype(float).ravel()
         finite = np.isfinite(flat)
@@ -83,10 +83,10 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
         numbers = np.where(finite, flat, 0)
         weights = np.random.default_rng(0).uniform(0.5, 1, (3, flat.size))
         weights *= np.random.default_rng(1).choice([-1, 1], weights.shape)
-        fingerprints["known"] = digest(described + places.tobytes())
-        fingerprints["sums"] = [float(row @ numbers) for row in weights]
-        fingerprints["size"] = float(np.abs(numbers).sum())
-    return fingerprints
+        fields["known"] = digest(described + places.tobytes())
+        fields["sums"] = [float(row @ numbers) for row in weights]
+        fields["size"] = float(np.abs(numbers).sum())
+    return fields
 
 
 def digest(content: bytes) -> str:

@@ -176,14 +176,13 @@ def measured(
 
 def assumptions(phases: int, processes: int) -> tuple[Rows, Rows]:
     """Tabulate the measurements under all assumptions, and as a protocol for a real robot."""
-    variants = [(name, values) for name, some in ASSUMED.items() for values in some]
+    variants = [(name, values) for name, choices in ASSUMED.items() for values in choices]
     jobs = [(*job, values) for _, values in variants for job in PROTOCOL]
     measurements = measured(jobs, phases, processes).reshape(len(variants), len(PROTOCOL), 2)
-    names = [name for name, _ in variants]
     table: Rows = []
     for name in ASSUMED:
-        some = measurements[[index for index, one in enumerate(names) if one == name], :, 0]
-        shown = [" to ".join(f"{value:.1f}" for value in column) for column in some.T.tolist()]
+        means = measurements[[variant == name for variant, _ in variants], :, 0]
+        shown = [" to ".join(f"{value:.1f}" for value in column) for column in means.T.tolist()]
         labels = [str(number) for number in range(1, len(PROTOCOL) + 1)]
         table.append({"varied": name, **dict(zip(labels, shown, strict=True))})
     protocol: Rows = []

@@ -125,7 +125,7 @@ def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
     above = (row == row[:, None] + 1) & (first <= last[:, None]) & (last >= first[:, None])
     # A run continues in the run above it if neither touches another run of the other's row.
     continued = above & (above.sum(axis=1, keepdims=True) == 1) & (above.sum(axis=0) == 1)
-    results: list[list[int]] = []
+    runs: list[list[int]] = []
     of_run: dict[int, list[int]] = {}
     for run in range(len(row)):
         below = np.flatnonzero(continued[:, run])
@@ -133,13 +133,13 @@ def strips(cells: CellSpace) -> list[list[tuple[int, int]]]:
             of_run[run] = of_run[int(below[0])]
         else:
             of_run[run] = []
-            results.append(of_run[run])
+            runs.append(of_run[run])
         of_run[run].append(run)
     position = cells.position_of_square
     ends = [
         (int(position[r, a]), int(position[r, b])) for r, a, b in zip(row, first, last, strict=True)
     ]
-    return [[ends[run] for run in strip] for strip in results]
+    return [[ends[run] for run in strip] for strip in runs]
 
 
 def sweep(cells: CellSpace, roads: Roads) -> list[int]:

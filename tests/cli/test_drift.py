@@ -37,8 +37,8 @@ def test_velocities_and_grid_may_be_in_separate_files(stream, tmp_path):
         positions.to_netcdf(tmp_path / "grid.nc")
     grid, names = tmp_path / "grid.nc", ("east", "north")
     apart = Drift(file=(tmp_path / "e*.nc", tmp_path / "north.nc"), grid=grid, variables=names)
-    answer, expected = apart.currents(), open_currents(stream)
-    xr.testing.assert_equal(answer, expected)
+    currents, expected = apart.currents(), open_currents(stream)
+    xr.testing.assert_equal(currents, expected)
 
 
 def test_a_goal_upstream_has_no_answer(capsys, stream):

@@ -72,12 +72,12 @@ def test_constraints_are_met_and_verified(capsys, tmp_path):
     assert weight[frozenset("23")] == pytest.approx(weight[frozenset("28")], abs=1e-9)
     assert weight[frozenset("23")] == pytest.approx(weight[frozenset("34")], abs=1e-9)
     assert answer["mean_commute_time"] > 18.626151
-    told = {one["constraint"]: one for one in answer["bounds"]["constraints"]}
-    assert len(told) == 12
-    assert told["edge 6-7, edge 7-8"]["active"]
-    assert told["edge 6-7, edge 7-8"]["saves"] > 0
-    assert not told["vertex 7"]["active"]
-    assert told["vertex 7"]["saves"] == 0
+    bounds = {bound["constraint"]: bound for bound in answer["bounds"]["constraints"]}
+    assert len(bounds) == 12
+    assert bounds["edge 6-7, edge 7-8"]["active"]
+    assert bounds["edge 6-7, edge 7-8"]["saves"] > 0
+    assert not bounds["vertex 7"]["active"]
+    assert bounds["vertex 7"]["saves"] == 0
     compared = {one["what"]: one for one in answer["verified"]["comparisons"]}
     assert compared["least commute time, by cvxpy"]["count"] == 1
     assert compared["violation of constraints"]["count"] == 12

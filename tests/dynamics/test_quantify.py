@@ -105,10 +105,10 @@ def halves(cells):
 
 
 def test_entropy_of_a_straight_boundary_is_that_of_halves():
-    found = halves(40)
+    straight = halves(40)
     # No box of 4 x 4 cells has both basins; the middle column of boxes of 8 x 8 cells has both.
-    assert dynamics.basin_entropy(found, 4) == (0, 0)
-    whole, mixed = dynamics.basin_entropy(found, 8)
+    assert dynamics.basin_entropy(straight, 4) == (0, 0)
+    whole, mixed = dynamics.basin_entropy(straight, 8)
     assert mixed == pytest.approx(np.log(2))
     assert whole == pytest.approx(np.log(2) / 5)
 

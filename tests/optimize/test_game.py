@@ -86,10 +86,10 @@ def test_both_methods_agree_on_larger_games(seed):
     draw = np.random.default_rng(seed)
     leader, follower = draw.normal(size=(6, 5)), draw.normal(size=(3, 6, 5))
     prior = draw.dirichlet(np.ones(3))
-    solution = [stackelberg(leader, follower, prior, method=method) for method in METHODS]
-    assert solution[0].value == pytest.approx(solution[1].value, abs=1e-8)
-    assert solution[0].answer.tolist() == solution[1].answer.tolist()
-    for one in solution:
+    solutions = [stackelberg(leader, follower, prior, method=method) for method in METHODS]
+    assert solutions[0].value == pytest.approx(solutions[1].value, abs=1e-8)
+    assert solutions[0].answer.tolist() == solutions[1].answer.tolist()
+    for one in solutions:
         assert_consistent(leader, follower, prior, one)
 
 

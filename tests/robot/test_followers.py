@@ -129,7 +129,7 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def policy():
+def localizing():
     return localization_policy(LAB_A, BOUNCES)
 
 
@@ -137,11 +137,11 @@ def policy():
     ("cell", "driver"),
     [(3, DirectBody), (70, SimulatedCreate), (77, DirectBody), (151, DirectBody)],
 )
-def test_a_policy_localizes_a_robot_to_its_true_configuration(cell, driver, policy, logged):
+def test_a_policy_localizes_a_robot_to_its_true_configuration(cell, driver, localizing, logged):
     walker, body = walker_in(LAB_A, cell, robot=driver)
-    outcome, kept = logged(walker, lambda: PolicyFollower(policy.policy), BOUNCES)
+    outcome, kept = logged(walker, lambda: PolicyFollower(localizing.policy), BOUNCES)
     assert outcome.result == "localized"
-    run = policy.drive(cell)
+    run = localizing.drive(cell)
     assert outcome.observations == run.word
     assert outcome.cells == (run.end,) == (place_of(LAB_A, body),)
     assert set(outcome.colors[:-1]) == {1}
@@ -152,22 +152,22 @@ def test_a_policy_localizes_a_robot_to_its_true_configuration(cell, driver, poli
     assert [state for state in states if state is not None] == run.states[1:][bumps].tolist()
 
 
-def test_a_policy_of_another_map_is_refuted(policy, logged):
+def test_a_policy_of_another_map_is_refuted(localizing, logged):
     # In Lab B the robot bumps where Lab A is free.
     walker, _ = walker_in(LAB_B, 77)
-    outcome, run = logged(walker, lambda: PolicyFollower(policy.policy), BOUNCES)
+    outcome, run = logged(walker, lambda: PolicyFollower(localizing.policy), BOUNCES)
     assert outcome.result == "refuted"
     assert outcome.cells == ()
-    assert outcome.colors[-1] == len(policy.policy.ends) + 2
+    assert outcome.colors[-1] == len(localizing.policy.ends) + 2
     assert f"the robot observed {outcome.observations}" in outcome.reason
     changed = tuple(dict(event, color=7) if "color" in event else event for event in run.events)
     with pytest.raises(ValueError, match="observation 0: the log has colour 7, the policy 1"):
-        replay_follower(dataclasses.replace(run, events=changed), PolicyFollower(policy.policy))
+        replay_follower(dataclasses.replace(run, events=changed), PolicyFollower(localizing.policy))
 
 
-def test_a_task_has_the_angles_of_its_policy(policy, tmp_path):
+def test_a_task_has_the_angles_of_its_policy(localizing, tmp_path):
     def loaded(**about):
-        dataclasses.replace(policy.policy, metadata=about).save(tmp_path / "policy.jxf")
+        dataclasses.replace(localizing.policy, metadata=about).save(tmp_path / "policy.jxf")
         return load_task(tmp_path / "policy.jxf")
 
     task = loaded(**SPEC, bounces_deg=[45.0, 135.0])

@@ -41,8 +41,8 @@ def assert_whole_again(out, sound):
     assert tree(out) == tree(sound)
     assert sweep_status(out).complete
     assert (out / "spec.toml").read_bytes() == (sound / "spec.toml").read_bytes()
-    with open_sweep(out) as report, open_sweep(sound) as expected:
-        xr.testing.assert_identical(report.load(), expected.load())
+    with open_sweep(out) as result, open_sweep(sound) as expected:
+        xr.testing.assert_identical(result.load(), expected.load())
     assert verify_sweep(out).damaged == ()
 
 
@@ -125,9 +125,9 @@ def test_a_damaged_specification_is_taken_from_its_copy(out, sound):
     with pytest.raises(ValueError, match=r"specification cannot be read; to mend it"):
         sweep_status(out)
     assert verify_sweep(out).whole
-    with open_sweep(out) as report, open_sweep(sound) as expected:
-        assert "were damaged" in report.attrs["resumed_anyway"]
-        xr.testing.assert_equal(report, expected)
+    with open_sweep(out) as result, open_sweep(sound) as expected:
+        assert "were damaged" in result.attrs["resumed_anyway"]
+        xr.testing.assert_equal(result, expected)
     assert verify_sweep(out).damaged == ()
 
 

@@ -124,12 +124,12 @@ def analytic(b):
 
 
 def test_sobol_indices_of_the_function_of_ishigami(ishigami, capsys):
-    values = run(capsys, "sweep indices", ishigami)[1]["indices"]
+    indices = run(capsys, "sweep indices", ishigami)[1]["indices"]
     # None for a variable that is not finite.
-    assert [(one["variable"], one["at"]["b"], one["parameter"]) for one in values] == [
+    assert [(one["variable"], one["at"]["b"], one["parameter"]) for one in indices] == [
         ("y", b, name) for b in (0.0, 0.1) for name in ("x1", "x2", "x3")
     ]
-    for b, three in ((0.0, values[:3]), (0.1, values[3:])):
+    for b, three in ((0.0, indices[:3]), (0.1, indices[3:])):
         for kind, expected in zip(("first_order", "total"), analytic(b), strict=True):
             np.testing.assert_allclose([one[kind] for one in three], expected, atol=0.03)
             for one, index in zip(three, expected, strict=True):

@@ -182,9 +182,9 @@ def test_chunks_with_other_variables_than_the_first_fail(
         return change(result) if 5 in batch["x"] else result
 
     monkeypatch.setattr(sweep_stub, "stub", changed)
-    result = run_sweep(stub_spec(), tmp_path / "out")
-    assert [one.index["x"] for one in result.failures] == [5, 5]
-    assert message in result.failures[0].message
+    status = run_sweep(stub_spec(), tmp_path / "out")
+    assert [one.index["x"] for one in status.failures] == [5, 5]
+    assert message in status.failures[0].message
 
 
 def test_a_resume_needs_the_same_specification_and_versions(
@@ -249,8 +249,8 @@ def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
         run_sweep(spec, out, progress=fill)
     assert caught.value.errno == errno.EFBIG
     assert str(caught.value.filename) == str(out)
-    result = sweep_status(out)
-    assert (result.done, result.failures, result.running) == (3, (), None)
+    status = sweep_status(out)
+    assert (status.done, status.failures, status.running) == (3, (), None)
     assert run_sweep(spec, out, resume=True).complete
     assert tree(out) == whole
 

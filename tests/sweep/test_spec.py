@@ -247,5 +247,5 @@ def test_differences_of_parameters_are_described(tmp_path, old, new, messages):
 )  # fmt: skip
 def test_places_of_the_members_of_a_smaller_sweep(tmp_path, old, new, places):
     first = load(tmp_path, f'task = "a:b"\n{old}')
-    parsed = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
-    assert (parsed and {name: some.tolist() for name, some in parsed.items()}) == places
+    mapped = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
+    assert (mapped and {name: some.tolist() for name, some in mapped.items()}) == places

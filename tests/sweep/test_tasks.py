@@ -38,10 +38,10 @@ def test_a_worker_computes_with_the_precision_of_the_driver(wide, tmp_path, monk
     try:
         jax.config.update("jax_enable_x64", not wide)
         job = Job(0, np.arange(2), f"{path}:width", {"a": np.arange(2.0)}, {}, 0, wide)
-        columns = compute(job)
+        computed = compute(job)
     finally:
         jax.config.update("jax_enable_x64", before)
-    assert columns.variables["bits"].values.tolist() == [64 if wide else 32] * 2
+    assert computed.variables["bits"].values.tolist() == [64 if wide else 32] * 2
 
 
 def lab(**changes):

@@ -96,7 +96,7 @@ class Spread:
     mean: np.ndarray
     "The mean over the bootstrap samples."
     error: np.ndarray
-    "The standard deviation over the bootstrap samples; NaN if one of them is not finite."
+    "The standard deviation over the bootstrap samples; NaN if a sample is not finite."
     low: np.ndarray
     "The 5 % quantile over the bootstrap samples."
     high: np.ndarray

@@ -128,8 +128,9 @@ def stored_basins(
     (changed,) = changed_by_half_step(map, box, [params], cells[None], follow=follow)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    known: dict[str, Any] = {"duration": duration, "labels": labels, "follow": follow, "map": map}
-    return dataclasses.replace(basins, torn=torn, **known)
+    return dataclasses.replace(
+        basins, torn=torn, duration=duration, labels=labels, follow=follow, map=map
+    )
 
 
 def _check_disk(files: Folder, box: Box) -> None:

@@ -118,8 +118,8 @@ def factor_and_solve(
     try:
         if order is None:
             matrix = step.T.tocsr() if adjoint else step
-            if (roughly := _rough_solver(matrix)) is not None:
-                x, products = _solve_large(matrix, right, roughly)
+            if (solver := _rough_solver(matrix)) is not None:
+                x, products = _solve_large(matrix, right, solver)
                 if x is not None:
                     # An approximate solution leaves mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
@@ -213,7 +213,7 @@ def _rough_solver(matrix: scipy.sparse.csr_array) -> _RoughSolver | None:
 
 
 def _solve_large(
-    matrix: scipy.sparse.csr_array, right: Columns, roughly: _RoughSolver
+    matrix: scipy.sparse.csr_array, right: Columns, solver: _RoughSolver
 ) -> tuple[Columns | None, int]:
     """Refine an approximate solution or, if that fails, continue with repeated products.
 
@@ -221,13 +221,13 @@ def _solve_large(
     number of matrix products.
     """
     products, columns = 0, []
-    cycle = isinstance(roughly, Cycle)
+    cycle = isinstance(solver, Cycle)
     # Products do not help for a cycle, because each moves by only one block.
     most = 0 if cycle else LIMITS.products
     for wanted in right.T:
         x, left = np.zeros_like(wanted), wanted
         for _ in range(_ROUNDS):
-            change, more = roughly(left)
+            change, more = solver(left)
             products += more
             now = wanted - (x + change - matrix @ (x + change))
             better = np.abs(now).max() < np.abs(left).max() / 2

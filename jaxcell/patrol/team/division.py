@@ -141,7 +141,7 @@ def _balanced(
 
 
 def _pieces_without(vertex: int, part: list[int], neighbours: list[list[int]]) -> list[list[int]]:
-    """Return the connected pieces that remain of a part if one of its vertices is removed."""
+    """Return the connected pieces of the part of `vertex`, after this vertex is removed."""
     pieces, reached = [], {vertex}
     for first in neighbours[vertex]:
         if part[first] != part[vertex] or first in reached:

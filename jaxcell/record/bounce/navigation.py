@@ -94,8 +94,8 @@ def _log_runs(
     vectors = (positions[end] - positions[begin])[moves]
     vectors *= 1 - dot / np.linalg.norm(vectors, axis=1, keepdims=True)
     of_runs = [[palette.TRAIL, *colors][i] for i in moves.tolist()]
-    starts, path = positions[begin[moves]], "map/plan/runs"
-    log_arrows(map.stream, path, starts, vectors, of_runs, points(2.5), order=20.0)
+    starts = positions[begin[moves]]
+    log_arrows(map.stream, "map/plan/runs", starts, vectors, of_runs, points(2.5), order=20.0)
     # Several bumps at one position are drawn as rings, with the first bump outside.
     seen: dict[int, int] = {}
     again = np.empty(bump.size)

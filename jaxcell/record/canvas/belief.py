@@ -90,8 +90,13 @@ def log_beliefs(
 
 def heat_scale() -> Scale:
     """Return the scale for probabilities of positions; improbable squares are transparent."""
-    ends, label = np.array([_FAINT, 1.0]), "probability {}".format
-    return Scale.over(ends, label, spaced=np.geomspace, special={_UNLIKELY: CLEAR}, digits=1)
+    return Scale.over(
+        np.array([_FAINT, 1.0]),
+        "probability {}".format,
+        spaced=np.geomspace,
+        special={_UNLIKELY: CLEAR},
+        digits=1,
+    )
 
 
 def heat(belief: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:

@@ -89,11 +89,18 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
     foot = map.xy(cells) - vector / 2
     times, sizes = np.rint(since[shown]).astype(np.int64), np.full(shown.size, cells.size)
-    radius, line = 0.08 * spacing * float(map.side.min()), clock.timeline
-    style = {"colors": _ARROW, "radii": radius, "draw_order": 10}
-    columns = {"vectors": vector.reshape(-1, 2), "origins": foot.reshape(-1, 2)}
-    path, kind = f"map/current_{map.number}", rr.Arrows2D
-    send_changing(map.stream, path, kind, times, sizes, line, style=style, **columns)
+    radius = 0.08 * spacing * float(map.side.min())
+    send_changing(
+        map.stream,
+        f"map/current_{map.number}",
+        rr.Arrows2D,
+        times,
+        sizes,
+        clock.timeline,
+        style={"colors": _ARROW, "radii": radius, "draw_order": 10},
+        vectors=vector.reshape(-1, 2),
+        origins=foot.reshape(-1, 2),
+    )
 
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:

@@ -76,8 +76,16 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
         log_curve(stream, curve, share, line, times, color=category(number), shape="Linear")
     log_axes(stream, branches.members[0].box, branches.members[0].names, _PICTURES)
     style = {**LABEL, "positions": [[SIDE / 2, -0.6]]}
-    path, labels = "box/parameters", branches.parameters
-    send_changing(stream, path, rr.Points2D, times, None, line, style=style, labels=labels)
+    send_changing(
+        stream,
+        "box/parameters",
+        rr.Points2D,
+        times,
+        None,
+        line,
+        style=style,
+        labels=branches.parameters,
+    )
     table = described(
         branches, "parameters", "count", "outside_share", first={"": range(times.size)}
     )

@@ -14,8 +14,12 @@ def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Containe
     """Log a tab that shows the trade-off between capture and unpredictability as a curve."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
-    titles = "entropy of a step, in nats (mean over robots)", "least probability of capture"
-    plot.axes(ticks(most), ticks(1.0), *titles)
+    plot.axes(
+        ticks(most),
+        ticks(1.0),
+        "entropy of a step, in nats (mean over robots)",
+        "least probability of capture",
+    )
     order = np.argsort(frontier.entropy)
     plot.line("frontier", frontier.entropy[order], frontier.least_capture[order], BELIEF, 3.0)
     floors = plot.at(frontier.entropy, frontier.least_capture)

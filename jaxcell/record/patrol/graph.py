@@ -12,12 +12,22 @@ from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol
 from ...patrol.team import long_run, steps_between_visits
-from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Color, Level, ramp, robot_color
+from ..canvas.palette import (
+    BELIEF,
+    FREE,
+    PLAIN,
+    ROBOT,
+    ROBOTS,
+    Color,
+    Level,
+    ramp,
+    robot_color,
+    share_colors,
+)
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -237,7 +247,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
     beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
     drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
-    colors = palette.share_colors(stay / most, FREE)
+    colors = share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()

@@ -134,9 +134,9 @@ def test_a_stopped_run_reports_the_reason(
     observed = model_run(45, 70, 3)[1]
     out = tmp_path / "out" if to_files else None
     code = simulated(filter_file, start="70", heading=135.0, out=out).run()
-    told = capsys.readouterr()
-    answer = json.loads(told.out)
-    assert why in told.err
+    captured = capsys.readouterr()
+    answer = json.loads(captured.out)
+    assert why in captured.err
     assert (code, answer["result"], answer["observations"]) == (status, "stopped", observed)
     assert answer["reason"].startswith(f"{why}; not localized after 3 observations; ")
     assert len(answer["colors"]) == 3

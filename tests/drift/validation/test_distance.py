@@ -154,9 +154,9 @@ def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward, 
     maps = [(drift.drift_map(water, tide.mean(), options.lasting(step)), step) for step in steps]
     compared = drift.distances(water, tide, maps, hours=(6, 24, 120))
     worst = [one.total_variation.max() for one in compared]
-    distance = drift.nearest_step([water], [tide], options, 120).duration
-    assert distance == pytest.approx(steps[int(np.argmin(worst))])
+    duration = drift.nearest_step([water], [tide], options, 120).duration
+    assert duration == pytest.approx(steps[int(np.argmin(worst))])
     monkeypatch.setattr("jaxcell.drift.validation.distance.MOST_CELLS", 0)
-    distance, made = nearest_maps([water], [tide], [tide.mean()], options)
-    assert distance.duration == pytest.approx(10 * 3600)
+    step, made = nearest_maps([water], [tide], [tide.mean()], options)
+    assert step.duration == pytest.approx(10 * 3600)
     assert made is None

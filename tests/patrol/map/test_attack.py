@@ -151,18 +151,18 @@ def test_capture_of_more_targets_than_are_computed_at_once():
 @pytest.mark.parametrize("start", ["stationary", "uniform", "worst"])
 def test_capture_of_every_cell_by_powers_of_matrices(start):
     graph, visible, policies = small()
-    result, later = capture_probabilities(graph, visible, policies, Attack([3, 9], start))
-    assert (later > result).all()
+    sooner, later = capture_probabilities(graph, visible, policies, Attack([3, 9], start))
+    assert (later > sooner).all()
     matrices = [policy.chain.to_scipy().toarray() for policy in policies]
-    for target, caught in enumerate(result):
+    for target, caught in enumerate(sooner):
         late = [missed(matrix, visible[target], 3, start) for matrix in matrices]
         assert caught == pytest.approx(1 - np.prod(late), abs=1e-9)
-    weakest = int(result.argmin())
+    weakest = int(sooner.argmin())
     attack = vulnerability(
         jax.random.key(0), graph, visible, policies, weakest, Attack(3, start), runs=4000
     )
-    assert attack.exact[0] == pytest.approx(result[weakest], abs=1e-9)
-    assert abs(attack.simulated[0] - result[weakest]) < 0.04
+    assert attack.exact[0] == pytest.approx(sooner[weakest], abs=1e-9)
+    assert abs(attack.simulated[0] - sooner[weakest]) < 0.04
 
 
 def test_cells_that_are_always_or_never_seen_are_not_contested():

@@ -22,10 +22,10 @@ def least_capture(matrix, visible, start):
 @pytest.mark.parametrize("start", ["uniform", "stationary", "worst"])
 def test_no_walk_on_a_fine_grid_captures_more(start):
     graph, visible = examples.patrol()
-    policies = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
-    (policy,) = policies.policies
+    search = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
+    (policy,) = search.policies
     matrix = policy.chain.to_scipy().toarray()
-    assert policies.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
+    assert search.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
     best = 0.0
     for chances in itertools.product(np.linspace(0, 1, 15), repeat=3):
         walk = np.zeros((5, 5))
@@ -33,11 +33,9 @@ def test_no_walk_on_a_fine_grid_captures_more(start):
         for place, right in enumerate(chances, 1):
             walk[place, place + 1], walk[place, place - 1] = right, 1 - right
         best = max(best, least_capture(walk, visible, start))
-    assert policies.value > best - 1e-3
+    assert search.value > best - 1e-3
     (commuting,) = distributed_policies(graph, visible, 1, 0.0)
-    assert policies.value > 1.05 * least_capture(
-        commuting.chain.to_scipy().toarray(), visible, start
-    )
+    assert search.value > 1.05 * least_capture(commuting.chain.to_scipy().toarray(), visible, start)
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +73,10 @@ def test_capture_falls_along_the_frontier_and_entropy_rises():
 
 def test_the_best_of_several_starts_captures_more_than_tours_and_visits_all_cells(lab):
     graph, visible, _ = lab
-    policies = capture_policies(graph, visible, 2, Attack(6), starts=3)
-    assert policies.tried.shape == (3,)
-    assert policies.value == policies.tried.max() > 1.3 * policies.tours
-    for policy in policies.policies:
+    search = capture_policies(graph, visible, 2, Attack(6), starts=3)
+    assert search.tried.shape == (3,)
+    assert search.value == search.tried.max() > 1.3 * search.tours
+    for policy in search.policies:
         share = policy.share_of_time(graph)
         matrix = policy.chain.to_scipy().toarray()
         np.testing.assert_allclose(share @ matrix, share, atol=1e-12)
@@ -128,5 +126,5 @@ def test_wrong_searches_are_refused(change, message):
 
 def test_nothing_is_searched_if_all_cells_are_always_seen():
     graph, visible = examples.patrol()
-    policies = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
-    assert (policies.value, policies.iterations) == (1.0, 0)
+    search = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
+    assert (search.value, search.iterations) == (1.0, 0)

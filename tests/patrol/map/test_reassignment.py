@@ -33,10 +33,10 @@ def silence_by_powers(policy, alpha):
 @pytest.mark.parametrize("alpha", [0.5, 0.01, 1e-80])
 @pytest.mark.parametrize("robot", [0, 3])
 def test_silence_limit(robot, alpha):
-    reassigned = silence_limit(POLICIES[robot], alpha)
-    assert reassigned == silence_by_powers(POLICIES[robot], alpha)
+    limit = silence_limit(POLICIES[robot], alpha)
+    assert limit == silence_by_powers(POLICIES[robot], alpha)
     # More than two chunks of steps.
-    assert alpha > 0.001 or reassigned > 2 * 256
+    assert alpha > 0.001 or limit > 2 * 256
 
 
 def test_the_return_to_the_contact_counts():

@@ -283,13 +283,13 @@ def test_many_groups_have_few_colours():
 def test_nearly_closed_sets_are_in_the_recording(leaving):
     chains = [layer.behaviour.chain for layer in leaving.layers]
     sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
-    recording = dataclasses.replace(leaving, nearly_closed_sets=sets)
+    sea = dataclasses.replace(leaving, nearly_closed_sets=sets)
     number = sets.number[0]
     assert ((number == -2) == ~leaving.currents.water.values[0]).all()
     assert [(number == rank).sum() for rank in sets.rank] == sets.size.tolist()
-    recorded = read_back(recording, {})
-    shown = kinds(recorded, "nearly_closed_0", leaving.waters[0])
+    recording = read_back(sea, {})
+    shown = kinds(recording, "nearly_closed_0", leaving.waters[0])
     # 0 is land and 1 is in no set.
     np.testing.assert_array_equal(np.unique(shown), np.unique(number[number > -2] + 2))
-    text = recorded.text("/nearly_closed/text")
+    text = recording.text("/nearly_closed/text")
     assert f"after **{sets.window_hours:.3g} hours**" in text

@@ -56,37 +56,37 @@ def nearest(graph, places):
 
 
 def test_the_text_names_strategy_attack_and_capture(eight):
-    recording = patrol_of(eight[0], names=eight[1], attack_time=4)
-    text = read_back(recording, {"strategy": "capture", "attack_time": 4}).text()
-    place = int(np.argmin(recording.captured))
+    patrol_with_capture = patrol_of(eight[0], names=eight[1], attack_time=4)
+    text = read_back(patrol_with_capture, {"strategy": "capture", "attack_time": 4}).text()
+    place = int(np.argmin(patrol_with_capture.captured))
     assert "The strategy is **capture**." in text
     assert "An attack takes **4 steps**." in text
-    assert f"**{recording.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
+    assert f"**{patrol_with_capture.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
 
 
 def test_the_dataset_holds_the_walk(eight, weights, patrol):
     graph, names = eight
     times = times_by_solves(walk_on(graph, weights))
-    recording = dataset(patrol)
-    np.testing.assert_allclose(recording.hitting_time, times, rtol=1e-9)
-    np.testing.assert_allclose(recording.commute_time, times + times.T, rtol=1e-9)
-    np.testing.assert_allclose(recording.mean_time_to, times.sum(axis=0) / 7)
-    np.testing.assert_allclose(recording.weight, weights, atol=1e-12)
-    assert recording.edges_used == (weights > 1e-6).sum()
-    assert recording.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
+    data = dataset(patrol)
+    np.testing.assert_allclose(data.hitting_time, times, rtol=1e-9)
+    np.testing.assert_allclose(data.commute_time, times + times.T, rtol=1e-9)
+    np.testing.assert_allclose(data.mean_time_to, times.sum(axis=0) / 7)
+    np.testing.assert_allclose(data.weight, weights, atol=1e-12)
+    assert data.edges_used == (weights > 1e-6).sum()
+    assert data.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
     np.testing.assert_allclose(
-        recording.probabilities[:, 0],
-        recording.transition.sel(start=recording.ends[:, 0], target=recording.ends[:, 1]),
+        data.probabilities[:, 0],
+        data.transition.sel(start=data.ends[:, 0], target=data.ends[:, 1]),
     )
-    np.testing.assert_array_equal(np.stack([recording.x, recording.y], axis=1), graph.xy)
+    np.testing.assert_array_equal(np.stack([data.x, data.y], axis=1), graph.xy)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():
     graph = Graph([[0, 1], [1, 2]])
-    recording = dataset(patrol_of(graph))
-    assert recording.vertex.values.tolist() == ["0", "1", "2"]
-    assert "x" not in recording.coords
-    assert recording.slem == 1
+    data = dataset(patrol_of(graph))
+    assert data.vertex.values.tolist() == ["0", "1", "2"]
+    assert "x" not in data.coords
+    assert data.slem == 1
 
 
 @pytest.mark.parametrize(
