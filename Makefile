@@ -3,7 +3,7 @@ BIN := .venv/bin
 
 # Tests of commands, robots, sweeps and examples, without the checks of argument types, as for users.
 # Some wait for robots and workers, so they have one more process.
-AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
+AS_USERS := tests/cli tests/faults tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
 PLAIN := -o addopts="--strict-config --strict-markers --import-mode=importlib"
 UNCHECKED := $(PLAIN) $(AS_USERS)
 # NumPy, BLAS and XLA use the instructions of a processor without AVX-512 on every machine.
@@ -13,7 +13,7 @@ AVX2 := OPENBLAS_CORETYPE=Haswell XLA_FLAGS=--xla_cpu_max_isa=AVX2 \
 # Packages are installed without bytecode, so Python must be able to write it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo robot test test-avx2 test-all fuzz lint bench docs pictures clean
+.PHONY: demo robot test test-avx2 test-all fuzz faults lint bench docs pictures clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
@@ -38,6 +38,9 @@ test-all: .venv/.dev
 
 fuzz: .venv/.dev
 	JAXCELL_FUZZ=2000 $(BIN)/pytest tests/fuzz
+
+faults: .venv/.dev
+	JAXCELL_FAULTS=1 $(BIN)/pytest $(PLAIN) -n 2 tests/faults
 
 lint: .venv/.dev
 	$(BIN)/ruff format --check .

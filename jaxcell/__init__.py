@@ -25,8 +25,9 @@ maps, graphs and currents.
 Cells, groups and vertices are numbered from 0. Lengths are in metres, angles in radians,
 counter-clockwise from the x axis (East), times in steps or seconds. Results are frozen dataclasses
 of arrays. Results of iterative solvers have a *certificate*, a record of the remaining error.
-Probabilities, linear solves and many examples need 64-bit numbers, and raise errors without them.
-To turn them on, set `JAX_ENABLE_X64=1`, or call `jax.config.update("jax_enable_x64", True)` first.
+Public functions compute with 64-bit numbers, and do not change the setting of JAX. If JAX is set to
+32 bits, as by default, 64-bit arrays of results are NumPy arrays, because JAX would round them.
+Under `jit`, `vmap` and `grad`, functions that need 64 bits raise an error if JAX is set to 32.
 
 Packages are imported at their first use: `import jaxcell` alone does not import JAX.
 
@@ -45,7 +46,7 @@ from types import ModuleType
 from .base.bundled import bundled as bundled
 
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 _MODULES = (
     "automata",

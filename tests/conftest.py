@@ -1,6 +1,8 @@
+import contextlib
 import functools
 import gc
 import os
+import tempfile
 from pathlib import Path
 
 import hypothesis
@@ -26,9 +28,18 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # the time, and are slower; `make test-all` optimizes. Processes and later runs share programs.
 compile_quickly("--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1")
 _CACHE = Path(__file__).parents[1] / ".pytest_cache" / "xla"
+with contextlib.suppress(OSError):
+    _CACHE.mkdir(parents=True, exist_ok=True)
+if not os.access(_CACHE, os.W_OK):
+    _CACHE = Path(tempfile.gettempdir()) / f"jaxcell-xla-{os.getuid()}"
 jax.config.update("jax_compilation_cache_dir", str(_CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def pytest_configure(config):
+    # Many small files of the tests deserve a doubt; tests of doubts use `pytest.warns`.
+    config.addinivalue_line("filterwarnings", "ignore::jaxcell.base.doubts.Doubt")
 
 
 def pytest_sessionfinish():
@@ -52,6 +63,15 @@ def commands_of_tests():
         patch.setattr("jaxcell.cli.terminal.FIRST_LINE", 3600.0)
         patch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
         yield
+
+
+@pytest.fixture
+def without_flags():
+    """JAX uses 32 bits, as in the program of a user who sets nothing."""
+    before = jax.config.jax_enable_x64
+    jax.config.update("jax_enable_x64", False)
+    yield
+    jax.config.update("jax_enable_x64", before)
 
 
 @pytest.fixture(scope="module")

@@ -4,16 +4,21 @@ import json
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 from jaxcell.cli import main
 
 
 def run(capsys, *words):
-    """Run a command of words, or of lines of words, with `--json`.
+    """Run a command of paths, words, or lines of words, with `--json`.
 
     **Returns:** the exit status, the JSON object on standard output, if any, and standard error.
     """
-    status = main(shlex.split(" ".join([*map(str, words), "--json"])))
+    lines = [
+        shlex.quote(str(word)) if isinstance(word, Path) or Path(str(word)).exists() else str(word)
+        for word in words
+    ]
+    status = main(shlex.split(" ".join([*lines, "--json"])))
     printed = capsys.readouterr()
     return status, json.loads(printed.out) if printed.out else None, printed.err
 

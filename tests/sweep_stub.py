@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -14,9 +15,12 @@ def stub(batch, fixed, seed):
 
     `fixed` may have `seconds` that a chunk takes, and `folder`, where each call leaves a file.
     Members with `x == fixed["fail"]` fail; those with `x == fixed["kill"]` kill their process,
-    and with `fixed["once"]` only the first time; those with `x == fixed["hang"]` take minutes.
+    and with `fixed["once"]` only the first time; those with `x == fixed["hang"]` take minutes, as
+    does a program that each call starts, with its number in the file `fixed["starts"]`.
     """
     x = np.asarray(batch["x"], float)
+    if "starts" in fixed:
+        Path(fixed["starts"]).write_text(str(subprocess.Popen(["sleep", "300"]).pid))
     time.sleep(fixed.get("seconds", 0))
     if "folder" in fixed:
         folder = Path(fixed["folder"])

@@ -10,6 +10,8 @@ import types
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 
+from waiting import is_running, wait_until
+
 from jaxcell.sweep.workers import process
 
 
@@ -25,7 +27,9 @@ class Forked:
         with Connection(os.dup(number)) as theirs:
             self._process = CONTEXT.Process(target=_served, args=(theirs, env))
             self._process.start()
-        self.kill, self.wait = self._process.kill, self._process.join
+        self.pid, self.wait = self._process.pid, self._process.join
+        # Like a session of its own, which a worker has before `Popen` returns.
+        wait_until(lambda: not is_running(self.pid) or os.getpgid(self.pid) == self.pid)
 
 
 FORKED = types.SimpleNamespace(Popen=Forked, DEVNULL=None)
@@ -33,6 +37,7 @@ FORKED = types.SimpleNamespace(Popen=Forked, DEVNULL=None)
 
 
 def _served(connection, environment):
+    os.setsid()
     os.environ.update(environment)
     process.serve(connection.fileno())
 

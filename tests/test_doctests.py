@@ -39,7 +39,7 @@ def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
     )
     yield own
     seen = set()
-    for name, value in vars(module).items():
+    for name, value in list(vars(module).items()):
         if getattr(value, "__module__", None) != module.__name__:
             continue
         # A transformed function has the examples of the function.
@@ -49,6 +49,7 @@ def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
             yield from finder.find(value, f"{module.__name__}.{name}", module=False, globs={})
 
 
+@pytest.mark.usefixtures("without_flags")
 @pytest.mark.parametrize("name", modules_with_examples())
 def test_examples(name):
     try:

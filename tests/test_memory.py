@@ -108,8 +108,7 @@ def test_a_refusal_is_one_line_with_both_numbers(system, monkeypatch):
         (
             "100M",
             "3000000000",
-            "0.0 GB are free: --memory or JAXCELL_MEMORY allows 100M, of which Python and its "
-            "libraries take 0.2 GB",
+            "--memory or JAXCELL_MEMORY allows 100M, of which Python and its libraries take 0.2 GB",
         ),
     ],
 )

@@ -5,13 +5,14 @@ import itertools
 import numpy as np
 import scipy.optimize
 
-from jaxcell.patrol import random_walk
-
 
 def walk_on(graph, weights=None):
     """The transition matrix of a random walk, by default with equal weights."""
+    matrix = np.zeros((graph.vertices, graph.vertices))
     weights = np.ones(len(graph.edges)) if weights is None else weights
-    return random_walk(graph, weights).to_scipy().toarray()
+    for (tail, head), weight in zip(graph.edges.tolist(), weights, strict=True):
+        matrix[tail, head] = matrix[head, tail] = weight
+    return matrix / matrix.sum(axis=1, keepdims=True)
 
 
 def times_by_solves(matrix, step=1.0):

@@ -28,7 +28,8 @@ from jaxcell.drift.sea import Sea
 from jaxcell.drift.voyage import voyage_model
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
-from jaxcell.markov.decision import DecisionModel, value_iteration
+from jaxcell.markov.decision import DecisionModel
+from jaxcell.markov.discounted import value_iteration
 from jaxcell.markov.shortest_path import stochastic_shortest_path
 
 
@@ -105,7 +106,7 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list
         times = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}")
         line(cells, f"{discount:g}", program, *times, f"{min(seconds) / least:.3g}", off)
 
-    row(f"jaxcell ({found.iterations} sweeps)", [t for t, _ in ours], f"{found.gap:.0e} (bound)")
+    row(f"jaxcell ({found.iterations} rounds)", [t for t, _ in ours], f"{found.gap:.0e} (bound)")
     row("jaxcell, first call", [first], "")
 
     def peer(name: str, prepare: Callable[..., Any], method: str) -> float | None:

@@ -6,9 +6,10 @@ github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024). Without it, the ta
 published results, and no time. `--memory 8` adds the capture of robots with up to 8 states of
 memory, a tour, and an upper bound, which takes many minutes.
 
-RoSSO runs as in its specification of San Francisco (RMSprop, 5 random starts), on its graphs: a
-grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with travel times, the longer of
-both directions for each pair. The capture of both programs is computed by our exact law.
+RoSSO runs with the optimizer of its specification of San Francisco (RMSprop, 5 random starts), on
+a grid of 3 by 3, a star, a line, and a complete graph of 12 vertices. The last has travel times of
+RoSSO's San Francisco, but is another problem: each time is the longer of both directions, and the
+prescribed shares of time are dropped. The capture of both programs is computed by our exact law.
 """
 
 import sys
@@ -31,8 +32,8 @@ from jaxcell.patrol import maximin_capture
 from jaxcell.patrol.walks import memory_patrol, walk_capture_probabilities
 
 
-# Steps between crossings of San Francisco, RoSSO's `SF_problem_spec.json`.
-SAN_FRANCISCO = """
+# Times between 12 crossings, the directed `weight_matrix` of RoSSO's `SF_problem_spec.json`.
+DIRECTED_TIMES = """
 1 3 3 5 4 6 3 5 7 4 6 6
 3 1 5 4 2 4 4 5 5 3 5 5
 3 5 1 7 6 8 3 4 9 4 8 7
@@ -65,14 +66,14 @@ def of(graph: nx.Graph) -> Graph:
 
 
 def cases(full: bool) -> list[Case]:
-    ways = np.array(SAN_FRANCISCO.split(), int).reshape(12, 12)
+    ways = np.array(DIRECTED_TIMES.split(), int).reshape(12, 12)
     complete = of(nx.complete_graph(12))
     times = np.maximum(ways, ways.T)[tuple(complete.edges.T)]
     found = [
         Case("grid 3 x 3", of(nx.grid_2d_graph(3, 3)), 4, 0.1581),
         Case("star", of(nx.star_graph(8)), 2, 0.12471),
         Case("line", of(nx.path_graph(9)), 8, 0.0),
-        Case("San Francisco", complete, 10, None, times, True),
+        Case("12 crossings, symmetric times", complete, 10, None, times, True),
     ]
     grids = [(5, 10), (6, 12), (8, 16)] if full else []
     return found + [Case(f"grid {n} x {n}", of(nx.grid_2d_graph(n, n)), t) for n, t in grids]

@@ -4,8 +4,10 @@
 
 A robot starts anywhere in the free space, drives straight until it bumps, turns by its bouncing
 angle, and repeats this for `--bumps` bumps. It measures each run in whole steps of the length of a
-cell, or to 5 cm. Rays that share no code with the library compute the true runs
-(`straight_runs.py`).
+cell, or to 5 cm. The true runs are found by rays among the polygons of the map file, with exact
+arcs around corners for a disc robot (`file_rays.py`). They share no code, geometry or tolerance
+with the library. A robot whose heading is parallel to a wall that it touches, or whose path touches
+a corner, stops or goes on, at random.
 
 The first table is for `--runs` robots whose heading is one of the directions of the map:
 
@@ -14,8 +16,8 @@ The first table is for `--runs` robots whose heading is one of the directions of
   drives straight as in this experiment;
 - `lost`: the number of robots that the sets on walls lose;
 - `extent (m)` and `90 %`: the median and the 90 % quantile of the extent of the sets at the end;
-- `bumps`: the median number of bumps until the extent stays below half a cell; `never`: the share
-  of robots whose extent is larger at the end;
+- `bumps`: the median number of bumps until a robot is localized to within half a cell, which is
+  the first bump with an extent of at most a cell; `never`: the share of robots without such a bump;
 - `ms` and `ms, first`: the median time of an observation after the first, and of the first.
 
 The second table is for `--few` robots with any heading. Each error is at its positive or negative
@@ -33,14 +35,14 @@ import numpy as np
 
 from jaxcell.bounce import bounce_map, localization_filter
 from jaxcell.bounce.localization.off_centre import filter_shares
-from jaxcell.space import CELL_BY_CELL, CellSpace, Workspace
+from jaxcell.space import CELL_BY_CELL, CellSpace
 from jaxcell.study import Navigate
-from jaxcell.walls import Errors, WallFilter, WallSet, contains
+from jaxcell.walls import Errors, WallFilter, WallSet, bumps_until_localized
 
 from ..shared.data import MAPS
 from ..shared.options import at_least, experiment_parser, read_options
 from ..shared.report import Rows, emit
-from .straight_runs import Rays, anywhere
+from .file_rays import FileRays, holds, rings_of
 
 
 ANGLES = {
@@ -66,6 +68,11 @@ GOALS = {
     "arena.json": "1.55,0.75",
 }
 HOME_ERRORS = ("run=0.01", "distance=0.02", "turn=0.5")
+# A robot is in its set within this distance in metres, and this share of its radius, because arcs
+# are replaced by chords.
+NEAR, CHORD = 1e-7, 0.003
+# The share of touches of a wall or a corner at which a robot stops, if it may go on.
+STOPPING = 0.1
 # The number of robots in a batch, and of batches whose first robot is timed alone.
 BATCH, BATCH_OF_ANY_HEADING, TIMED = 250, 5, 20
 
@@ -78,34 +85,28 @@ def after_run(filter: WallFilter, state: WallSet | None, bounce: float, run: np.
     return filter.observe(None if state is None else filter.turn(state, bounce), run)
 
 
-def holds(filter: WallFilter, state: WallSet, point: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Test whether each robot is in its set; a heading between two slices belongs to both."""
-    slices = [filter.slice_of(heading + by) for by in (-1e-9, 1e-9)]
-    return np.any([contains(filter.boundary, state, one, point) for one in slices], axis=0)
-
-
 class Robots:
     """Robots that drive from wall to wall. Each error is at its positive or negative bound."""
 
     def __init__(
         self,
-        room: Workspace,
+        room: FileRays,
         count: int,
         directions: int | None,
         errors: Errors,
         rng: np.random.Generator,
     ) -> None:
-        self.rays, self.errors, self.rng = Rays(room.free_space), errors, rng
-        self.point = anywhere(room.free_space, count, rng)
+        self.room, self.errors, self.rng = room, errors, rng
+        self.point = room.anywhere(count, rng)
         if directions is None:
             self.heading = rng.uniform(0, math.tau, count)
         else:
             self.heading = rng.integers(directions, size=count) * (math.tau / directions)
-        self.at = np.full(count, -1)
 
     def run(self) -> np.ndarray:
         """Drive to the next bump, and return the distance that each robot measures."""
-        length, self.point, self.at = self.rays.run(self.point, self.at, self.heading)
+        stops = self.rng.uniform(size=len(self.point)) < STOPPING
+        length, self.point = self.room.run(self.point, self.heading, stops)
         share, metres = self.signs(self.errors.run), self.signs(self.errors.distance)
         return np.maximum(length * (1 + share) + metres, 0.0)
 
@@ -117,11 +118,13 @@ class Robots:
         return self.rng.choice([-bound, bound], len(self.point))
 
 
-def cell_filter(cells: CellSpace, bounce: float, runs: int, bumps: int) -> dict[str, float]:
+def cell_filter(
+    cells: CellSpace, room: FileRays, bounce: float, runs: int, bumps: int
+) -> dict[str, float]:
     """Compute the shares of robots that a filter of cells loses."""
     shift = round(bounce * cells.directions / math.tau)
     filter = localization_filter(bounce_map(cells, bounce)).with_trap()
-    robots = Robots(cells.workspace, runs, cells.directions, Errors(), np.random.default_rng(2))
+    robots = Robots(room, runs, cells.directions, Errors(), np.random.default_rng(2))
     state = np.zeros(runs, np.int64)
     for k in range(bumps):
         if k:
@@ -167,7 +170,8 @@ def follow(
                 some.turn(bounce)
             seen.append(some.run())
             state = after_run(filter, state, bounce, seen[-1])
-            out |= ~holds(filter, state, some.point, some.heading)
+            within = NEAR + CHORD * some.room.radius
+            out |= ~holds(filter, state, some.point, some.heading, within)
             extent.append(filter.extent(state, count))
         lost += int(out.sum())
         extents.append(extent)
@@ -191,33 +195,35 @@ def milliseconds(filter: WallFilter, bounce: float, runs: list[np.ndarray]) -> l
 
 
 def known_heading(
-    cells: CellSpace, bounce: float, clock: float, runs: int, bumps: int
+    cells: CellSpace, room: FileRays, bounce: float, clock: float, runs: int, bumps: int
 ) -> dict[str, Any]:
     """Measure the sets of robots whose heading is one of the directions of the map."""
-    room, headings = cells.workspace, cells.directions
-    filter = WallFilter.of(room, headings=headings, slices=headings, errors=Errors(), step=clock)
+    headings = cells.directions
+    filter = WallFilter.of(cells.workspace, headings=headings, errors=Errors(), step=clock)
 
     def robots(count: int, rng: np.random.Generator) -> Robots:
         return Robots(room, count, headings, Errors(), rng)
 
     lost, extent, times = follow(filter, bounce, robots, runs, bumps, BATCH)
-    # The first bump after which the extent stays below half a cell.
-    far = extent > cells.cell / 2
-    within = np.where(far.any(axis=0), bumps + 1 - far[::-1].argmax(axis=0), 1)
-    never = far[-1]
+    until = bumps_until_localized(extent.T, cells.cell / 2)
     return {
         "clock (m)": clock,
         "lost": lost,
         "extent (m)": float(np.median(extent[-1])),
-        "90 %": float(np.quantile(extent[-1], 0.9)),
-        "bumps": float(np.median(np.where(never, np.inf, within))),
-        "never": float(never.mean()),
+        "90 %": float(np.quantile(extent[-1], 0.9, method="inverted_cdf")),
+        "bumps": float(np.median(until)),
+        "never": float(np.isinf(until).mean()),
         **times,
     }
 
 
 def any_heading(
-    cells: CellSpace, bounce: float, bounds: tuple[float, float, float], runs: int, slices: int
+    cells: CellSpace,
+    room: FileRays,
+    bounce: float,
+    bounds: tuple[float, float, float],
+    runs: int,
+    slices: int,
 ) -> dict[str, Any]:
     """Measure the sets of robots with any heading, with errors at their bounds."""
     share, metres, degrees = bounds
@@ -227,7 +233,7 @@ def any_heading(
     made = time.perf_counter() - began
 
     def robots(count: int, rng: np.random.Generator) -> Robots:
-        return Robots(cells.workspace, count, None, errors, rng)
+        return Robots(room, count, None, errors, rng)
 
     lost, extent, times = follow(filter, bounce, robots, runs, max(AFTER), BATCH_OF_ANY_HEADING)
     return {
@@ -280,16 +286,16 @@ def main() -> None:
     unknown: Rows = []
     homes: Rows = []
     for name in options.maps:
-        cells = CellSpace.load(MAPS / name)
+        cells, room = CellSpace.load(MAPS / name), FileRays(*rings_of(MAPS / name))
         for degrees in ANGLES[name]:
             bounce, case = math.radians(degrees), f"{name.split('.')[0]} {degrees:g}"
-            whole = cell_filter(cells, bounce, options.runs, options.bumps)
+            whole = cell_filter(cells, room, bounce, options.runs, options.bumps)
             for clock in (cells.cell, 0.05):
-                row = known_heading(cells, bounce, clock, options.runs, options.bumps)
+                row = known_heading(cells, room, bounce, clock, options.runs, options.bumps)
                 known.append({"case": case, **whole, **row})
         # The last of the angles distinguishes most places.
         for bounds in ERRORS:
-            row = any_heading(cells, bounce, bounds, options.few, options.slices)
+            row = any_heading(cells, room, bounce, bounds, options.few, options.slices)
             unknown.append({"case": case, **row})
         emit("Headings among the directions", known, options.out / "known.csv", ".2g")
         emit("Any heading", unknown, options.out / "unknown.csv", ".2g")

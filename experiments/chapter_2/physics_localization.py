@@ -225,20 +225,23 @@ def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
             bump_turn=math.radians(BUMP_TURN),
             bump_skid=BUMP_SKID,
         )
-        return ParticleFollower(Particles(cells, task.bounce, slip, seed=seed))  # type: ignore[arg-type]
+        return ParticleFollower(Particles(cells, task.bounce, slip, seed=seed), confirm=0)  # type: ignore[arg-type]
     if hasattr(task, "belief"):
-        return BeliefFollower(task.belief)
-    return PolicyFollower(task.policy) if hasattr(task, "policy") else FilterFollower(task.filter)
+        return BeliefFollower(task.belief, confirm=0)
+    if hasattr(task, "policy"):
+        return PolicyFollower(task.policy, confirm=0)
+    return FilterFollower(task.filter, confirm=0)
 
 
 def run_anywhere(path: Path, name: str, by: str, seed: int, limit: int) -> Run:
     """Localize one robot that starts anywhere with any heading."""
     task, cells = problem(path, name)
+    settings = dataclasses.replace(task.settings, confirm=0)
     rng = np.random.default_rng([29, seed])
     x, y = places_anywhere(room(cells), 1, rng)[0].tolist()
     body = PhysicsBody(room(cells), (x, y, float(rng.uniform(0, math.tau))), rng=rng)
     robot = SimulatedCreate(Emulator(body, line=Line(latency=LATENCY, speedup=1e9)))
-    walker, follower = Walker(robot, cells.cell), SetFollower(task.settings)
+    walker, follower = Walker(robot, cells.cell), SetFollower(settings)
     filter, errors = task.settings.filter, task.settings.filter.errors
     listener, stopped = Listener(follower), False
     try:

@@ -72,7 +72,10 @@ def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, in
     walker = Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction)
     try:
         outcome = run_follower(
-            walker, FilterFollower(filter, "cycle"), [math.radians(bounce_deg)], limit=LIMIT
+            walker,
+            FilterFollower(filter, "cycle", confirm=0),
+            [math.radians(bounce_deg)],
+            limit=LIMIT,
         )
     except RobotStopped:
         return "unfinished", len(walker.observations)

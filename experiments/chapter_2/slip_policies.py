@@ -138,12 +138,12 @@ def main() -> None:
             case = {"map": name, "error, %": 100 * error}
             for kind, (belief, angles) in kinds.items():
                 timed = Timed(belief)
-                follower = functools.partial(BeliefFollower, timed)
+                follower = functools.partial(BeliefFollower, timed, confirm=0)
                 row = outcomes(cells, error, follower, angles, options)
                 times = timed.spent[1]
                 row |= {"ms, bump": float(np.mean(times)), "ms, longest": float(np.max(times))}
                 rows.append({**case, "angles": kind, **row})
-            follower = functools.partial(PolicyFollower, blind)
+            follower = functools.partial(PolicyFollower, blind, confirm=0)
             row = outcomes(cells, error, follower, bounces, options)
             rows.append({**case, "angles": "as if it did not slip", **row})
     emit("Choices of angles", rows, options.out / "slip_policies.csv", spec=".1f")

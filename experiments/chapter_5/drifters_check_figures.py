@@ -9,8 +9,9 @@ from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from jaxcell.drift import CoverageCurve, Water
 
 from ..shared.figures import plt, save
-from .drifters_checks import DRIFTERS, Check, Ridges
+from .drifters_checks import DRIFTERS, Ridges
 from .drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, xy
+from .drifters_truth import Check
 
 
 def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:
@@ -67,30 +68,23 @@ def sensitivity(by_step: Sequence[dict], by_rho: Sequence[dict], path: Path) -> 
 def replays(water: Water, checks: Sequence[Check], path: Path) -> None:
     """Draw the distributions of two maps, and of simulated drifters below them."""
     shown = (checks[0], checks[2])
-    width, across = 3.6, len(checks[0].found.hours)
+    width, across = 3.6, len(checks[0].hours)
     height = 2 * len(shown) * height_for(water, width, 4.5) + 1.2
     figure, panels = plt.subplots(
         2 * len(shown), across, figsize=(across * width, height), layout="constrained"
     )
     for number, check in enumerate(shown):
-        steps = np.rint(check.found.hours * 3600 / check.drifted.duration).astype(int)
-        share = check.drifted.share(water.cells)
-        distribution, pushed = share[0], {}
-        for step in range(steps.max() + 1):
-            pushed[step] = distribution
-            distribution = np.asarray(check.chain.push(distribution))
         rows = panels[2 * number : 2 * number + 2]
-        for place, step in enumerate(steps):
-            both = pushed[step], share[step]
+        for place, both in enumerate(zip(check.by_map, check.simulated, strict=True)):
             most = np.quantile(np.concatenate(both), 0.995)
             scale = {"cmap": "magma_r", "vmin": 0, "vmax": most}
             for axes, one, name in zip(rows[:, place], both, ("map", "drifters"), strict=True):
                 draw_map(axes, water, np.where(one > 0.5 / DRIFTERS, one, np.nan), **scale)
                 axes.set(xticks=[], yticks=[])
-                axes.set_title(f"{name}, {check.found.hours[place]:.3g} h", fontsize=9, pad=2)
+                axes.set_title(f"{name}, {check.hours[place]:.3g} h", fontsize=9, pad=2)
             rows[1, place].set_xlabel(
-                f"{100 * check.found.total_variation[place]:.0f} % in a wrong cell, "
-                f"distance {check.found.transport[place]:.2f} cells",
+                f"{100 * check.wrong[place]:.0f} % in a wrong cell, "
+                f"distance {check.apart[place]:.2f} cells",
                 fontsize=8,
             )
         rows[0, 0].set_ylabel(check.name.split(",")[0], fontsize=10)

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import scipy.optimize
 from scipy.sparse import csgraph
 
 from jaxcell.drift import (
@@ -135,13 +136,19 @@ def deployment_rows(ocean: Ocean, record: int) -> tuple[Rows, dict[str, Coverage
 def fewest_by_program(chain: Chain) -> int | None:
     """Compute the fewest cells that lead to all cells, by a mixed-integer program.
 
-    The result is `None` if there are too many cells, or the program takes too long.
+    The program is scipy's. The result is `None` if it takes too long, or cells are too many.
     """
     if chain.cells**2 > _LARGEST_TABLE:
         return None
     leads = np.isfinite(csgraph.shortest_path(chain.to_scipy(), unweighted=True))
-    cover = minimum_cover(leads, time_limit=MILP_SECONDS, throw=False)
-    return cover.chosen.size if cover.bound == cover.chosen.size else None
+    program = scipy.optimize.milp(
+        np.ones(chain.cells),
+        integrality=np.ones(chain.cells),
+        bounds=(0, 1),
+        constraints=scipy.optimize.LinearConstraint(leads.T.astype(float), 1, np.inf),
+        options={"time_limit": MILP_SECONDS, "mip_rel_gap": 0},
+    )
+    return round(program.fun) if program.status == 0 else None
 
 
 def reaches_all(chain: Chain, cells: np.ndarray) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Int, Integer
+from jaxtyping import Bool, Int, Integer
 
 from .equivalent import ranked
 
@@ -53,6 +53,7 @@ def adaptive_choice(
     place: Integer[np.ndarray, "states"] | None = None,
     aim: Aim = "worst",
     limit: int = 5_000_000,
+    avoid: Bool[np.ndarray, "inputs states"] | None = None,
 ) -> Decisions:
     """Find a strategy of inputs that depend on observations, to identify the state of a machine.
 
@@ -78,6 +79,8 @@ def adaptive_choice(
     - `aim`: the cost of a set: the number of inputs in the worst case (`"worst"`), or the sum of
         the number of inputs over the states of the set (`"mean"`).
     - `limit`: the search ends when the sets that it has examined have this many states in total.
+    - `avoid`: a mask of the inputs to avoid in each state. Among the inputs that cost a set
+        equally little, the strategy takes the one that avoids most.
 
     **Returns:** [`Decisions`][].
 
@@ -101,6 +104,8 @@ def adaptive_choice(
         search.greedy(number)
     for number in sorted(numbers, key=lambda number: -len(search.sets[number])):
         search.solve(number)
+    if avoid is not None and avoid.any():
+        search.avoid(numbers, avoid)
     return search.decisions(numbers)
 
 
@@ -302,6 +307,30 @@ class Search:
                 self.upper[number], self.choice[number] = high, i
             least = min(least, low)
         self.lower[number] = max(self.lower[number], int(min(least, self.upper[number])))
+
+    def avoid(self, roots: list[int], avoid: Bool[np.ndarray, "inputs states"]) -> None:
+        """Choose, for each set, the input of least cost after which the fewest states are met that
+        are to be avoided, here and at the sets after it."""
+        queue = list(dict.fromkeys(roots))
+        seen, cheapest = set(queue), dict[int, list[int]]()
+        for number in queue:
+            bound = self.upper[number]
+            parts = self.parts(number) if bound else []
+            inputs = [i for i, p in enumerate(parts) if self.cost(number, self.upper, p) <= bound]
+            cheapest[number] = inputs
+            new = [part for i in inputs for part in parts[i].values() if part not in seen]
+            queue += dict.fromkeys(new)
+            seen.update(new)
+        # The sets after a set cost less than it.
+        met: dict[int, int] = {}
+        for number in sorted(queue, key=lambda number: self.upper[number]):
+            states, least = list(self.sets[number]), []
+            for i in cheapest[number]:
+                after = self.parts(number)[i].values()
+                count = int(avoid[i, states].sum()) + sum(met[part] for part in after)
+                least.append((count, i != self.choice[number], i))
+            met[number], _, chosen = min(least, default=(0, False, -1))
+            self.choice[number] = chosen
 
     def decisions(self, roots: list[int]) -> Decisions:
         """Return the best strategy found, with its sets numbered in breadth-first order."""

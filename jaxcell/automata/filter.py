@@ -12,6 +12,14 @@ from .formats.storage import checked_metadata, reading, write_arrays
 from .subset import Automaton
 
 
+CONFIRM = 30
+"""The default number of further observations that confirm the place of a robot.
+
+Filters leave one configuration on wrong maps, too. On eight bundled maps, 44 % of the starts on
+another map of the eight are localized at once, 1.9 % after 10 further observations that agree with
+the map of the filter, 0.16 % after 20, and 0.003 % after 30.
+"""
+
 # Observations 0 and 1, as the digits of a string or as numbers.
 Observations = str | Iterable[int] | Shaped[np.ndarray, "_"]
 

@@ -6,9 +6,34 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Int, Int32
 
 from .formats.storage import checked_metadata, reading, write_arrays
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Onward:
+    """The bumps of a robot that goes on after the end of its policy, and turns by one angle.
+
+    Entry `i` belongs to a robot at a bump in configuration `at[i]`, before its turn.
+    """
+
+    turn: int
+    "The index of the angle by which the robot turns at each bump."
+    at: Int32[np.ndarray, "bumps"]
+    "The configurations at a bump, in ascending order."
+    steps: Int32[np.ndarray, "bumps"]
+    "The number of steps from each to the next bump."
+    target: Int32[np.ndarray, "bumps"]
+    "The entry of the configuration at the next bump."
+
+    def __post_init__(self) -> None:
+        if self.turn < 0:
+            raise ValueError(f"onward: expected the index of an angle, got {self.turn}")
+        if np.any(np.diff(self.at) <= 0) or self.steps.min(initial=0) < 0:
+            raise ValueError("onward: expected ascending configurations, and steps from 0")
+        if not np.all((self.target >= 0) & (self.target < self.at.size)):
+            raise ValueError(f"onward: expected each target below {self.at.size}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,6 +78,9 @@ class Policy:
     "The possible configurations in each state, in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     "A JSON object that is stored with the policy, such as its map and the angles."
+    onward: Onward | None = None
+    """The bumps after the end of the policy, by which further observations confirm or refute the
+    map; `None` if they are unknown."""
 
     def __post_init__(self) -> None:
         states = self.turn.size
@@ -80,6 +108,10 @@ class Policy:
         turns[0] = False
         if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
             raise ValueError("turn: expected an angle where steps follow a bump, and -1 elsewhere")
+        if self.onward is not None:
+            ends = np.isin(np.repeat(np.arange(states), np.diff(self.offsets)), self.ends)
+            if not np.isin(self.members[ends], self.onward.at).all():
+                raise ValueError("onward: expected each configuration in which the policy ends")
         object.__setattr__(self, "metadata", checked_metadata(self.metadata))
 
     @property
@@ -115,6 +147,25 @@ class Policy:
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
+    def next_states(
+        self, state: Int[np.ndarray, "robots"], steps: Int[np.ndarray, "robots"]
+    ) -> Int[np.ndarray, "robots"]:
+        """Return the state of each robot at its next bump after `steps`; -1 if it is impossible."""
+        key = state * self._width + np.minimum(steps, self._width - 1)
+        bump = np.searchsorted(self._keys, key)
+        return np.where(self._keys[bump] == key, np.append(self.target, -1)[bump], -1)
+
+    @functools.cached_property
+    def _keys(self) -> Int[np.ndarray, "keys"]:
+        """The keys, in ascending order, of the next bumps; the last key belongs to none."""
+        owner = np.repeat(np.arange(self.turn.size), np.diff(self.first))
+        return np.append(owner * self._width + self.steps, self.turn.size * self._width)
+
+    @functools.cached_property
+    def _width(self) -> int:
+        """A number above all numbers of steps, and above one that no bump has."""
+        return int(self.steps.max()) + 2
+
     def start(self) -> "PolicyState":
         """Return the state before the first observation."""
         return PolicyState(self, 0, 0, 0, None)
@@ -125,6 +176,9 @@ class Policy:
         Equal policies give equal bytes.
         """
         arrays = {name: getattr(self, name) for name in _ARRAYS}
+        if self.onward is not None:
+            arrays |= {f"onward_{name}": getattr(self.onward, name) for name in _ONWARD}
+            arrays["onward_turn"] = np.array([self.onward.turn], np.int32)
         write_arrays(path, {"kind": "policy", "metadata": self.metadata}, arrays)
 
     @staticmethod
@@ -138,42 +192,81 @@ class Policy:
                 and sizes["steps"] == sizes["target"]
             ):
                 raise ValueError("its tables are of different lengths")
-            return Policy(**named, metadata=header["metadata"])
+            onward = None
+            # Earlier versions of jaxcell did not write these tables.
+            if any(name.startswith("onward_") for name in arrays):
+                tables = [arrays[f"onward_{name}"] for name in _ONWARD]
+                if len({table.size for table in tables}) > 1:
+                    raise ValueError("its tables are of different lengths")
+                onward = Onward(arrays["onward_turn"].item(), *tables)
+            return Policy(**named, metadata=header["metadata"], onward=onward)
 
 
 _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
+_ONWARD = ("at", "steps", "target")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class PolicyState:
     """The state of a policy after some observations; `observe` returns a new object.
 
-    After an impossible observation the map stays refuted.
+    After an impossible observation the map stays refuted. After the end of the policy, it accepts
+    further observations if the policy has the table `onward`, and if the robot turns by
+    `onward.turn` at each bump.
     """
 
     policy: Policy
     index: int
-    "The state of the policy at the last bump; `Policy.trap` if the map is refuted."
+    "The state of the policy at its last bump; `Policy.trap` if the map is refuted."
     steps: int
     "The number of steps since the last bump."
     time: int
     "The number of observations so far."
     refuted_at: int | None
     "The index of the first observation that is impossible on the map; `None` if all are possible."
+    left: Int32[np.ndarray, "_"] | None = None
+    """The entries of `Policy.onward` that were possible at the last bump; `None` before the first
+    observation after the end of the policy."""
 
     def observe(self, observation: int) -> "PolicyState":
         """Return the state after one more observation, 0 for a step or 1 for a bump."""
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         if self.refuted:
-            return PolicyState(self.policy, self.index, 0, self.time + 1, self.refuted_at)
+            return self._next(self.index, 0)
         if self.localized:
-            raise ValueError(f"observation {self.time}: expected none, as the policy has ended")
+            return self._go_on(observation)
         onward = self.policy.after(self.index)
         if observation == 0 and self.steps < max(onward):
-            return PolicyState(self.policy, self.index, self.steps + 1, self.time + 1, None)
+            return self._next(self.index, self.steps + 1)
         if observation == 1 and self.steps in onward:
-            return PolicyState(self.policy, onward[self.steps], 0, self.time + 1, None)
+            return self._next(onward[self.steps], 0)
+        return self._refute()
+
+    def _go_on(self, observation: int) -> "PolicyState":
+        table = self.policy.onward
+        if table is None:
+            raise ValueError(f"observation {self.time}: expected none, as the policy has ended")
+        entries = self._entries(table)
+        steps = table.steps[entries]
+        if observation == 0 and self.steps < steps.max():
+            return self._next(self.index, self.steps + 1, entries)
+        bumped = table.target[entries[steps == self.steps]]
+        if observation == 1 and bumped.size:
+            return self._next(self.index, 0, np.unique(bumped))
+        return self._refute()
+
+    def _entries(self, table: Onward) -> Int32[np.ndarray, "_"]:
+        if self.left is not None:
+            return self.left
+        return np.searchsorted(table.at, self.policy.cells(self.index)).astype(np.int32)
+
+    def _next(
+        self, index: int, steps: int, left: Int32[np.ndarray, "_"] | None = None
+    ) -> "PolicyState":
+        return PolicyState(self.policy, index, steps, self.time + 1, self.refuted_at, left)
+
+    def _refute(self) -> "PolicyState":
         return PolicyState(self.policy, self.policy.trap, 0, self.time + 1, self.time)
 
     @property
@@ -196,6 +289,9 @@ class PolicyState:
         """The number of possible configurations of the robot."""
         if self.refuted:
             return 0
+        table = self.policy.onward
+        if self.localized and table is not None:
+            return int((table.steps[self._entries(table)] >= self.steps).sum())
         if not self.steps:
             return self.policy.uncertainty.item(self.index)
         return sum(
@@ -217,5 +313,8 @@ class PolicyState:
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
         """The possible configurations at a bump; none between bumps, or if the map is refuted."""
-        known = not self.steps and not self.refuted
-        return self.policy.cells(self.index) if known else np.empty(0, np.int32)
+        if self.steps or self.refuted:
+            return np.empty(0, np.int32)
+        if self.left is not None and self.policy.onward is not None:
+            return self.policy.onward.at[self.left]
+        return self.policy.cells(self.index)

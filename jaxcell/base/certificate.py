@@ -1,9 +1,24 @@
-"""Certificates: the error of a solution, computed from the solution itself."""
+"""Certificates: the error of a solution, with what it may be at most."""
 
 import dataclasses
 import enum
+from typing import TYPE_CHECKING, TypeAlias
 
-from jaxtyping import Array, Float
+import jax
+from jaxtyping import Array, Bool, Float, Int
+
+from .wide import traced
+
+
+# Numbers in results. Under `jit`, `vmap` and `grad` they are arrays.
+if TYPE_CHECKING:
+    Real: TypeAlias = float
+    Whole: TypeAlias = int
+    Truth: TypeAlias = bool
+else:
+    Real = float | Float[Array, ""]
+    Whole = int | Int[Array, ""]
+    Truth = bool | Bool[Array, ""]
 
 
 class Outcome(enum.Enum):
@@ -13,31 +28,42 @@ class Outcome(enum.Enum):
     STALLED = "the residual stayed above the tolerance; the value is the best that was found"
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The error of a solution, computed from the solution itself and not by its solver."""
+    """The error of a solution: measured on the solution, or bounded for a direct method.
 
-    iterations: int
-    "Number of iterations of the solver: matrix products, or changes of the active set."
-    residual: float
+    Under `jit`, `vmap` and `grad` its fields are arrays, and no solver raises an error: see
+    `converged`.
+    """
+
+    iterations: Whole
+    "Number of iterations of the solver: matrix products, policies, or changes of the active set."
+    residual: Real
     "Error of the solution, in a measure that the docstring of the solver defines."
-    tolerance: float
+    tolerance: Real
     "The largest residual that counts as converged."
+
+    @property
+    def converged(self) -> Truth:
+        """`True` if the residual is at most the tolerance."""
+        return self.residual <= self.tolerance
 
     @property
     def outcome(self) -> Outcome:
         """`STALLED` if the residual is NaN or above the tolerance; otherwise `CONVERGED`."""
-        return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
+        return Outcome.CONVERGED if self.converged else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
         """Raise a `RuntimeError` about `what` if the solver stalled and `throw` is true."""
-        if throw and self.outcome is not Outcome.CONVERGED:
+        if throw and not traced(self) and not self.converged:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "
                 f"{self.tolerance:.3g}, {self.iterations} iterations); throw=False returns it"
             )
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
     """The solution of a linear problem: a value per cell or pair of cells, with a certificate."""
@@ -45,5 +71,5 @@ class Solution:
     value: Float[Array, "*cells"]
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
-    """For a chain estimated from samples, the change of each value if only half of the samples are
-    used; `inf` if only one of the two estimates is infinite. For other chains it is `None`."""
+    """The change of each value if the coarser chain `Chain.half` is used, as an estimate of the
+    error; `inf` if only one of the two values is infinite. Without such a chain it is `None`."""

@@ -99,6 +99,24 @@ def checked_number(
     return number
 
 
+class NewerVersionError(ValueError):
+    """A newer version of jaxcell wrote a file."""
+
+
+def check_version(version: Any, newest: int, where: str = "") -> None:
+    """Raise `NewerVersionError` above `newest`, and `ValueError` unless it is a number from 1.
+
+    `where` is the beginning of the message, such as the name of a file.
+    """
+    if type(version) is not int or version < 1:
+        raise refused(f"{where}version", f"a whole number from 1 to {newest}", version)
+    if version > newest:
+        raise NewerVersionError(
+            f"{where}version: expected at most {newest}, got {reprlib.repr(version)}; a newer "
+            "jaxcell wrote it, and reads it: pip install --upgrade jaxcell"
+        )
+
+
 @dataclasses.dataclass(frozen=True)
 class Fields:
     """The fields of a JSON object, with methods that check their types."""
@@ -116,6 +134,23 @@ class Fields:
         if name not in self.values:
             raise ValueError(f"{self.where}{name}: it is missing")
         return self.values[name]
+
+    def text(self, name: str) -> str:
+        """Get a field that is a string."""
+        if not isinstance(value := self.needed(name), str):
+            raise refused(self.where + name, "a string", value)
+        return value
+
+    def texts(self, name: str) -> dict[str, str]:
+        """Get a field that is an object whose values are strings."""
+        value = self.needed(name)
+        if not isinstance(value, dict) or not all(isinstance(part, str) for part in value.values()):
+            raise refused(self.where + name, "an object of strings", value)
+        return value
+
+    def check_version(self, newest: int) -> None:
+        """Check the field `version`, which is 1 if it is missing."""
+        check_version(self.values.get("version", 1), newest, self.where)
 
     def number(self, name: str, least: float = -math.inf) -> float:
         """Get a finite number that is at least `least`."""

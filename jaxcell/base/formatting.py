@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from .quantities import Quantity
+from .quantities import PADDING, Quantity
 
 
 _MAX_TEXT = 60
@@ -15,16 +15,22 @@ _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_nort
 
 
 def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
-    """Format a value with its unit; an index of a cell is shown with its pose in `cells`."""
+    """Format a value with its unit.
+
+    The number of a cell is shown with its pose in `cells`, and another index with a `#`, so that
+    neither is taken for a count. A list of texts is shown whole.
+    """
     # Imported here because pages of help do not need NumPy.
     import numpy as np
 
     if isinstance(value, np.ndarray | list | tuple):
-        # Short rows of indices are padded with -1.
-        row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
+        row = [one for one in np.asarray(value).tolist() if one != PADDING.get(about.kind)]
         every = [format_value(one, about, cells) for one in row]
+        if about.kind in ("cell", "position") and sum(len(one) + 2 for one in every) > _MAX_TEXT:
+            every = [f"{about.kind}s {row[0]}", *map(str, row[1:])]
         lengths = np.cumsum([len(one) + 2 for one in every])
         shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
+        shown = len(every) if about.kind == "text" else shown
         rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
         return ", ".join(every[:shown] + rest) or "none"
     if isinstance(value, bool | np.bool_):
@@ -42,6 +48,10 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         return f"({float(x):zg}, {float(y):zg})"
     if located and cells is not None:
         return configuration(cells, int(number), heading=about.kind == "cell")
+    if located:
+        return f"{'cell' if about.kind == 'place' else about.kind} {int(number)}"
+    if about.kind == "index" and about.units is None:
+        return f"#{int(number)}" if number >= 0 else "none"
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
@@ -50,7 +60,9 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         return f"{number:z.1e}"
     if about.units == "h" and number >= _DAYS:
         return in_time(number)
-    text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
+    whole = number == int(number) or (about.kind == "time" and number >= 1e4)
+    digits = 4 if about.kind == "time" else 6
+    text = f"{round(number):,}" if whole and abs(number) < 1e15 else f"{number:.{digits}g}"
     return text + _UNITS.get(about.units, f" {about.units}")
 
 
@@ -70,9 +82,9 @@ def in_time(hours: float) -> str:
 
 
 def configuration(cells: Any, z: int, heading: bool = True) -> str:
-    """Format the index `z` of a cell with its centre and, if `heading` is true, its heading."""
+    """Format a cell with its centre and its heading, or a position if `heading` is false."""
     if z < 0:
         return "none"
     x, y, theta = cells.centre(z)
     facing = f", {math.degrees(float(theta)):zg}°" if heading else ""
-    return f"{z} ({float(x):zg} m, {float(y):zg} m{facing})"
+    return f"{'cell' if heading else 'position'} {z} ({float(x):zg} m, {float(y):zg} m{facing})"

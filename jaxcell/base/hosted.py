@@ -5,38 +5,48 @@ values, and the error of JAX mentions only NumPy or `bool`. The packages wrap th
 that the error names the function and a remedy.
 """
 
+import dataclasses
 import functools
 import sys
 from collections.abc import Callable
-from types import FunctionType
 from typing import Any
 
 import lazy_loader  # type: ignore[import-untyped]
 
+from .wide import is_function, traced, wide, widened
+
 
 def attach(
-    package: str, file: str
+    package: str, file: str, *, check: bool = False
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Prepare a package to import the names in its `.pyi` file when they are first used.
 
-    The arguments are `__name__` and `__file__` of the package. **Returns:** its `__getattr__`,
+    The arguments are `__name__` and `__file__` of the package, and whether its functions check
+    their arguments by their annotations. **Returns:** its `__getattr__`,
     `__dir__` and `__all__`.
     """
     get, names, every = lazy_loader.attach_stub(package, file)
 
     def get_hosted(name: str) -> Any:
-        return hosted(package, name, get(name))
+        return hosted(package, name, get(name), check)
 
     return get_hosted, names, every
 
 
-def hosted(package: str, name: str, value: Any) -> Any:
+def hosted(package: str, name: str, value: Any, check: bool = False) -> Any:
     """Wrap a public function so that a call with traced arrays raises an error with a remedy.
 
     The wrapper also replaces the function in its own module, where `pickle` looks it up.
     """
-    if isinstance(value, FunctionType) and not hasattr(value, "_hosted"):
-        value = hosted_function(value, f"{package}.{name}")
+    if isinstance(value, type):
+        return widened(value) if dataclasses.is_dataclass(value) else value
+    if is_function(value) and not hasattr(value, "_hosted"):
+        if check:
+            # Help does without NumPy, which takes .1 s to import.
+            from .arguments import checked
+
+            value = checked(value)
+        value = hosted_function(wide(value), f"{package}.{name}")
         setattr(sys.modules[value.__module__], value.__name__, value)
         setattr(sys.modules[package], name, value)
     return value
@@ -51,7 +61,7 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
             return function(*args, **options)
         except (TypeError, IndexError) as error:
             # A user's function that is traced inside may raise such an error too.
-            if not (type(error).__module__ == "jax.errors" and _traced(args, options)):
+            if not (type(error).__module__ == "jax.errors" and traced(args, options)):
                 raise
             raise TypeError(
                 f"{name} reads the values of its arrays, on the host: call it outside jit, vmap "
@@ -60,9 +70,3 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
 
     call._hosted = True  # type: ignore[attr-defined]
     return call
-
-
-def _traced(*values: Any) -> bool:
-    # JAX is not imported here: it is loaded if it has raised an error.
-    jax: Any = sys.modules["jax"]
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))

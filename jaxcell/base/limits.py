@@ -11,3 +11,6 @@ MAX_CELLS = 5_000
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."
+
+Unknown: TypeAlias = Literal["wall", "free"]
+"Meaning of unknown pixels of a ROS map; see `jaxcell.space.Workspace.load`."

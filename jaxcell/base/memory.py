@@ -16,6 +16,9 @@ LIBRARIES = 200_000_000
 """Assumed minimum number of bytes that Python, JAX and other loaded libraries use."""
 NEGLIGIBLE = 20_000_000
 """Requests of at most this number of bytes are accepted without measuring the free memory."""
+# The addresses that JAX reserves when it starts, and for each processor; below that a
+# command on two processors hung or aborted.
+_JAX_ADDRESSES, _THREAD_ADDRESSES = 1_200_000_000, 100_000_000
 LIMIT = "JAXCELL_MEMORY"
 """Environment variable with the memory limit of a process, such as `8G`."""
 
@@ -35,8 +38,9 @@ def shortage(available: int) -> str:
     """Describe the `available` bytes and, if there is one, the limit that determines them."""
     left, limit = min(_limits_left(), default=(0, ""))
     # The free memory may have changed a little since it was measured.
-    named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
-    return f"{gigabytes(available)} are free{named}"
+    if not limit or left > available + NEGLIGIBLE:
+        return f"{gigabytes(available)} are free"
+    return f"{gigabytes(available)} are free: {limit}" if left > 0 else limit
 
 
 def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) -> None:
@@ -61,8 +65,24 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
         )
 
 
+def check_addresses_for_jax() -> None:
+    """Raise `MemoryError` if `ulimit -v` leaves too few addresses for JAX.
+
+    XLA hangs or aborts if it cannot start its threads.
+    """
+    needed = _JAX_ADDRESSES + _THREAD_ADDRESSES * (os.cpu_count() or 1)
+    for left, limit in _addresses():
+        if left < needed:
+            raise MemoryError(
+                f"JAX reserves about {gigabytes(needed)} of addresses, and "
+                f"{gigabytes(max(left, 0))} are left: {limit}"
+            )
+
+
 def gigabytes(count: float | int) -> str:
-    """Format a number of bytes in GB."""
+    """Format a number of bytes in GB, or in MB if there are few."""
+    if count < 1e8:
+        return f"{count / 1e6:.0f} MB"
     return f"{count / 1e9:.1f} GB" if count < 1e11 else f"{count / 1e9:,.0f} GB"
 
 

@@ -34,6 +34,37 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
     return matching
 
 
+def files_read(path: Path) -> list[Path]:
+    """List the files that are read for a path: matching files, files in folders, images of maps.
+
+    The address of an OPeNDAP server gives an empty list.
+    """
+    files: list[Path] = []
+    for name in map(Path, existing(path)):
+        files += sorted(file for file in name.rglob("*") if file.is_file()) if name.is_dir() else []
+        if name.is_file():
+            files += [name, *_images(name)]
+    return files
+
+
+def visible(folder: Path, pattern: str) -> Iterator[Path]:
+    """Find the files that match a pattern in a folder and its subfolders, except hidden ones."""
+    for path in folder.rglob(pattern):
+        if not any(part.startswith(".") for part in path.relative_to(folder).parts):
+            yield path
+
+
+def _images(path: Path) -> list[Path]:
+    """Return the image that a map_server file names, if it exists."""
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return []
+    found = re.search(
+        r"^image:\s*[\"']?([^\"'#\n]+?)[\"']?\s*(#.*)?$", path.read_text("utf-8", "replace"), re.M
+    )
+    image = path.parent / found[1] if found else None
+    return [image] if image is not None and image.is_file() else []
+
+
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the name of a temporary file or folder, which replaces `path` after a `with` block.

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import errno
 import functools
 import os
 import signal
@@ -47,6 +48,64 @@ def _flush() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
+def guarded(command: Sequence[str]) -> list[str]:
+    """Return a command that runs `command`, and ends it when its standard input is closed.
+
+    Started with `stdin=PIPE` in a session of its own, it ends when this process ends or is killed.
+    """
+    return [sys.executable, "-c", _GUARD, *command]
+
+
+_GUARD = """
+import os, signal, subprocess, sys, threading
+child = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+def end():
+    sys.stdin.buffer.read()
+    os.killpg(0, signal.SIGTERM)
+threading.Thread(target=end, daemon=True).start()
+os._exit(child.wait())
+"""
+
+
+@contextlib.contextmanager
+def signals_deferred() -> Iterator[None]:
+    """Deliver SIGINT, SIGTERM and SIGHUP only after a `with` block.
+
+    Libraries in the block are never interrupted between two of their steps: xarray, for example,
+    takes two locks one after the other, and waits forever if only one of them was taken.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    deferred = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in deferred.items():
+            signal.signal(number, handler)
+        for first in received[:1]:
+            signal.raise_signal(first)
+
+
+@contextlib.contextmanager
+def library_writes(name: str) -> Iterator[None]:
+    """Defer signals while a library writes the file `name`, and raise `OSError` if it fails.
+
+    HDF5 says only "HDF error" if a disk is full, as `RuntimeError` or as `OSError`.
+    """
+    with signals_deferred():
+        try:
+            yield
+        except RuntimeError as error:
+            raise OSError(
+                errno.EIO, f"{name}: it cannot be written, the disk may be full: {error}"
+            ) from error
+
+
 def end_by_signals() -> list[signal.Signals]:
     """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks clean up.
 
@@ -68,7 +127,44 @@ def leave_signals(handled: Sequence[signal.Signals]) -> None:
 
 
 def _exit(number: int, _: FrameType | None) -> None:
+    _received.append(number)
     raise SystemExit(128 + number)
+
+
+_received: list[int] = []
+# Seconds after which a signal is sent again.
+_AGAIN = 0.05
+
+
+def is_ending() -> bool:
+    """Check whether this process has got SIGTERM or SIGHUP, and ends."""
+    return bool(_received)
+
+
+@contextlib.contextmanager
+def signals_sent_again() -> Iterator[None]:
+    """Send a signal again if Python discards its exception inside a `with` block.
+
+    Python discards the exceptions of callbacks and destructors, so the process would go on.
+    """
+    before = sys.unraisablehook
+
+    def hook(discarded: Any) -> None:
+        error, number = discarded.exc_value, 0
+        if isinstance(error, KeyboardInterrupt):
+            number = int(signal.SIGINT)
+        elif isinstance(error, SystemExit) and isinstance(error.code, int):
+            number = max(error.code - 128, 0)
+        if not number:
+            before(discarded)
+            return
+        threading.Timer(_AGAIN, os.kill, [os.getpid(), number]).start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextlib.contextmanager

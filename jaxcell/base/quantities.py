@@ -50,6 +50,10 @@ Kind: TypeAlias = Literal[
 """
 
 
+PADDING = {"index": -1, "text": ""}
+"""The values, by kind, that fill short rows of a list of lists."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Quantity:
     """The description of one quantity of a result."""
@@ -62,7 +66,8 @@ class Quantity:
     kind: Kind
     listed: bool
     """If true, the summary includes the array: with one dimension as a list, and with two as a
-    column in the table of the first. Each entry of this column is a list, without padding (-1)."""
+    column in the table of the first. Each entry of this column is a list, without its
+    [`PADDING`][jaxcell.base.quantities.PADDING]."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 

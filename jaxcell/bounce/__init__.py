@@ -55,8 +55,11 @@ A joint trajectory follows the joint map until it repeats a state. Then one of t
 by one direction, left or right, whichever of these `2 m` turns leads to the most new positions.
 Functions: `team_trajectory`, `team_trajectories`.
 
-Only `bounce_image` works under `jit` and `vmap`. The coverage needs 64-bit numbers:
-`jax.config.update("jax_enable_x64", True)`.
+**In a compiled program.** Angles may be traced by `jit` and `vmap` in `bounce_shift`, `bounce_map`,
+`bounce_image`, `bounce_groups` and `group_summary`, and angles and probabilities also by `grad` in
+`noisy_turns` and `noisy_bounce_map`. A traced angle stands for the nearest whole number of
+directions. A cell space and a motion are static: for others a new program is compiled. All other
+functions run on the host.
 """
 
 from ..base.hosted import attach

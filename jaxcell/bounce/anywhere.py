@@ -1,14 +1,29 @@
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
-from ..walls import Homing, Trial, WallFilter, alike_places
+from ..walls import (
+    Alike,
+    Homing,
+    Trial,
+    WallFilter,
+    alike_places,
+    alike_poses,
+    bumps_until_localized,
+    is_localized,
+)
 from .dynamics import Bounces
+
+
+# The number of robots whose poses are compared with all other poses.
+_COMPARED = 100
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,13 +43,77 @@ class Anywhere(Result):
     trial: Trial
 
     @property
+    def answered(self) -> bool:
+        return self.lost_share == 0
+
+    @property
     def remarks(self) -> tuple[str, ...]:
-        if self.alike == 1:
-            return ()
-        return (
-            f"The room is symmetric: {self.alike} places in it look alike to a robot, so that each "
-            "set keeps as many pieces whatever the angles are.",
+        lost = int((~self.trial.held).any(axis=1).sum())
+        remarks = [f"{lost:,} of {self.robots:,} robots are lost: they left their sets."] * bool(
+            lost
         )
+        for (area, inside), symmetric in zip(self._pieces, self._symmetric, strict=True):
+            among = inside[: self._unresolved.size]
+            unresolved = among & self._unresolved
+            if not unresolved.any():
+                continue
+            x, y = shapely.get_coordinates(area.representative_point())[0]
+            where = f" that start in the piece of {area.area:.3g} m² at ({x:.3g} m, {y:.3g} m)"
+            robots = f"robots{where if len(self._pieces) > 1 else ''}"
+            if symmetric > 1:
+                remarks.append(
+                    f"For {robots}, {symmetric} poses look alike whatever the angles are, because "
+                    "of a symmetry."
+                )
+            elif self._alike is not None:
+                pieces = np.bincount(self._alike.poses.robot, minlength=among.size)[unresolved]
+                count = int(np.quantile(pieces, 0.5, method="inverted_cdf"))
+                percent = 100 * unresolved.sum() / among.sum()
+                remarks.append(
+                    f"At least {percent:.0f} % of the {robots} are not localized by any "
+                    f"{self._alike.turns} turns by these angles, even without errors: poses on "
+                    f"{count} piece{'s' * (count > 1)} of walls look alike to them, in the median."
+                )
+        if self._alike is None:
+            remarks.append(
+                "Because headings are not exact, only symmetries of the map are looked for: "
+                "further poses may look alike by these angles."
+            )
+        return tuple(remarks)
+
+    @functools.cached_property
+    def _pieces(self) -> list[tuple[shapely.Polygon, Bool[np.ndarray, "robots"]]]:
+        """The connected pieces of the free space, and which robots start in them."""
+        workspace = self.cells.workspace
+        pieces = [] if workspace is None else shapely.get_parts(workspace.free_space).tolist()
+        return [(piece, shapely.intersects_xy(piece, self.trial.start)) for piece in pieces]
+
+    @functools.cached_property
+    def _symmetric(self) -> tuple[int, ...]:
+        workspace = self.cells.workspace
+        return () if workspace is None else alike_places(workspace, self.headings)
+
+    @functools.cached_property
+    def _alike(self) -> Alike | None:
+        """The poses that the angles cannot distinguish; `None` if headings are not exact."""
+        if self.headings is None or not self.filter.errors.keep_headings:
+            return None
+        start, heading = self.trial.start[:_COMPARED], self.trial.heading[:_COMPARED]
+        boundary, angles, made = self.filter.boundary, self.bounces.tolist(), np.diff(heading)
+        return alike_poses(boundary, self.headings, angles, start, heading[:, 0], made)
+
+    @functools.cached_property
+    def _unresolved(self) -> Bool[np.ndarray, "compared"]:
+        """True for robots that the angles surely cannot localize, even without errors."""
+        # Places about the centre of a piece are at least this far from it.
+        symmetric = [
+            among & (count > 1) & (piece.boundary.distance(piece.centroid) > self.radius)
+            for (piece, among), count in zip(self._pieces, self._symmetric, strict=True)
+        ]
+        if self._alike is None:
+            return np.any(symmetric, axis=0)
+        alike = ~is_localized(self._alike.extent, self.radius)
+        return alike | np.any(symmetric, axis=0)[: alike.size]
 
     @derived("bounce", "bouncing angle", "degree", listed=True)
     def bounces_deg(self) -> Float[np.ndarray, "angles"]:
@@ -48,17 +127,25 @@ class Anywhere(Result):
     def lost_share(self) -> float:
         return float((~self.trial.held).any(axis=1).mean())
 
-    @derived("", "robots that are localized at the end", kind="share")
-    def known_share(self) -> float:
-        return float((self.trial.extent[:, -1] <= 2 * self.radius).mean())
+    @derived("", "robots that are localized", kind="share")
+    def localized_share(self) -> float:
+        return float(np.isfinite(self.bumps_until_localized).mean())
+
+    @derived("", "localized robots that are where their set says", kind="share")
+    def right_share(self) -> float | None:
+        robot = np.flatnonzero(np.isfinite(self.bumps_until_localized))
+        bump = self.bumps_until_localized[robot].astype(int) - 1
+        return float(self.trial.held[robot, bump].mean()) if robot.size else None
 
     @derived("", "bumps until a robot is localized, in the median", kind="time")
     def median_bumps(self) -> float:
-        return float(np.median(self.bumps_until_known))
+        return float(np.median(self.bumps_until_localized))
 
-    @derived("", "places that look alike to a robot", "1", kind="count")
-    def alike(self) -> int:
-        return alike_places(self.cells.workspace, self.headings) if self.cells.workspace else 1
+    @derived(
+        "", "robots that no sequence of a few turns localizes, even without errors", kind="share"
+    )
+    def alike_share(self) -> float:
+        return float(self._unresolved.mean())
 
     @derived("bump", "bumps", kind="coordinate")
     def bump(self) -> Int[np.ndarray, "bumps"]:
@@ -70,7 +157,7 @@ class Anywhere(Result):
 
     @derived("bump", "extent that nine of ten robots do not exceed", "m")
     def extent_of_nine_tenths(self) -> Float[np.ndarray, "bumps"]:
-        return np.quantile(self.extent, 0.9, axis=0)
+        return np.quantile(self.extent, 0.9, axis=0, method="inverted_cdf")
 
     @derived("robot bump", "extent of the places that are possible", "m")
     def extent(self) -> Float[np.ndarray, "robots bumps"]:
@@ -81,9 +168,9 @@ class Anywhere(Result):
         "trial.held", "robot bump", "whether the robot is where its filter says", kind="flag"
     )
 
-    @derived("robot", "bumps until the robot stays localized", kind="time")
-    def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
-        return _holds_since(self.trial.extent <= 2 * self.radius)
+    @derived("robot", "bumps until the robot is localized", kind="time")
+    def bumps_until_localized(self) -> Float[np.ndarray, "robots"]:
+        return bumps_until_localized(self.trial.extent, self.radius)
 
     @derived("robot bump", "x of the bump", "m")
     def x(self) -> Float[np.ndarray, "robots bumps"]:
@@ -141,7 +228,7 @@ class HomeFromAnywhere(Anywhere):
 
     @property
     def answered(self) -> bool:
-        return bool(np.isfinite(self.bumps_until_home).any())
+        return super().answered and bool(np.isfinite(self.bumps_until_home).any())
 
     @derived("", "robots that come to the goal and know it", kind="share")
     def arrived_share(self) -> float:
@@ -160,10 +247,3 @@ class HomeFromAnywhere(Anywhere):
     def bumps_until_home(self) -> Float[np.ndarray, "robots"]:
         arrived = self.trial.arrived
         return np.where(arrived.any(axis=1), arrived.argmax(axis=1) + 1.0, np.inf)
-
-
-def _holds_since(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """Find the first bump, counted from 1, from which `holds` is always true; `inf` if none."""
-    fails = ~holds[:, ::-1]
-    since = holds.shape[1] - fails.argmax(axis=1) + 1.0
-    return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import Annotated, Any, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.quantities import derived, quantity
+from ..base.wide import traced
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
 from ..space.steps import Steps
@@ -19,6 +21,9 @@ Bounces: TypeAlias = Annotated[
     Float[np.ndarray, "angles"],
     quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
 ]
+# A compiled program is made for a cell space and a motion: its tables depend on both.
+jax.tree_util.register_static(CellSpace)
+jax.tree_util.register_static(Motion)
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
 
@@ -60,11 +65,13 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
 
 def bounce_shift(
     bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int, name: str = "bounce"
-) -> Int[np.ndarray, "..."]:
+) -> Int[Any, "..."]:
     """Convert bouncing angles to numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
     turn; `name` names the angles in errors. **Returns:** numbers from 0 to `directions - 1`.
+    **Raises:** `ValueError` for an angle that is not a whole number of directions. Under `jit` and
+    `vmap`, where angles have no values, it stands for the nearest whole number.
 
     Of eight directions, three make 135 degrees:
 
@@ -73,6 +80,9 @@ def bounce_shift(
         >>> int(bounce.bounce_shift(math.radians(135), directions=8))
         3
     """
+    if traced(bounce):
+        nearest = jnp.round(jnp.asarray(bounce, float) * directions / (2 * math.pi))
+        return (nearest % directions).astype(jnp.int32)
     shift = np.asarray(bounce, float) * directions / (2 * math.pi)
     whole = np.round(shift)
     # Infinity minus infinity is NaN, and beyond 2^53 every float64 is whole.
@@ -100,8 +110,8 @@ def bounce_map(
     robot turns in place by the angle `bounce`: the image is a cell of the same position
     (observation 1). This is Eq. 2.4 of Alam 2018.
 
-    **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion.
-    **Returns:** the map; a batch of maps for an array of angles.
+    **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion. Angles
+    may be traced by `jit` and `vmap`. **Returns:** the map; a batch of maps for an array of angles.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -117,11 +127,20 @@ def bounce_map(
     estimates.check_cells(
         cells, motion, lambda e, _: estimates.IMAGE * e.size * shift.size, "images of all cells"
     )
+    if isinstance(shift, jax.Array):
+        return of_each(functools.partial(bounce_image, possible), shift)
     target, way = np.asarray(possible.target), np.asarray(possible.way)
     maps = zip(*(_images(target, way, one) for one in shift.ravel().tolist()), strict=True)
     # The arrays of a single map are not copied.
     both = (each[0] if len(each) == 1 else np.concatenate(each) for each in maps)
     return SimpleMap(*jax.device_put([each.reshape(*shift.shape, -1) for each in both]))
+
+
+def of_each(function: Callable[[Any], Any], array: Any) -> Any:
+    """Apply a function of a number to each number of an array that JAX traces."""
+    for _ in jnp.shape(array):
+        function = jax.vmap(function)
+    return function(jnp.asarray(array))
 
 
 @jax.jit

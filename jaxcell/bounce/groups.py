@@ -1,13 +1,15 @@
 import functools
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int32, Shaped
 
-from ..mapping import GroupSummary, PeriodicGroups
+from ..base.wide import traced
+from ..mapping import GroupSummary, PeriodicGroups, periodic_groups
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
-from .dynamics import bounce_shift
+from .dynamics import bounce_map, bounce_shift, of_each
 from .section import AngleGroups, angle_groups
 from .straight_runs import Runs
 
@@ -51,7 +53,8 @@ def bounce_groups(
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][].
 
     **Returns:** the groups that [`jaxcell.mapping.periodic_groups`][] finds for that map, in a
-    fraction of its time (see the rows `groups` of the benchmarks).
+    fraction of its time (see the rows `groups` of the benchmarks). Traced angles have the map of
+    all cells, and `group_period` has an entry for each cell.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -62,6 +65,10 @@ def bounce_groups(
         >>> int(groups.count), groups.period.tolist()
         (1, [6, 6, 6, 6, 6, 6])
     """
+    if traced(bounce):
+        return of_each(
+            lambda one: periodic_groups(bounce_map(cells, one, motion=motion).image), bounce
+        )
     groups, angles = _of_angles(cells, bounce, motion)
     estimates.check_cells(
         cells,
@@ -96,7 +103,8 @@ def group_summary(
     """Count the periodic groups of a bounce map, and find their periods, basins and transients.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** the number of groups, and
-    the period, the basin and the longest transient of each group.
+    the period, the basin and the longest transient of each group; for traced angles the arrays have
+    an entry for each cell.
 
     A corridor of three squares, whose six cells are one periodic group:
 
@@ -107,6 +115,8 @@ def group_summary(
         >>> int(summary.count), summary.period.tolist(), summary.basin.tolist()
         (1, [6], [6])
     """
+    if traced(bounce):
+        return of_each(lambda one: _summary(bounce_groups(cells, one, motion=motion)), bounce)
     groups, angles = _of_angles(cells, bounce, motion)
     each = [one.summary() for one in groups]
     count = np.array([one.period.size for one in each], np.int32)
@@ -114,3 +124,9 @@ def group_summary(
         padded([getattr(one, name) for one in each]) for name in ("period", "basin", "transient")
     )
     return GroupSummary(count.reshape(angles), *(x.reshape(*angles, -1) for x in tables))
+
+
+def _summary(groups: PeriodicGroups) -> GroupSummary:
+    none = jnp.zeros_like(groups.group)
+    basin, transient = none.at[groups.group].add(1), none.at[groups.group].max(groups.step)
+    return GroupSummary(groups.count, groups.group_period, basin, transient)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.precision import require_x64
+from ..base.wide import traced
 from ..mapping import Chain
 from ..space import CELL_BY_CELL, CellSpace, Motion
 from .dynamics import Moves, bounce_shift, moves as moves_of
@@ -13,9 +14,9 @@ from .dynamics import Moves, bounce_shift, moves as moves_of
 
 def noisy_bounce_map(
     cells: CellSpace,
-    bounce: float,
+    bounce: float | Array,
     error: float,
-    reliability: float,
+    reliability: float | Array | Float[np.ndarray, "branches"],
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Chain:
@@ -27,7 +28,9 @@ def noisy_bounce_map(
 
     **Arguments:** a cell space; the bouncing angle, counter-clockwise, and the largest error, both
     in radians, as multiples of the angle between two directions; a reliability above 0 and at most
-    1; and a motion. **Returns:** the Markov chain of the cells.
+    1, or the probability of each turn of [`jaxcell.bounce.noisy_turns`][], in its order; and a
+    motion. The angle and the probabilities may be traced by `jit`, `vmap` and `grad`. **Returns:**
+    the Markov chain of the cells.
 
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
     degrees, one is to the North, and one to the South:
@@ -46,8 +49,11 @@ def noisy_bounce_map(
 
 
 def noisy_turns(
-    bounce: float, error: float, reliability: float, directions: int
-) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
+    bounce: float | Array,
+    error: float,
+    reliability: float | Array | Float[np.ndarray, "branches"],
+    directions: int,
+) -> tuple[Int[Array | np.ndarray, "branches"], Float[Array | np.ndarray, "branches"]]:
     """List the possible turns at a wall as numbers of directions; the first turn has no error.
 
     **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns and their probabilities.
@@ -60,13 +66,33 @@ def noisy_turns(
         >>> turns.tolist(), chance.round(6).tolist()
         ([2, 3, 1], [0.8, 0.1, 0.1])
     """
-    shift, _ = int(bounce_shift(bounce, directions)), bounce_shift(error, directions, "error")
+    shift, _ = bounce_shift(bounce, directions), bounce_shift(error, directions, "error")
     bins, most = round(error * directions / (2 * math.pi)), (directions - 1) // 2
     if not 0 <= bins <= most:
         raise ValueError(
             f"error: expected 0 to {360 / directions * most:g} deg, so that all turns differ, got "
             f"{math.degrees(error):g} deg"
         )
+    errors = np.array([0, *(sign * k for k in range(1, bins + 1) for sign in (1, -1))], np.int32)
+    xp = jnp if traced(reliability) else np
+    chance = xp.asarray(reliability, float)
+    if chance.shape not in ((), errors.shape):
+        raise ValueError(
+            f"reliability: expected a number, or one for each of {errors.size} turns, got shape "
+            f"{list(chance.shape)}"
+        )
+    if chance.ndim:
+        probability = chance
+    else:
+        share = (1 - chance) / max(1, 2 * bins)
+        probability = xp.where(errors == 0, chance, share)
+    if xp is np:
+        _check_probabilities(probability, bins)
+    return (shift + errors) % directions, probability
+
+
+def _check_probabilities(probability: Float[np.ndarray, "branches"], bins: int) -> None:
+    reliability = probability[0]
     if not 0 < reliability <= 1:
         raise ValueError(f"reliability: expected more than 0 and at most 1, got {reliability:g}")
     if bins == 0 and reliability < 1:
@@ -74,12 +100,10 @@ def noisy_turns(
             f"reliability: {reliability:g} leaves a chance of an error, but the error is 0 deg; "
             "expected 1, or a larger error"
         )
-    errors = [0, *(sign * k for k in range(1, bins + 1) for sign in (1, -1))]
-    share = (1 - reliability) / max(1, 2 * bins)
-    return (
-        np.array([(shift + e) % directions for e in errors], np.int32),
-        np.array([reliability, *[share] * (2 * bins)]),
-    )
+    if not (probability.min() >= 0 and abs(probability.sum() - 1) < 1e-12):
+        raise ValueError(
+            f"reliability: expected probabilities that sum to 1, got {probability.tolist()}"
+        )
 
 
 @jax.jit

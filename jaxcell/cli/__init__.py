@@ -3,12 +3,19 @@
 import sys
 from collections.abc import Sequence
 
+from ..base.process import end_by_signals, leave_signals, signals_sent_again
+
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run a command; its exit status is 0 for success, 1 without an answer, and 2 for bad input."""
+    # SIGTERM ends a command like Ctrl-C: files that are not complete are removed.
+    handled = end_by_signals()
     try:
-        from .app import run
+        with signals_sent_again():
+            from .app import run
 
-        return run(sys.argv[1:] if args is None else args)
+            return run(sys.argv[1:] if args is None else args)
     except KeyboardInterrupt:
         return 130
+    finally:
+        leave_signals(handled)

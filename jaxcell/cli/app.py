@@ -1,4 +1,6 @@
 import dataclasses
+import errno
+import itertools
 import math
 import os
 import re
@@ -27,8 +29,9 @@ from .robot.sketch import RobotSketch
 from .study_command import Run, command_of
 from .sweep.indices import SweepIndices
 from .sweep.run import Sweep, SweepMerge, SweepState
-from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
+from .terminal import noting_warnings
+from .verify import Verify
 from .view import View
 
 
@@ -52,8 +55,8 @@ COMMANDS: dict[str, Any] = dict(
             "sweep indices": SweepIndices,
             "sweep merge": SweepMerge,
             "sweep status": SweepState,
-            "sweep verify": SweepVerify,
             "sweep view": SweepView,
+            "verify": Verify,
             "view": View,
         }.items()
     )
@@ -61,19 +64,27 @@ COMMANDS: dict[str, Any] = dict(
 
 # Largest number of directions that an error recommends.
 _MAX_DIRECTIONS = 3600
+# Errors of disks, which may not name the folder.
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+# The words of the system if too few addresses are left for a library.
+_UNMAPPED = "failed to map segment"
+# Letters of an error, which may quote a damaged file.
+_MAX_LETTERS = 2000
 
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
-    """Format an error as one line, without the error number of the operating system."""
+    """Format an error as one line of bounded length, without the system's number of the error."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
-    return " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
+    text = " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
+    text = "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
+    return text if len(text) <= _MAX_LETTERS else f"{text[:_MAX_LETTERS]} ..."
 
 
 def run(args: Sequence[str]) -> int:
     allow_any_encoding()
-    if list(args) == ["--version"]:
+    if list(args) in (["--version"], ["-V"]):
         from .. import __version__
 
         print(f"jaxcell {__version__}")
@@ -81,24 +92,40 @@ def run(args: Sequence[str]) -> int:
     name = ""
     try:
         args = _limited(args)
+        _refuse_empty(args)
         name, command = read(args)
         if (out := getattr(command, "out", None)) is not None:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
-        return int(command.run())
+        with noting_warnings(type(command)):
+            return int(command.run())
     except BrokenPipeError:
         # The reader of the output, such as `head`, needs no more of it. This is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
         line = _with_option_names(_line(error), command) if name else _line(error)
+        out = getattr(command, "out", None) if name else None
+        if isinstance(error, OSError) and error.errno in _DISK and out and str(out) not in line:
+            line = f"{out}: {line}"
         print(f"jaxcell {name or _name(args) or args[0]}: {line}", file=sys.stderr)
         return 2
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         text = str(error)
         if text.startswith("No module named"):
             text += "; this command needs all of jaxcell: pip install jaxcell"
-        print(f"jaxcell {name}: {text}", file=sys.stderr)
+        elif _UNMAPPED in text:
+            text += "; the memory is too little to load it"
+        print(f"jaxcell {name or _name(args) or args[0]}: {text}", file=sys.stderr)
         return 2
+
+
+def _refuse_empty(words: Sequence[str]) -> None:
+    """Refuse an option without a value; an empty path would be the current folder."""
+    for before, word in itertools.pairwise(("", *words)):
+        option, equals, value = word.partition("=")
+        if not word or (option.startswith("--") and equals and not value):
+            name = option or (before if before.startswith("--") else "words of the command")
+            raise ValueError(f"{name}: expected a value, got an empty text")
 
 
 def _limited(args: Sequence[str]) -> list[str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..base.bundled import with_path
+from ..base.results import result_folder
 from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
 from .help import parsed
 from .output import write_text
@@ -36,7 +37,8 @@ class Demo:
             with stdout_on_stderr():
                 result, summary = command.answer()
                 sentences = stop.sentences(result)
-                command.write(result, summary, self.out / stop.folder)
+                with result_folder(self.out / stop.folder) as folder:
+                    command.write(result, summary, folder)
             note("".join(f"    {sentence}\n" for sentence in sentences))
             files = sorted(path.name for path in (self.out / stop.folder).iterdir())
             links = ", ".join(f"[{name}]({stop.folder}/{name})" for name in files)

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from .. import automata
+from ..base.results import check_result
 from ..study.parameters import Limit, Only, Seconds, check
 from .output import check_out, write_text
 from .terminal import note, progress
@@ -49,6 +50,7 @@ class Export:
         if self.file.suffix not in formats:
             raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
         check_out(self.file, folder=False, option="")
+        check_result(self.filter)
         policy = read_kind(self.filter) == "policy"
         source = (automata.Policy if policy else automata.Filter).load(self.filter)
         if self.smallest:

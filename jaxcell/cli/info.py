@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import json
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -9,6 +10,8 @@ from typing import Any, ClassVar
 import tyro
 
 from .. import automata, patrol, space, sweep
+from ..base.paths import visible
+from ..base.results import MANIFEST, Manifest, check_result
 from .output import Printing
 from .terminal import table
 
@@ -51,6 +54,7 @@ def describe(path: Path) -> dict[str, Any]:
     """Describe a file: its kind, under the key `what`, and its content."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
+    check_result(path)
     if path.is_dir():
         return _directory(path)
     suffix = path.suffix.lower()
@@ -75,13 +79,22 @@ def _directory(path: Path) -> dict[str, Any]:
         return _zarr(path)
     files = sorted(
         str(file.relative_to(path))
-        for file in path.rglob("*")
+        for file in visible(path, "*")
         if (file.suffix.lower() in KINDS and file.is_file()) or file.suffix == ".zarr"
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
     if not files:
         raise ValueError(f"{path}: the folder has no file that jaxcell reads")
-    return {"what": "a folder", "files": files}
+    if (manifest := Manifest.read(path)) is None:
+        return {"what": "a folder", "files": files}
+    files.remove(MANIFEST)
+    return {
+        "what": "a result",
+        "command": shlex.join(["jaxcell", *manifest.words]),
+        "run_id": manifest.run_id,
+        "created": manifest.created,
+        "files": files,
+    }
 
 
 def _filter(path: Path) -> dict[str, Any]:

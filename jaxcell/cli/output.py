@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from ..base.paths import replacing
+from .help import option
 from .terminal import say
 
 
@@ -54,18 +55,30 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def option_words(options: Any, names: Collection[str]) -> list[str]:
-    """Convert the options with these `names`, except defaults, to words of a command line."""
-    words = []
+def option_words(
+    options: Any, names: Collection[str], named: Callable[[Path], str] = str
+) -> list[str]:
+    """Convert the options with these `names`, except defaults, to words of a command line.
+
+    `named` returns the word for a path.
+    """
+    first: list[str] = []
+    words: list[str] = []
     for field in dataclasses.fields(options):
-        value, option = getattr(options, field.name), f"--{field.name.replace('_', '-')}"
+        value, name = getattr(options, field.name), option(type(options), field.name)
         if field.name not in names or value == field.default:
             continue
-        if isinstance(value, tuple):
-            words += [option, *map(str, value)]
-        elif str(value).startswith("-"):
+        values = [
+            named(part) if isinstance(part, Path) else str(part)
+            for part in (value if isinstance(value, tuple) else (value,))
+        ]
+        if not name.startswith("--"):
+            first += values
+        elif value is True:
+            words.append(name)
+        elif values[0].startswith("-"):
             # It would be read as an option.
-            words.append(f"{option}={value}")
+            words.append(f"{name}={values[0]}")
         else:
-            words += [option] if value is True else [option, str(value)]
-    return words
+            words += [name, *values]
+    return first + words

@@ -1,5 +1,6 @@
 """Commands that run studies: options are parameters of a study, and the output is its result."""
 
+import contextlib
 import dataclasses
 import json
 import time
@@ -10,10 +11,13 @@ import tyro
 
 from ..base.memory import gigabytes
 from ..base.optional_modules import has_module, missing_module
+from ..base.paths import name_in_results
 from ..base.quantities import Result
+from ..base.results import Manifest, current_run, result_folder
 from ..study import Study
 from ..study.study import Say, silent
-from .output import Printing, write_text
+from .help import as_options
+from .output import Printing, option_words, write_text
 from .startup import starting
 from .terminal import (
     note,
@@ -74,44 +78,51 @@ class StudyCommand(Printing):
         begin = {"command": f"jaxcell {self.command}", **question.spec(result)}
         return result, {**begin, **numbers, "seconds": seconds}
 
-    def write(self, result: Result, summary: dict[str, Any], out: Path) -> None:
+    def write(self, result: Result, summary: dict[str, Any], folder: Path) -> None:
+        """Write all files of a result to the hidden folder of a run."""
         from .. import record
 
         question = self.question
         spec = question.spec(result)
-        out.mkdir(parents=True, exist_ok=True)
         if question.at_once(result):
-            record.save_dataset(record.dataset(result, spec=spec), out / f"{question.name}.nc")
+            record.save_dataset(record.dataset(result, spec=spec), folder / f"{question.name}.nc")
             if has_module("rerun"):
-                record.save_recording(result, out / f"{question.name}.rrd", spec=spec)
-        question.write(result, out)
-        _write_summary(summary, out)
+                record.save_recording(result, folder / f"{question.name}.rrd", spec=spec)
+        question.write(result, folder)
+        text = json.dumps({"version": 1, "run_id": current_run(), **summary}, indent=2)
+        write_text(folder / "summary.json", text + "\n")
+        names = {field.name for field in dataclasses.fields(self.study)}
+        words = [*self.command.split(), *option_words(self, names, name_in_results)]
+        Manifest.of(folder, words, spec, question.digests()).write(folder)
 
     def run(self) -> int:
+        with contextlib.nullcontext() if self.out is None else result_folder(self.out) as folder:
+            return self._run(folder)
+
+    def _run(self, folder: Path | None) -> int:
         question = self.question
         question.check_files()
         try:
-            with status(f"reading for {self.command}"):
-                needed = question.memory(written=self.out is not None)
-                if needed > MUCH:
-                    note(f"{self.command} needs about {gigabytes(needed)} of memory")
-            with starting():
-                from .. import record  # noqa: F401
-            with stdout_on_stderr(), progress(self.command) as show, noting_warnings() as noted:
-                result, summary = self.answer(show)
+            with noting_warnings(type(self)) as noted:
+                with status(f"reading for {self.command}"):
+                    needed = question.memory(written=folder is not None)
+                    if needed > MUCH:
+                        note(f"{self.command} needs about {gigabytes(needed)} of memory")
+                with starting():
+                    from .. import record  # noqa: F401
+                with stdout_on_stderr(), progress(self.command) as show:
+                    result, summary = self.answer(show)
         except RuntimeError as error:
             note(f"jaxcell {self.command}: {error}")
             return 1
-        if self.out is not None:
-            with status(f"writing {self.out}"):
-                self.write(result, summary, self.out)
         verified = _verified(question, result) if self.verify else None
         if verified is not None:
             summary["verified"] = verified
-            if self.out is not None:
-                _write_summary(summary, self.out)
+        if folder is not None:
+            with status(f"writing {self.out}"):
+                self.write(result, summary, folder)
         self._print(question, result, summary)
-        for remark in result.remarks:
+        for remark in (as_options(type(self), remark) for remark in result.remarks):
             if remark not in noted:
                 note(remark)
         agrees = verified is None or _report(self.command, verified, quiet=self.json)
@@ -143,10 +154,6 @@ def command_of(study: type[Study], words: str = "") -> Any:
     return dataclasses.make_dataclass(
         study.__name__, [], bases=(StudyCommand, study), namespace=own, frozen=True, kw_only=True
     )
-
-
-def _write_summary(summary: dict[str, Any], out: Path) -> None:
-    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:

@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import shlex
 import shutil
 import sys
+import textwrap
 import threading
 import time
 import warnings
@@ -14,10 +16,12 @@ from typing import Any, cast
 from rich.console import Console
 from rich.table import Table
 
+from ..base.doubts import Doubt
 from ..base.optional_modules import has_module
 from ..base.process import output_to
 from ..base.quantities import Result
 from .encoding import encodable
+from .help import as_options
 
 
 FIRST_LINE, LINES = 1.5, 60.0
@@ -91,15 +95,16 @@ def duration(seconds: float) -> str:
 
 def note_results(results: Path) -> None:
     """Print the folder of the results, and the command that shows them if Rerun is installed."""
-    advice = f"; to look at them: {own_command('jaxcell')} view {results}"
+    advice = f"; to look at them: {own_command('view', results)}"
     note(f"Results are in {results}{advice if has_module('rerun') else '.'}")
 
 
-def own_command(name: str) -> str:
-    """Return the name of a command of this Python environment, or its path if it is not on PATH."""
+def own_command(*words: str | Path) -> str:
+    """Return a command line of `jaxcell` for a shell; the command has its path if not on PATH."""
     # The commands of a virtual environment that is not active are in the folder of its Python.
-    beside = Path(sys.executable).with_name(name)
-    return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
+    beside = Path(sys.executable).with_name(name := "jaxcell")
+    name = name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
+    return shlex.join([name, *map(str, words)])
 
 
 def say(text: str) -> None:
@@ -113,20 +118,24 @@ def note(text: str) -> None:
 
 
 @contextlib.contextmanager
-def noting_warnings() -> Iterator[list[str]]:
-    """Print each `UserWarning` as a remark, and yield the list of their texts."""
+def noting_warnings(command: type) -> Iterator[list[str]]:
+    """Print each `UserWarning` and `Doubt` once as a remark, and yield the list of their texts.
+
+    Names of parameters of the `command` become names of options.
+    """
     noted: list[str] = []
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
         def show(message: Any, category: Any, *place: Any) -> None:
-            if category is UserWarning:
-                noted.append(str(message))
-                note(noted[-1])
-            else:
+            text = as_options(command, str(message))
+            if category not in (UserWarning, Doubt):
                 shown(message, category, *place)
+            elif text not in noted:
+                noted.append(text)
+                note(text)
 
-        warnings.simplefilter("default", UserWarning)
+        warnings.simplefilter("always", UserWarning)
         warnings.showwarning = cast(Any, show)
         yield noted
 
@@ -146,7 +155,8 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table; columns of numbers are aligned to the right.
 
-    A table that is too wide is transposed if it has fewer rows than columns.
+    Words and numbers are not broken: a table that is too wide is transposed if it has fewer rows
+    than columns, and otherwise each of its rows is a list.
     """
     console = Console()
     title, *columns = (encodable(text, console.encoding) for text in (title, *columns))
@@ -157,32 +167,50 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
         ]
         for row in rows
     ]
-    whole = _fits(console, [columns, *body])
-    if not whole and len(body) < len(columns):
-        columns, *body = map(list, zip(columns, *body, strict=True))
-        whole = _fits(console, [columns, *body])
-    grid = Table(title=title, title_justify="left", title_style="bold")
-    for head, *cells in zip(columns, *body, strict=True):
+    console.print(title, style="bold", markup=False, emoji=False, highlight=False)
+    widths = _widths(columns, body, console.width)
+    if not widths and len(body) < len(columns):
+        heads, *turned = map(list, zip(columns, *body, strict=True))
+        if widths := _widths(heads, turned, console.width):
+            columns, body = heads, turned
+    if not widths:
+        for row in body:
+            entries = [f"{head}: {cell}" for head, cell in zip(columns, row, strict=True) if cell]
+            lines = [line for entry in entries for line in entry.split("\n")]
+            print("\n".join(_wrapped(line, console.width) for line in lines), end="\n\n")
+        return
+    grid = Table()
+    for head, width, *cells in zip(columns, widths, *body, strict=True):
         numeric = all(cell.replace(",", "").replace(".", "").isdigit() for cell in cells)
-        grid.add_column(
-            head,
-            justify="right" if cells and numeric else "left",
-            # A truncated number would read as another number.
-            overflow="fold",
-            min_width=_longest_word([head, *cells]) if whole else None,
-        )
+        grid.add_column(head, justify="right" if cells and numeric else "left", width=width)
     for row in body:
         grid.add_row(*row)
     console.print(grid)
 
 
-def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
+def _wrapped(line: str, room: int) -> str:
+    """Break a line between words; a word that is longer than the room stays whole."""
+    if len(line) <= room:
+        return line
+    return textwrap.fill(
+        line, room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _widths(columns: Sequence[str], body: Sequence[Sequence[str]], room: int) -> list[int]:
+    """Return the widths of columns that do not break words; empty if there is no room for them."""
+    cells = list(zip(columns, *body, strict=True))
+    wanted = [max(len(line) for cell in one for line in cell.split("\n")) for one in cells]
+    widths = [max((len(word) for cell in one for word in cell.split()), default=0) for one in cells]
     # Each column has a space on both sides, and a separating line.
-    return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
-
-
-def _longest_word(cells: Iterable[str]) -> int:
-    return max((len(word) for cell in cells for word in cell.split()), default=0)
+    spare = room - 1 - sum(width + 3 for width in widths)
+    if spare < 0:
+        return []
+    while spare and wanted != widths:
+        shortest = max(range(len(widths)), key=lambda k: wanted[k] - widths[k])
+        widths[shortest] += 1
+        spare -= 1
+    return widths
 
 
 @contextlib.contextmanager

@@ -1,10 +1,10 @@
 import contextlib
 import dataclasses
 import os
+import shlex
 import signal
 import socket
 import subprocess
-import sys
 import time
 import urllib.parse
 import webbrowser
@@ -15,7 +15,9 @@ from typing import ClassVar
 import tyro
 
 from ..base.optional_modules import has_module, missing_module
-from ..base.process import end_by_signals, has_display, leave_signals
+from ..base.paths import visible
+from ..base.process import end_by_signals, guarded, has_display, is_ending, leave_signals
+from ..base.results import check_result
 from .terminal import note, own_command
 
 
@@ -37,23 +39,27 @@ class View:
     """Folder that a command wrote with --out, or a recording (.rrd)."""
     web: bool = False
     """Show the recordings in a browser on this machine, until Ctrl-C."""
+    bind: str = _HERE
+    """Address where the viewer listens; 0.0.0.0 lets other computers see and send recordings."""
 
     def run(self) -> int:
         if not has_module("rerun"):
             raise missing_module("rerun")
         recordings = [str(path) for path in recordings_in(self.results)]
         if self.web:
-            with _served(recordings) as (server, _):
+            with _served(recordings, self.bind) as (server, _):
                 return server.wait()
         if not has_display():
-            web = f"{own_command('jaxcell')} view --web {self.results}"
-            copied = " ".join(recordings)
+            web = own_command("view", "--web", self.results)
+            copied = shlex.join(recordings)
             note(
                 f"No display was found. In a browser on this machine: {web}\n"
                 f"On another machine with the same version of rerun-sdk: rerun {copied}"
             )
             return 1
-        return subprocess.call([*_viewer(), *recordings])
+        from ..record.viewer import viewer_command
+
+        return subprocess.call([*viewer_command(self.bind, _MEMORY), *recordings])
 
 
 @contextlib.contextmanager
@@ -69,18 +75,16 @@ def shown_live(viewer: str) -> Iterator[str]:
         return
     with _served(()) as (server, address):
         yield address
-        if server.poll() is None:
+        if server.poll() is None and not is_ending():
             note("The page stays until Ctrl-C.")
             with contextlib.suppress(KeyboardInterrupt):
                 server.wait()
 
 
-def _viewer() -> list[str]:
-    return [sys.executable, "-m", "rerun", "--memory-limit", _MEMORY]
-
-
 @contextlib.contextmanager
-def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
+def _served(
+    recordings: Sequence[str], bind: str = _HERE
+) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
     """Serve recordings to a browser, and open the browser if there is a display.
 
     Yields the process of the server, and the address for further recordings.
@@ -89,12 +93,15 @@ def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
     served = f"rerun+http://{_HERE}:{data}/proxy"
     address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"
-    command = [*_viewer(), "--bind", _HERE, *ports, "--serve-web", *recordings]
+    from ..record.viewer import viewer_command
+
+    command = [*viewer_command(bind, _MEMORY), *ports, "--serve-web", *recordings]
     # Hide the log of the server, because it has two addresses that would mislead a user.
     handled = end_by_signals()
     log = {"RUST_LOG": "error", **os.environ}
-    # The server is a child process, which ends with this process.
-    with subprocess.Popen(command, env=log, start_new_session=True) as server:
+    with subprocess.Popen(
+        guarded(command), env=log, stdin=subprocess.PIPE, start_new_session=True
+    ) as server:
         try:
             until = time.monotonic() + _MAX_WAIT
             while server.poll() is None and not _answers(page) and time.monotonic() < until:
@@ -131,7 +138,8 @@ def recordings_in(results: Path) -> list[Path]:
     """Return the recordings in a folder and its subfolders, or the path if it is a recording."""
     if not results.exists():
         raise FileNotFoundError(f"{results}: there is no such file or directory")
-    recordings = sorted(results.rglob("*.rrd")) if results.is_dir() else [results]
+    check_result(results)
+    recordings = sorted(visible(results, "*.rrd")) if results.is_dir() else [results]
     if not recordings:
         raise ValueError(f"{results}: it has no recording (.rrd); expected a folder of --out")
     for recording in recordings:

@@ -27,6 +27,9 @@ periodic current (`Flow.repeated`). The phase is the point in the period at whic
 
 **Accuracy.** A `Replay` simulates drifters in the current as it changes with time. `distances`
 compares a map with these drifters, and `distances_by_cell` shows for which cells the map is wrong.
+Drifters that are released everywhere stay nearly uniform whatever the map does;
+`release_distance` compares the map with drifters that are released in one cell, such as one of the
+`typical_cells`.
 A `MarkovTest` is the Chapman-Kolmogorov test on sets of cells. `nearest_step` chooses the `dt`
 whose map agrees best with the drifters up to a time of interest, by default `asked_hours`.
 
@@ -43,7 +46,8 @@ of edges plus the time of linear solves:
 
 `beaching` adds to each cell of a `coast` a beach on which drifters strand. A set of cells is not a
 persistent group if even one drifter can leave it. `nearly_closed_sets` therefore finds sets that
-few drifters leave in a day. `coherent_sets` finds water that moves together, such as vortices.
+few drifters leave in a time; `closed_sets_seconds` foretells how long the search takes.
+`coherent_sets` finds water that moves together, such as vortices.
 
 `diagnose` and `group_counts` show whether groups can be trusted. `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov
@@ -54,18 +58,19 @@ model. `count_moves` counts moves between cells in a fixed time; the cells are `
 and latitude, or the cells of a model. The shares of moves are the probabilities of a chain.
 `bootstrap` estimates sampling errors. `save_trajectories` writes positions to a file.
 
-**Deployment.** A *deployment* is a set of cells from which drifters may together reach every cell
-in the long term. `deployment_cells` (Alg. 5.2) chooses one cell in each persistent group, and more
-cells to cover the transient groups. `minimum_deployment` finds the fewest cells from which all
-cells may be visited, and `coverage_curve` counts the cells that fewer drifters may visit.
-`visible_deployment` is for cameras that see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
+**Deployment.** A *deployment* is a set of cells from which drifters can together ever reach every
+cell: with any positive probability, after any time. `deployment_cells` (Alg. 5.2) chooses one cell
+in each persistent group, and more cells to cover the transient groups. `minimum_deployment` finds
+the fewest cells from which all cells can ever be reached, and `coverage_curve` counts the cells
+that fewer drifters can reach, in the time that `coverage_seconds` foretells. `visible_deployment`
+is for cameras that see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
 
 **Regions.** `read_regions` finds the cells in polygons of a GeoJSON file, and an `Exchange` has the
 shares of drifters that go between regions, and their residence times.
 
-**Depth.** `Sea` combines layers. `reachable` finds the cells that a chain may visit,
-`reachable_by_layer` the cells that drifters may visit if they go down once (Alg. 5.4), and
-`reachable_at_depth` the cells that they may visit if they go up and down at any time. A *voyage*
+**Depth.** `Sea` combines layers. `reachable` finds the cells that a chain can ever reach,
+`reachable_by_layer` the cells that drifters can reach if they go down once (Alg. 5.4), and
+`reachable_at_depth` the cells that they can reach if they go up and down at any time. A *voyage*
 brings a drifter to a goal: in each step the drifter goes up (-1), goes down (1), or drifts (0). The
 *policy* of a Markov decision process, `voyage_model`, chooses the action in each cell, with
 
@@ -78,8 +83,6 @@ drifters.
 
 A `SeaDrift` has all results for the currents of a file, with a `Layer` for each depth and a
 `SeaVoyage` for each policy; `jaxcell.study.Drift` computes it.
-
-Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
 from ..base.hosted import attach

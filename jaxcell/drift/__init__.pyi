@@ -6,6 +6,7 @@ from .behaviour import (
 )
 from .closed_sets import (
     ClosedSets as ClosedSets,
+    closed_sets_seconds as closed_sets_seconds,
     coherent_sets as coherent_sets,
     nearly_closed_sets as nearly_closed_sets,
 )
@@ -15,6 +16,7 @@ from .deployment import (
     Deployment as Deployment,
     VisibleDeployment as VisibleDeployment,
     coverage_curve as coverage_curve,
+    coverage_seconds as coverage_seconds,
     deployment_cells as deployment_cells,
     minimum_deployment as minimum_deployment,
     visible_deployment as visible_deployment,
@@ -75,6 +77,11 @@ from .validation.drifters import (
     simulate_drifters as simulate_drifters,
 )
 from .validation.markov_test import MarkovTest as MarkovTest
+from .validation.release import (
+    ReleaseDistance as ReleaseDistance,
+    release_distance as release_distance,
+    typical_cells as typical_cells,
+)
 from .validation.replay import Replay as Replay, Sampling as Sampling
 from .voyage import (
     Tracks as Tracks,

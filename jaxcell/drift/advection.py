@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mapping.section import bucket
-from .flow import Flow, between, in_squares
+from .flow import Flow, between, in_squares, nearest_square
+from .water import on_grid
 
 
 # For each stage of a method: its time as a part of the step, and its weight in the mean.
@@ -65,7 +66,7 @@ def advect(
         raise ValueError(f"method: expected 'euler' or 'rk4', got {method!r}")
     if steps < 1:
         raise ValueError(f"steps: expected 1 or more, got {steps}")
-    return _advected(flow, x, y, duration, start, method, steps)
+    return advected(flow, x, y, duration, start, method, steps)
 
 
 def carried(
@@ -95,7 +96,11 @@ def in_chunks(
     return ends[0].reshape(x.shape), ends[1].reshape(x.shape)
 
 
-def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-untyped-def]
+def advected(flow, x, y, duration, start, method, steps, gone=None):  # type: ignore[no-untyped-def]
+    """Move points like [`advect`][]; a point stays where a stage puts it off the grid or in `gone`.
+
+    `gone` is a mask of squares. Without it, points move on.
+    """
     length = duration / steps
     ahead, weight = (jnp.asarray(row, jnp.float64) for row in zip(*_STAGES[method], strict=True))
     share = length * weight / jnp.sum(weight)
@@ -106,9 +111,15 @@ def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-un
     def stage(number, state):  # type: ignore[no-untyped-def]
         begun, reached, rates, rate = state
         step, stage = (number + 1) // ahead.size, (number + 1) % ahead.size
-        rates = between(flow, rate, *_moved(begun, rates, length * ahead[stage - 1]))
+        place = _moved(begun, rates, length * ahead[stage - 1])
+        rates = between(flow, rate, *place)
+        if gone is not None:
+            on = on_grid(gone.shape, flow.wraps, *place)
+            on &= ~gone[nearest_square(gone.shape, flow.wraps, *place)]
+            begun, reached = (_chosen(on, places, place) for places in (begun, reached))
+            rates = _chosen(on, rates, (0.0, 0.0))
         reached = _moved(reached, rates, share[stage - 1])
-        begun = jax.tree.map(lambda new, old: jnp.where(stage, old, new), reached, begun)
+        begun = _chosen(stage, begun, reached)
         now = start + step.astype(jnp.float64) * length + length * ahead[stage]
         return begun, reached, rates, in_squares(flow, now)
 
@@ -119,8 +130,12 @@ def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-un
     return state[1]
 
 
-_carried = jax.jit(_advected, static_argnames="method")
+_carried = jax.jit(advected, static_argnames="method")
 
 
 def _moved(places: _Pair, rates: _Pair, time: Any) -> _Pair:
     return places[0] + time * rates[0], places[1] + time * rates[1]
+
+
+def _chosen(chosen: Any, pair: Any, other: Any) -> _Pair:
+    return jnp.where(chosen, pair[0], other[0]), jnp.where(chosen, pair[1], other[1])

@@ -16,11 +16,13 @@ from .water import Water
 # The largest size of a table of views, in bytes, and the number of entries computed at once.
 _MAX_TABLE, _CHUNK = 2**32, 2**24
 _ROUNDING = 1e-9
+# Nodes and edges that a breadth-first search handles in a second.
+_EDGES = 1e8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deployment:
-    """Cells in which to drop drifters so that they may visit every cell in the long run."""
+    """Cells in which to drop drifters so that they can together ever reach every cell."""
 
     cells: Int[np.ndarray, "drifters"]
     "One cell of each persistent group, then one or more cells of each transient group."
@@ -29,17 +31,18 @@ class Deployment:
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells in its group that each drifter can reach but no earlier drifter can."
+    "The number of cells in its group that each drifter can ever reach but no earlier one can."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoverageCurve:
-    """The number of cells that may be visited, as a function of the number of drifters."""
+    """The number of cells that can ever be reached, as a function of the number of drifters."""
 
     cells: Int[np.ndarray, "drifters"]
     "The cell in which each drifter is dropped, in order."
     covered: Int[np.ndarray, "drifters"]
-    "The number of cells that may be visited by the first drifter, the first two drifters, ..."
+    """The number of cells that the first drifter, the first two drifters, ... can ever reach: with
+    any positive probability, after any time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -136,7 +139,7 @@ def _first_ancestor(
 
 
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
-    """Find the fewest cells from which all cells may be visited.
+    """Find the fewest cells from which all cells can ever be reached.
 
     They are one cell of each *source*, a strongly connected component to which no other component
     leads. Each source needs a drifter, and all other components are reached from the sources.
@@ -148,7 +151,7 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain. **Returns:** the
     smallest cell of each source, in order.
 
-    A drifter from cell 0 may reach all cells:
+    A drifter from cell 0 can reach all cells:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()
@@ -161,16 +164,20 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
 
 
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
-    """Compute how the number of cells that may be visited grows with the number of drifters.
+    """Compute how the number of cells that can ever be reached grows with the number of drifters.
+
+    A cell can be reached if a drifter visits it with any positive probability, after any time.
+    In a limited time drifters visit far fewer cells.
 
     Each drifter is dropped in one of the cells of
     [`minimum_deployment`][jaxcell.drift.minimum_deployment]: the one that adds the most cells. For
     any number of drifters, this covers at least the share `1 - 1/e` of the largest possible number
-    of cells (Nemhauser, Wolsey and Fisher 1978). It takes seconds for 10,000 cells.
+    of cells (Nemhauser, Wolsey and Fisher 1978). [`coverage_seconds`][] foretells the time that
+    this takes.
 
     **Arguments:** the map from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of
-    chains, for drifters that are dropped at phase 0 and may visit cells at any phase. **Returns:**
-    the cells in which drifters are dropped, and the numbers of cells that they may visit.
+    chains, for drifters that are dropped at phase 0 and visit cells at any phase. **Returns:** the
+    cells in which drifters are dropped, and the numbers of cells that they can reach.
 
     Two separate cells, the second of which leads to a third:
 
@@ -215,6 +222,23 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         cells.append(first)
         gained.append(new.size)
     return CoverageCurve(np.array(cells, np.int32), np.cumsum(gained).astype(np.int32))
+
+
+def coverage_seconds(chain: Chain | ChainSequence) -> float:
+    """Foretell the seconds that [`coverage_curve`][] takes, on one processor.
+
+    **Arguments:** the map, as for [`coverage_curve`][]. **Returns:** the seconds.
+
+    Four cells:
+
+        >>> from jaxcell import drift, examples
+        >>> drift.coverage_seconds(examples.stream()) < 1
+        True
+    """
+    label, matrix = _components(chain)
+    _, smallest = np.unique(label, return_index=True)
+    searches = np.count_nonzero(smallest[_sources(matrix)] < chain.cells)
+    return float(searches * (matrix.nnz + matrix.shape[0]) / _EDGES)
 
 
 def visible_deployment(

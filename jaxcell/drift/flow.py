@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from scipy.ndimage import correlate1d, distance_transform_edt
 
 from ..base.precision import require_x64
+from ..base.wide import traced
 from .currents.sphere import turned
 from .water import Water
 
@@ -63,8 +65,7 @@ class Flow:
         - `diffusivity`: diffusivity of unresolved motion, in m²/s.
         - `coast`: the rule at a coast, as for [`Water.of`][].
 
-        **Raises:** `ValueError` for a layer, record or diffusivity out of range; `RuntimeError` if
-        JAX is set to 32 bits.
+        **Raises:** `ValueError` for a layer, record or diffusivity out of range.
         """
         require_x64("a flow")
         if not (np.isfinite(diffusivity) and diffusivity >= 0):
@@ -85,9 +86,9 @@ class Flow:
         return cls(rate, jax.device_put(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
-    def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
+    def recorded(self) -> Float[Any, "records axes rows columns"]:
         """The rate at each record; in a periodic flow without the last, which repeats the first."""
-        rate = np.asarray(self.rate)
+        rate = self.rate if traced(self.rate) else np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
     def mean(self) -> "Flow":
@@ -211,6 +212,14 @@ def between(
     return value(rate[0]), value(rate[1])
 
 
+def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
+    """Find the row and column of the square of the grid that is nearest to each point."""
+    rows, columns = shape
+    row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
+    column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
+    return jnp.clip(row, 0, rows - 1), column
+
+
 def steps_in(seconds: float | int, duration: float | int) -> int:
     """Return the number of steps whose total duration is nearest to `seconds`, at least 1."""
     return max(1, round(seconds / duration))
@@ -230,7 +239,7 @@ def _neighbours(
     return near, jnp.minimum(near + 1, size - 1), coordinate - first
 
 
-def crossing_time(water: Water, flow: Flow) -> float:
+def crossing_time(water: Water, flow: Flow) -> Any:
     """Compute the time in seconds in which drifters move by one cell on average.
 
     The mean is over all cells and records. Alam 2018 takes steps "sufficiently long to cross a
@@ -238,7 +247,8 @@ def crossing_time(water: Water, flow: Flow) -> float:
     are their own images. In the time to cross the slowest cell, drifters in fast cells cross the
     map.
 
-    **Arguments:** the water and the flow of a layer. **Returns:** the time, more than 0.
+    **Arguments:** the water and the flow of a layer, whose rate may be traced by `jit`, `vmap` and
+    `grad`. **Returns:** the time, more than 0.
 
     At a mean speed of 0.54 m/s a drifter crosses a cell of a kilometre in half an hour:
 
@@ -248,7 +258,10 @@ def crossing_time(water: Water, flow: Flow) -> float:
         31
     """
     rate = flow.recorded
-    speed = np.hypot(rate[:, 0], rate[:, 1])[:, water.number >= 0]
+    xp = rate.__array_namespace__()
+    speed = xp.hypot(rate[:, 0], rate[:, 1])[:, water.number >= 0]
+    if traced(rate):
+        return 1 / speed.mean()
     mean = float(speed.sum()) / speed.size
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")

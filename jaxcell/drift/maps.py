@@ -1,9 +1,10 @@
 import dataclasses
 import math
-from collections.abc import Iterator
-from typing import TypeAlias
+from collections.abc import Callable, Iterator
+from typing import Any, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 import scipy.special
@@ -11,9 +12,10 @@ from jaxtyping import Array, Float, Int
 
 from ..base import memory
 from ..base.precision import require_x64
+from ..base.wide import traced
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
-from .advection import carried
+from .advection import advected, carried
 from .currents.sphere import turned
 from .drifting import drifted
 from .flow import Flow, crossing_time
@@ -23,6 +25,8 @@ from .water import NEIGHBORS, Water, on_grid, square
 
 # Diffusion is cut off at this number of standard deviations; the largest deviation in cells.
 _TAILS, _MAX_SPREAD = 3.5, 10
+# A deviation in cells that keeps a drifter in its square.
+_TINY = 1e-12
 # The number of points per call, unless the points along one side of all cells are more.
 _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
@@ -40,7 +44,7 @@ _Squares: TypeAlias = Int[np.ndarray, "_branches some"]
 
 
 def flow_map(
-    water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0
+    water: Water, flow: Flow, step: DriftStep, *, start: float | Any = 0.0
 ) -> Float[Array, "axes cells"]:
     """Compute the displacement of the centre of every cell (Alam 2018, section 5.4.2).
 
@@ -49,7 +53,8 @@ def flow_map(
     - `water`: the cells.
     - `flow`: the flow of the same layer.
     - `step`: the duration and the integration method; its other rules have no effect.
-    - `start`: the time at the beginning, in seconds as in `Flow.time`.
+    - `start`: the time at the beginning, in seconds as in `Flow.time`. The flow, the duration and
+        the time may be traced by `jit`, `vmap` and `grad`.
 
     **Returns:** the displacements along the axes x and y of the grid, in cells.
 
@@ -63,6 +68,9 @@ def flow_map(
     """
     duration = step.seconds(water, flow)
     x, y = np.stack([water.column, water.row]).astype(np.float64)
+    if traced(flow, duration, start):
+        ends = advected(flow, x, y, duration, start, step.method, step.substeps)
+        return jnp.stack([ends[0] - x, ends[1] - y])
     ends = carried(flow, x, y, duration, start, step.method, step.substeps)
     return jax.device_put(np.stack([ends[0] - x, ends[1] - y]))
 
@@ -81,8 +89,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Raises:** `ValueError` if the flow and the water are on different grids, if the coast is
     `"strand"` but the edge is not `"exit"`, if the diffusivity is too large, or if there is a
-    diffusivity but the spread is not `"sampled"`; `RuntimeError` if JAX is set to 32 bits;
-    `MemoryError` if the map does not fit into the free memory.
+    diffusivity but the spread is not `"sampled"`; `MemoryError` if the map does not fit into the
+    free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -134,7 +142,9 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
 
 
-def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequence:
+def drift_maps(
+    water: Water, flow: Flow, step: DriftStep, *, say: Callable[..., None] = lambda *_: None
+) -> Chain | ChainSequence:
     """Compute a map of the cells for each phase of a periodic flow.
 
     **Arguments:**
@@ -144,6 +154,8 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
     - `step`: a step whose duration divides the period or is a multiple of it, as from
         [`Flow.fitted`][]. Runge-Kutta substeps are halved until each is at most as long as the time
         between records, and moves drifters by at most half a cell on average.
+    - `say`: a function that is called before each map with the name of the stage, the number of
+        maps that are done, and their total.
 
     **Returns:** the sequence of the chains of the phases; or a single chain, if the flow is not
     periodic or a step lasts whole periods.
@@ -158,7 +170,10 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
         (2, 538)
     """
     step, starts = _phases(water, flow, step)
-    chains = [drift_map(water, flow, step, start=start) for start in starts]
+    chains = []
+    for number, start in enumerate(starts):
+        say(f"mapping {water.cells:,} cells at {water.depth:g} m", number, len(starts))
+        chains.append(drift_map(water, flow, step, start=start))
     return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
 
 
@@ -276,7 +291,9 @@ def _ends(
         x, y = carry(right[k : k + chunk], up[k : k + chunk])
         if flow.diffusivity:
             for point in zip(x, y, strict=True):
-                yield _diffused(*point, deviation)
+                # Drifters that have left do not diffuse back.
+                left = (step.edge == "exit") & water.left(*point)
+                yield _diffused(*point, np.where(left, _TINY, deviation))
         else:
             yield x, y, np.ones(x.shape)
 

@@ -9,7 +9,9 @@ from .sea import Sea
 
 
 def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
-    """Find the cells that a chain may visit, including the start.
+    """Find the cells that a chain can ever reach, including the start.
+
+    A cell can be reached if the chain visits it with any positive probability, after any time.
 
     **Arguments:** the chain; and the start: a cell, several cells, or a mask over the cells.
     **Returns:** a mask over the cells.
@@ -25,7 +27,7 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 
 
 def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
-    """Find the cells that drifters may visit in each layer in the long run (Alam 2018, Alg. 5.4).
+    """Find the cells that drifters can ever reach in each layer (Alam 2018, Alg. 5.4).
 
     At the start, drifters go down to every layer above the sea bed; then each stays in its layer.
 
@@ -46,7 +48,7 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
 
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
-    """Find the cells that a drifter may visit if it goes up and down at any time.
+    """Find the cells that a drifter can ever reach if it goes up and down at any time.
 
     These are the cells to which some policy leads with positive probability. Algorithm 5.4 of Alam
     2018 finds only some of them.

@@ -225,8 +225,10 @@ def _leaving_times(
 
     It is `inf` for a state from which a drifter may stay in the set forever.
     """
+    can_leave = (matrix @ (~inside).astype(float) > 0) | (leaving_rows(matrix) > 0)
     inner = matrix[inside][:, inside].tocsr()
-    stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))
-    time = np.where(stuck, np.inf, 0.0)
-    time[~stuck], _ = leaving_times(inner, ~stuck)
+    stuck = reaching(inner, ~reaching(inner, can_leave[inside]))
+    time, passed = np.where(stuck, np.inf, 0.0), inside.copy()
+    passed[inside] = ~stuck
+    time[~stuck], _ = leaving_times(matrix, passed)
     return time

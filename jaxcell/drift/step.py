@@ -1,8 +1,10 @@
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from ..base.wide import traced
 from .advection import METHODS as INTEGRATORS
 from .flow import Flow, crossing_time
 from .water import Water
@@ -33,9 +35,9 @@ class DriftStep:
         (3600.0, 'sampled', 'exit')
     """
 
-    duration: float | int | None = None
+    duration: float | Any = None
     """The duration in seconds, negative for a step backward in time; by default the
-    [`jaxcell.drift.crossing_time`][]."""
+    [`jaxcell.drift.crossing_time`][]. JAX may trace it for [`jaxcell.drift.flow_map`][]."""
     spread: str = "turned"
     """The rule for disturbances. With `"turned"`, they turn the displacement by 45 degrees to
     either side. With `"all"`, they lead to the eight neighbours of the image; then connected water
@@ -59,7 +61,8 @@ class DriftStep:
     "The number of steps of the integration method in each step of the map."
 
     def __post_init__(self) -> None:
-        if self.duration is not None and not (np.isfinite(self.duration) and self.duration != 0):
+        concrete = self.duration is not None and not traced(self.duration)
+        if concrete and not (np.isfinite(self.duration) and self.duration != 0):
             raise ValueError(
                 f"duration: expected a number of seconds other than 0, got {self.duration}"
             )
@@ -73,11 +76,11 @@ class DriftStep:
             if (value := getattr(self, name)) < 1:
                 raise ValueError(f"{name}: expected 1 or more, got {value}")
 
-    def lasting(self, duration: float | int | None) -> "DriftStep":
+    def lasting(self, duration: float | Any) -> "DriftStep":
         """Return this step with another duration, in seconds."""
         return dataclasses.replace(self, duration=duration)
 
-    def seconds(self, water: Water, flow: Flow) -> float:
+    def seconds(self, water: Water, flow: Flow) -> Any:
         """Return the duration of the step in seconds, by default the crossing time of the flow."""
         if flow.rate.shape[2:] != water.number.shape:
             raise ValueError(
@@ -89,7 +92,9 @@ class DriftStep:
                 f"flow: wraps: expected {water.wraps} as for this water, got {flow.wraps}; only "
                 "one of them goes round the Earth"
             )
-        return crossing_time(water, flow) if self.duration is None else float(self.duration)
+        if self.duration is None:
+            return crossing_time(water, flow)
+        return self.duration if traced(self.duration) else float(self.duration)
 
     def check_duration(self, crossing: float) -> None:
         """Raise `ValueError` unless the duration is 0.001 to 1000 times the crossing time."""

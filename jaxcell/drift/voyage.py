@@ -8,10 +8,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
 from ..mapping import Chain
+from ..mapping.sequence import check_steps
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
-from ..markov.decision import DecisionModel, Optimum, policy_chain, value_iteration
+from ..markov.decision import DecisionModel, policy_chain
+from ..markov.discounted import Optimum, value_iteration
 from ..markov.hitting import cell_mask
-from ..markov.passage import check_steps, start_distribution
+from ..markov.passage import start_distribution
 from ..markov.shortest_path import ShortestPath, stochastic_shortest_path
 from .sea import Sea
 

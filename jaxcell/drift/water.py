@@ -215,6 +215,13 @@ class Water:
         at = row.clip(0, rows - 1), column.clip(0, columns - 1)
         return np.where(inside, self.number[at], np.int32(-1)), inside & self.land[at]
 
+    def left(
+        self, x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
+    ) -> Bool[np.ndarray, "*points"]:
+        """Mark the points off the grid, in sea without data or, if drifters strand, on land."""
+        cell, land = self.at(*square(x, y))
+        return (cell < 0) & ~(land & (self.coast != "strand"))
+
     def on_columns(self, x: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
         """Wrap x coordinates onto the grid, if its columns go round the Earth."""
         return (x + 0.5) % self.number.shape[1] - 0.5 if self.wraps else x
@@ -242,10 +249,10 @@ class Water:
             so that its cell is -1. With the coast `"strand"`, drifters that end on land leave too.
         """
         origin = np.arange(self.cells) if origin is None else origin
-        cell, land = self.at(*square(x, y))
+        cell, _ = self.at(*square(x, y))
         ashore = (cell < 0) | (self.piece[cell] != self.piece[origin])
         if exits:
-            ashore &= (cell >= 0) | (land & (self.coast != "strand"))
+            ashore &= ~self.left(x, y)
         branch, point = np.nonzero(ashore)
         came = origin[point]
         for piece in np.unique(self.piece[came]):

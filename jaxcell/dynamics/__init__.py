@@ -22,7 +22,8 @@ small: cells that are their own images, images that differ with steps of half th
 that lead to a saddle. A map that preserves volumes has groups but no attractors: results then
 report that orbits had not settled, or that most cells are periodic.
 
-`images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box.
+`images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box,
+and `moved` estimates the errors of a chain.
 `refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find
 boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, `wada`, `overlap`,
 `uncertainty_exponent` and `minimal_critical_shock` measure basins.

@@ -5,11 +5,11 @@ from .boundary.refinement import (
     refined as refined,
     relative_attractor as relative_attractor,
 )
-from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
 from .large.stored import Foretold as Foretold, foretold as foretold, stored_basins as stored_basins
 from .maps import Flow as Flow, Map as Map, flow as flow, section as section, strobe as strobe
+from .noise.chains import chain as chain, moved as moved
 from .outer.images import (
     Corners as Corners,
     Intervals as Intervals,

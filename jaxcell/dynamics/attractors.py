@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,9 +14,11 @@ from jaxtyping import Bool, Float, Int
 from ..mapping import PeriodicGroups
 from ..space.box import Box
 from .batches import padded, params_of, slices, stacked
+from .cycles import period, settled_cycles
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
+from .returns import return_times
 
 
 # Number of orbits from each group and, while groups have several, the largest total number.
@@ -25,15 +28,16 @@ _MAX_STARTS = 1 << 12
 MAX_GROUPS = 1 << 13
 SCATTERED = 256
 """Default number of orbits from random points, which find attractors that periodic groups miss."""
+# Distance in cells from a point to a face at which it counts as on both sides.
+_BESIDE = 1e-3
 # Number of mappings in the observed window.
 _WINDOW = 256
 _GOLDEN = (5**0.5 - 1) / 2
 # Mappings before the window, which double until the merged orbits stay the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
-# Mappings after which chaos counts as lasting, and the largest number of orbits checked for it.
-_LASTING = 1 << 11
-_MOST_CHECKED = 64
+# Least number of steps of a flow per mapping before the window.
+_LEAST_STEPS = 32
 # Mappings per cell of the box, in total, to find the attractors of the other groups.
 _SHARED = 64
 # Number of orbits of other groups that are followed at once.
@@ -58,7 +62,12 @@ class Attractors:
     ends: Int[np.ndarray, "scattered"]
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
+    period: Int[np.ndarray, "attractors"]
+    return_time: Float[np.ndarray, "attractors"] | None
+    lower: Float[np.ndarray, "attractors axes"]
+    upper: Float[np.ndarray, "attractors axes"]
     settled: bool
+    neutral: bool
 
 
 def attractors(
@@ -92,6 +101,7 @@ def attractors(
     ends: dict[int, np.ndarray] = {}
     results: dict[int, Attractors] = {}
     done, more = 0, _SETTLE
+    steps = max(map.usual, _LEAST_STEPS) if isinstance(map, Flow) else 1
     while start:
         rows = np.concatenate([*start.values()])
         sizes = [len(points) for points in start.values()]
@@ -100,27 +110,18 @@ def attractors(
         done = more = done + more
         for k, orbit in zip([*start], np.split(orbits, np.cumsum(sizes)[:-1]), strict=True):
             before, ends[k] = ends.get(k), merged(box, orbit, follow)
-            settled = before is not None and np.array_equal(before, ends[k])
-            if settled and not isinstance(map, Flow):
-                settled = not _transient(map, box, params, k, orbit, ends[k])
+            same = before is not None and np.array_equal(before, ends[k])
+            cycles, neutral = None, False
+            if same:
+                ages = done * steps, _MAX_SETTLE * steps
+                cycles, neutral = settled_cycles(map, box, members[k], orbit, ends[k], *ages)
             start[k] = orbit[:, -1]
-            if settled or done >= _MAX_SETTLE:
+            if cycles is not None or neutral or done >= _MAX_SETTLE:
                 own = groups[k], begun[k], orbit, ends[k], starts[k][begun[k].size :]
-                results[k] = _of_orbits(box, *own, settled)
+                results[k] = _of_orbits(map, box, members[k], *own, cycles, neutral)
                 _lead_others(map, box, members[k], groups[k], begun[k], results[k], follow)
                 del start[k]
     return [results[k] for k in range(len(members))]
-
-
-def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Count the points in one period of an orbit; 0 if it does not repeat to within 1e-3 cells."""
-    near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
-    half = near.size // 2
-    back = np.flatnonzero(near[1:half])
-    if not back.size:
-        return 0
-    steps = int(back[0]) + 1
-    return steps if near[:half:steps].all() else 0
 
 
 def _starts(
@@ -168,18 +169,22 @@ def cells_of(
 
 
 def _of_orbits(
+    map: Map,
     box: Box,
+    params: Any,
     groups: PeriodicGroups,
     begun: Int[np.ndarray, "of_groups"],
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
     starts: Float[np.ndarray, "scattered axes"],
-    settled: bool,
+    cycles: dict[int, Float[np.ndarray, "_ axes"]] | None,
+    neutral: bool,
 ) -> Attractors:
     """Build the result from orbits; `end` is the attractor that each orbit reaches, or -1 for none.
 
     The first orbits start in the groups `begun`, and the others at the random points `starts`. The
-    argument `settled` is `True` if longer orbits reach the same attractors.
+    argument `cycles` has the attractors that are cycles of points; it is `None` if orbits have not
+    settled.
     """
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.
@@ -200,17 +205,41 @@ def _of_orbits(
     by_end = np.argsort(end, kind="stable")
     first_of = np.searchsorted(end[by_end], np.arange(count + 1))
     each = np.split(by_end, first_of)[1:-1]
-    visited = (np.unique(box.index(orbit[own])) for own in each)
+    visited = [np.unique(box.index(orbit[own])) for own in each]
+    shape = count, box.dimensions
+    lower = np.reshape([np.nanmin(orbit[own], axis=(0, 1)) for own in each], shape)
+    upper = np.reshape([np.nanmax(orbit[own], axis=(0, 1)) for own in each], shape)
+    shown = orbit[by_end[first_of[:-1]]]
+    for k, cycle in (cycles or {}).items():
+        shown[k] = np.resize(cycle, shown[k].shape)
+        lower[k], upper[k] = cycle.min(axis=0), cycle.max(axis=0)
+        # A point on a face belongs to the cells on both sides, from which orbits approach it.
+        beside = itertools.product((-_BESIDE, _BESIDE), repeat=box.dimensions)
+        visited[k] = np.unique(box.index(cycle[:, None] + np.array([*beside]) * box.width))
+    periods = np.array([period(own, box) for own in shown], np.int64)
+    time: np.ndarray | None = None
+    if isinstance(map, Flow):
+        # Points of a flow are observed in uneven steps, after which only a point is back.
+        periods[periods > 1] = 0
+        time = np.zeros(count)
+        time[periods == 0] = return_times(map, box, params, shown[periods == 0, 0])
+    elif (duration := getattr(map, "duration", None)) is not None:
+        time = duration * np.where(periods > 0, periods, np.inf)
     return Attractors(
         of_group=of_group,
         several=several,
         count=count,
-        orbit=orbit[by_end[first_of[:-1]]],
+        orbit=shown,
         sampled=np.bincount(anywhere + 1, minlength=count + 1)[1:] / anywhere.size,
         starts=starts,
         ends=anywhere,
         cells=tuple(cells[cells < box.size] for cells in visited),
-        settled=settled,
+        period=periods,
+        return_time=time,
+        lower=lower,
+        upper=upper,
+        settled=cycles is not None,
+        neutral=neutral,
     )
 
 
@@ -249,24 +278,6 @@ def _first_cells(
     return np.concatenate(cells)
 
 
-def _transient(
-    map: Map,
-    box: Box,
-    params: Any,
-    member: int,
-    orbit: Float[np.ndarray, "starts window axes"],
-    end: Int[np.ndarray, "starts"],
-) -> bool:
-    """Check whether an orbit on an attractor seems chaotic, but later becomes periodic."""
-    _, first = np.unique(end, return_index=True)
-    chaotic = [k for k in first if end[k] >= 0 and period(orbit[k], box) == 0][:_MOST_CHECKED]
-    if not chaotic:
-        return False
-    last, members = orbit[chaotic, -1], np.full(len(chaotic), member)
-    later = _orbits(map, box, params, members, last, _LASTING)
-    return any(period(each, box) > 0 for each in later)
-
-
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
@@ -287,7 +298,8 @@ def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle:
             y, window = state
             looked, place = k >= settle, jnp.maximum(k - settle, 0)
             if isinstance(map, Flow):
-                steps, part = jnp.where(looked, 1, map.usual), jnp.where(looked, parts[place], 1)
+                usual = max(map.usual, _LEAST_STEPS)
+                steps, part = jnp.where(looked, 1, usual), jnp.where(looked, parts[place], 1)
                 y = map.ahead(y, own, steps, part)
             else:
                 y = map(y, own)

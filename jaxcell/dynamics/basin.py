@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.indices import check_whole
 from ..base.quantities import derived, from_part, quantity
 from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
-from .batches import slices
+from .answers import answer_of, kind_of, rounded
+from .arrival import mean_arrivals, means_over_cells
+from .batches import slices, totals
 from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import OnBox, Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from .maps import Flow, Map
@@ -46,7 +49,9 @@ class Basins(OnBox):
     "The group that each cell leads to. Groups are ordered by lowest cell, with the two sinks last."
     step: Annotated[
         Int[np.ndarray, "cells"],
-        quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
+        quantity(
+            "cell", "mappings to its group of cells; by orbits: to its attractor", kind="count"
+        ),
     ]
     group_period: Int[np.ndarray, "groups"]
     "Number of cells in each group; there are no entries for the two sinks."
@@ -69,21 +74,57 @@ class Basins(OnBox):
     "The attractor on which the orbit from each of `starts` ends, or -1 if it ends on no attractor."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
+    period: Annotated[
+        Int[np.ndarray, "attractors"],
+        quantity(
+            "attractor", "mappings after which an orbit is back, 0 if not within 127", kind="count"
+        ),
+    ]
+    return_time: Annotated[
+        Float[np.ndarray, "attractors"] | None,
+        quantity("attractor", "time after which an orbit is back, 0 for a point", kind="time"),
+    ]
+    """The period of each cycle: 0 for equilibria of flows, and infinite if an orbit is not back
+    within 127 mappings. For a flow, it is measured from orbits of 16,384 steps."""
+    lower: Annotated[
+        Float[np.ndarray, "attractors axes"],
+        quantity("attractor axis", "lowest coordinates of the attractor", listed=True),
+    ]
+    upper: Annotated[
+        Float[np.ndarray, "attractors axes"],
+        quantity("attractor axis", "highest coordinates of the attractor", listed=True),
+    ]
     settled: Annotated[
-        bool, quantity("", "whether longer orbits gave the same attractors", kind="flag")
+        bool, quantity("", "whether orbits reached the attractors and stay on them", kind="flag")
     ]
     changed: Annotated[
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
+    neutral: bool = False
+    "`True` if an orbit that is back has a direction in which others neither approach nor leave it."
     torn: tuple[int, ...] = ()
     "The periodic axes at whose lower and upper ends the map has different values."
     duration: float | None = None
     "The duration of each mapping; `None` if it differs between cells, or if it is not defined."
     time: Annotated[
         Float[np.ndarray, "cells"] | None,
-        quantity("cell", "time until the cell is on its group or attractor", kind="time"),
+        quantity("cell", "time to its group of cells", kind="time"),
     ] = None
     "The time inside the box from each cell to its group; `None` if only `step` was computed."
+    mean_steps: Annotated[
+        Float[np.ndarray, "attractors"] | None,
+        quantity("attractor", "mean mappings to the attractor", "mappings", kind="time"),
+    ] = None
+    """The mean over its cells by orbits, or if groups are exactly the attractors. Else the mean
+    until orbits from `starts` first are in a cell of the attractor; NaN if that is not known."""
+    mean_steps_error: Annotated[
+        Float[np.ndarray, "attractors"] | None,
+        quantity("attractor", "its standard error, 0 if over all cells", "mappings", kind="time"),
+    ] = None
+    mean_time: Annotated[
+        Float[np.ndarray, "attractors"] | None,
+        quantity("attractor", "mean time to the attractor", kind="time"),
+    ] = None
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
     follow: int = 0
@@ -102,7 +143,7 @@ class Basins(OnBox):
         kind="count",
     )
     edge_unstable = from_part(
-        "edges.unstable", "edge", "unstable directions, -1 if unknown", kind="index"
+        "edges.unstable", "edge", "unstable directions, -1 if unknown", "1", kind="index"
     )
     edge_point = from_part("edges.point", "edge axis", "a point of the state", listed=True)
 
@@ -132,28 +173,18 @@ class Basins(OnBox):
     def cells_on(self) -> Int[np.ndarray, "attractors"]:
         return np.array([cells.size for cells in self.attractor_cells], np.int64)
 
-    @derived("attractor", "mappings after which an orbit is back, 0 if it never is", kind="count")
-    def period(self) -> Int[np.ndarray, "attractors"]:
-        return np.array([of_map.period(orbit, self.box) for orbit in self.orbit], np.int64)
+    @derived("attractor", "kind of the attractor: point, cycle or neither", kind="text")
+    def kind(self) -> list[str]:
+        return [kind_of(self, k) for k in range(self.attractors)]
 
-    @derived("attractor", "mean mappings to the attractor", "step", kind="time")
-    def mean_steps(self) -> Float[np.ndarray, "attractors"]:
-        return self._mean(self.step)
-
-    @derived("attractor", "mean time to the attractor", kind="time")
-    def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
-        if self.time is None:
-            return None if self.duration is None else self.duration * self.mean_steps
-        return self._mean(self.time)
+    @derived("attractor axis", "a point of the attractor", listed=True)
+    def point(self) -> Float[np.ndarray, "attractors axes"]:
+        return rounded(self.box, self.orbit[:, 0])
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
-        """Time from each cell to its group or attractor; in mappings if these have no duration."""
+        """Time from each cell to its group of cells, or by orbits to its attractor; see `step`."""
         return self.step * (self.duration or 1.0) if self.time is None else self.time
-
-    def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
-        cells = totals(self.basin, self.attractors)
-        return totals(self.basin, self.attractors, of_cells) / np.maximum(1, cells)
 
     @derived("", "random starts that end elsewhere than their cells lead", kind="share")
     def disagreement(self) -> float:
@@ -185,6 +216,10 @@ class Basins(OnBox):
         if self.map is None or self.disagreement <= DOUBTFUL:
             return None
         return tried(self.map, self)
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        return answer_of(self)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -247,6 +282,13 @@ def basins_of_each(
     say: Say | None = None,
 ) -> list[Basins]:
     """Compute [`basins`][jaxcell.dynamics.basins] for each set of parameters in `members`."""
+    follow, seed = check_whole("follow", follow), check_whole("seed", seed)
+    if by not in ("cells", "orbits"):
+        raise ValueError(f"by: expected cells or orbits, got {by!r}")
+    if dtype is not None:
+        dtype = np.dtype(dtype).newbyteorder("=")
+        if dtype not in (np.float32, np.float64):
+            raise ValueError(f"dtype: expected float32 or float64, got {dtype}")
     check_map(map, box, members[0])
     torn = torn_axes(map, box, members, labels)
     duration = getattr(map, "duration", None)
@@ -277,7 +319,9 @@ def basins_of_each(
             known["several"] = np.zeros(box.size, bool)
         elif len(members) == 1:
             known["map"] = map
-        each.append(dataclasses.replace(basins, **known))
+        basins = dataclasses.replace(basins, **known)
+        means = means_over_cells(basins) if by == "orbits" else mean_arrivals(map, basins)
+        each.append(dataclasses.replace(basins, **means))
     return each
 
 
@@ -291,17 +335,6 @@ def _time_sums(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.nd
             part = cells[chunk]
             time[part] = lasts[part] + time[basins.image[part]]
     return time[:-2]
-
-
-def totals(
-    label: Int[np.ndarray, "rows"], count: int, weight: np.ndarray | None = None
-) -> Float[np.ndarray, "labels"]:
-    """Count the rows with each of the labels 0 to `count - 1`, or sum the weights of these rows."""
-    total = np.zeros(count)
-    for part in slices(label.size):
-        own = None if weight is None else weight[part]
-        total += np.bincount(label[part] + 1, own, minlength=count + 1)[1:]
-    return total
 
 
 def by_cells(
@@ -347,6 +380,11 @@ def by_cells(
         starts=attractors.starts,
         ends=rank[attractors.ends],
         attractor_cells=tuple(attractors.cells[k] for k in order),
+        period=attractors.period[order],
+        return_time=None if attractors.return_time is None else attractors.return_time[order],
+        lower=rounded(box, attractors.lower[order]),
+        upper=rounded(box, attractors.upper[order]),
         settled=attractors.settled,
+        neutral=attractors.neutral,
         changed=changed,
     )

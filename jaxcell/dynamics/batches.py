@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
+from ..base.precision import has_x64
 from ..mapping.section import bucket
 
 
@@ -27,6 +29,17 @@ def slices(size: int) -> Iterator[slice]:
     """Yield slices of at most `CHUNK` entries that cover an array of `size` entries."""
     for first in range(0, size, CHUNK):
         yield slice(first, min(first + CHUNK, size))
+
+
+def totals(
+    label: Int[np.ndarray, "rows"], count: int, weight: np.ndarray | None = None
+) -> Float[np.ndarray, "labels"]:
+    """Count the rows with each of the labels 0 to `count - 1`, or sum the weights of these rows."""
+    total = np.zeros(count)
+    for part in slices(label.size):
+        own = None if weight is None else weight[part]
+        total += np.bincount(label[part] + 1, own, minlength=count + 1)[1:]
+    return total
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:
@@ -82,5 +95,12 @@ def _coarse(rows: int) -> int:
 
 def in_threads(compute: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
     """Apply `compute` to `parts` on two threads, because XLA leaves cores idle between parts."""
+    # A thread does not inherit the context that turns on 64-bit numbers.
+    wide = has_x64()
+
+    def compute_alike(part: Part) -> Value:
+        with jax.enable_x64(wide):
+            return compute(part)
+
     with ThreadPoolExecutor(2) as pool:
-        yield from pool.map(compute, parts)
+        yield from pool.map(compute_alike, parts)

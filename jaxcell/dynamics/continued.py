@@ -3,12 +3,13 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from ..base.quantities import Result, derived, quantity
+from ..base.quantities import Result, derived, quantities, quantity
 from ..space.box import Box
+from .answers import answer_along
 from .basin import Basins, basins_of_each
 from .batches import in_threads
 from .imaging import Say
@@ -23,12 +24,27 @@ _SCATTERED = 64
 _FAR = 0.1
 
 
+def _of_each(name: str) -> Any:
+    """Define a quantity of each attractor for each set of parameters, as in [`Basins`][]."""
+    about = quantities(Basins)[name]
+    dims = " ".join(["branch", *about.dims[1:]])
+
+    def values(branches: "Continuation") -> Any:
+        parts = [getattr(member, name) for member in branches.members]
+        if about.kind == "text":
+            return [text for part in parts for text in part]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    options = {"kind": about.kind, "listed": about.listed}
+    return derived(dims, about.meaning, about.units, **options)(values)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Continuation(Result):
     """Attractors and basins along a list of parameters; matching attractors have the same name."""
 
     title: ClassVar[str] = "Attractors along parameters"
-    tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
+    tables: ClassVar[Mapping[str, str]] = {"branch": "branch", "member": "members", "name": "names"}
 
     params: Mapping[str, Float[np.ndarray, "members"]]
     "The values of each parameter that varies, by the name of the parameter."
@@ -41,6 +57,10 @@ class Continuation(Result):
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
     ]
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        return answer_along(self)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -67,9 +87,29 @@ class Continuation(Result):
     def count(self) -> Int[np.ndarray, "members"]:
         return np.array([member.attractors for member in self.members], np.int64)
 
+    @derived("member", "whether orbits reached the attractors and stay on them", kind="flag")
+    def settled(self) -> Bool[np.ndarray, "members"]:
+        return np.array([member.settled for member in self.members], bool)
+
     @derived("member", "cells that lead out of the box", kind="share")
     def outside_share(self) -> Float[np.ndarray, "members"]:
         return np.array([member.outside_share for member in self.members])
+
+    @derived("branch", "parameters that vary", kind="text")
+    def branch_parameters(self) -> list[str]:
+        each = zip(self.parameters, self.label, strict=True)
+        return [where for where, own in each for _ in own]
+
+    @derived("branch", "name of the attractor", kind="index")
+    def branch_name(self) -> Int[np.ndarray, "branches"]:
+        return np.concatenate([np.zeros(0, np.int64), *self.label])
+
+    branch_kind = _of_each("kind")
+    branch_period = _of_each("period")
+    branch_return_time = _of_each("return_time")
+    branch_point = _of_each("point")
+    branch_lower = _of_each("lower")
+    branch_upper = _of_each("upper")
 
     @derived("name", "first parameters with the attractor, by their number", kind="index")
     def appears(self) -> Int[np.ndarray, "names"]:

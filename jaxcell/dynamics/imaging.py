@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.indices import check_whole
 from ..base.quantities import Result
+from ..base.wide import traced
 from ..space.box import Box
 from .batches import CHUNK, in_stages, in_threads, padded, params_of, stacked
 from .maps import Flow, Map
@@ -22,14 +24,17 @@ _STAGE = 8
 Say = Callable[[str, int, int], None]
 
 
-def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np.ndarray, "cells"]:
+def images(
+    map: Map, box: Box, params: Any = None, *, follow: int = 0
+) -> Int[Array | np.ndarray, "cells"]:
     """Map the centre of every cell, in chunks of 262,144 cells on two threads.
 
     **Arguments:**
 
     - `map`: a [`Map`][jaxcell.dynamics.Map].
     - `box`: the cells.
-    - `params`: the parameters of the map, its second argument.
+    - `params`: the parameters of the map, its second argument. They may be traced by `jit` and
+        `vmap`, with all chunks in one program.
     - `follow`: number of further mappings after which an image outside the box counts as lost.
         Transients and attractors may leave the box and return.
 
@@ -43,6 +48,9 @@ def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
     check_map(map, box, params)
+    follow = check_whole("follow", follow)
+    if traced(params):
+        return _traced_images(map, box, params, follow)
     return images_of_each(map, box, [params], follow=follow)[0]
 
 
@@ -230,20 +238,24 @@ def _cross(
     """
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
-        own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
-
-        def step(_, state):  # type: ignore[no-untyped-def]
-            y, taken, away = state
-            before = jnp.stack(y)
-            y = tuple(jnp.where(away, before, map.one(before, own)))
-            return y, jnp.where(away, taken, taken + 1), _away(map, box, here, y)
-
-        # Components are separate, as in a step.
-        state = tuple(x), taken, _away(map, box, here, x)
-        y, taken, away = jax.lax.fori_loop(0, steps, step, state)
-        return jnp.stack(y), taken, box.index(jnp.stack(y)), away
+        return _cross_one(map, box, params_of(params, member), cell, x, taken, steps)
 
     return jax.vmap(cross)(members, cells, points, taken)
+
+
+def _cross_one(map: Flow, box: Box, own: Any, cell: Any, x: Any, taken: Any, steps: Any) -> Any:
+    here = box.coordinates(cell).astype(x.dtype)
+
+    def step(_, state):  # type: ignore[no-untyped-def]
+        y, taken, away = state
+        before = jnp.stack(y)
+        y = tuple(jnp.where(away, before, map.one(before, own)))
+        return y, jnp.where(away, taken, taken + 1), _away(map, box, here, y)
+
+    # Components are separate, as in a step.
+    state = tuple(x), taken, _away(map, box, here, x)
+    y, taken, away = jax.lax.fori_loop(0, steps, step, state)
+    return jnp.stack(y), taken, box.index(jnp.stack(y)), away
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
@@ -261,7 +273,7 @@ def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps
     return jax.vmap(follow)(members, points)
 
 
-def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
+def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: Any) -> Any:
     def lost(state):  # type: ignore[no-untyped-def]
         y, left = state
         return (box.index(y) == box.outside) & (left > 0)
@@ -281,12 +293,38 @@ def _images(
     dtype: Any,
 ) -> tuple[Int[Array, "members size"], Float[Array, "members size"] | None]:
     def image(member, cell):  # type: ignore[no-untyped-def]
-        own = params_of(params, member)
-        x = box.centre(cell, dtype)
-        y, time = map.timed(x, own) if hasattr(map, "timed") else (map(x, own), None)
-        return (_until_inside(map, box, y, own, follow) if follow else box.index(y)), time
+        return _image(map, box, params_of(params, member), cell, follow, dtype)
 
     return jax.vmap(lambda member: jax.vmap(lambda cell: image(member, cell))(cells))(members)
+
+
+def _image(map: Map, box: Box, own: Any, cell: Any, follow: int, dtype: Any) -> tuple[Any, Any]:
+    x = box.centre(cell, dtype)
+    y, time = map.timed(x, own) if hasattr(map, "timed") else (map(x, own), None)
+    return (_until_inside(map, box, y, own, follow) if follow else box.index(y)), time
+
+
+def _traced_images(map: Map, box: Box, params: Any, follow: int) -> Int[Array, "cells"]:
+    """Compute [`images`][jaxcell.dynamics.images] in a program that JAX traces."""
+    kind = jnp.zeros(()).dtype
+    own = jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), params)
+
+    def image(cell: Any) -> Any:
+        if not (isinstance(map, Flow) and map.crossing):
+            return _image(map, box, own, cell, follow, kind)[0]
+
+        def stage(state: Any) -> Any:
+            k, x, taken, *_ = state
+            steps = jnp.minimum(_STAGE, map.steps - k)
+            return k + steps, *_cross_one(map, box, own, cell, x, taken, steps)
+
+        state = jnp.zeros_like(cell), box.centre(cell, kind), *[jnp.zeros_like(cell)] * 2, cell < 0
+        _, x, _, index, _ = jax.lax.while_loop(
+            lambda state: (state[0] < map.steps) & ~state[-1], stage, state
+        )
+        return _until_inside(map.one, box, x, own, follow * map.steps) if follow else index
+
+    return jax.lax.map(image, jnp.arange(box.size, dtype=jnp.int32), batch_size=CHUNK)
 
 
 def _images_of(

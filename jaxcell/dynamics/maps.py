@@ -4,8 +4,10 @@ from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.indices import check_whole
 from .sines import with_sines
 
 
@@ -184,11 +186,11 @@ def flow(
         >>> np.allclose(jax.jit(turn)(np.array([1.0, 0.0]), {}), [-1, 0], atol=1e-5)
         True
     """
-    _positive(dt=dt, crossed=crossed, max_steps=max_steps)
-    if steps == "crossing":
-        return Flow(field, float(dt), int(max_steps), crossing=int(crossed))
-    _positive(steps=steps)
-    return Flow(field, float(dt), int(steps))
+    dt = _positive("dt", dt)
+    crossed, max_steps = check_whole("crossed", crossed, 1), check_whole("max_steps", max_steps, 1)
+    if isinstance(steps, str) and steps == "crossing":
+        return Flow(field, dt, max_steps, crossing=crossed)
+    return Flow(field, dt, check_whole("steps", steps, 1))
 
 
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
@@ -205,8 +207,7 @@ def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> 
         >>> np.allclose(jax.jit(pushed)(np.array([0.5]), {}), 0.5, atol=1e-6)
         True
     """
-    _positive(period=period, steps=steps)
-    return Strobe(field, float(period), int(steps))
+    return Strobe(field, _positive("period", period), check_whole("steps", steps, 1))
 
 
 def section(
@@ -249,14 +250,14 @@ def section(
         >>> np.allclose(jax.jit(returns)(np.array([1.0]), {}), np.exp(-np.pi / 5), atol=1e-5)
         True
     """
-    _positive(dt=dt, max_steps=max_steps)
-    return Section(Flow(field, float(dt), 1), surface, lift, project, int(max_steps))
+    one = Flow(field, _positive("dt", dt), 1)
+    return Section(one, surface, lift, project, check_whole("max_steps", max_steps, 1))
 
 
-def _positive(**numbers: Any) -> None:
-    for name, value in numbers.items():
-        if not (isinstance(value, int | float) or hasattr(value, "__float__")) or not value > 0:
-            raise ValueError(f"{name}: expected a number above 0, got {value!r}")
+def _positive(name: str, value: Any) -> float:
+    if not hasattr(value, "__float__") or np.ndim(value) or not 0 < value < np.inf:
+        raise ValueError(f"{name}: expected a finite number above 0, got {value!r}")
+    return float(value)
 
 
 def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:

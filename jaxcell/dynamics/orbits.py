@@ -73,7 +73,8 @@ def orbit_ends(
     """Follow points for at most `most` mappings, to find the attractors that they reach.
 
     `owner` is a result of `attractor_owners`. Returns the attractor whose cells each point visited
-    `visits` times, or `NONE` or `OUTSIDE`, and the number of mappings until the first visit.
+    `visits` times, or `NONE` or `OUTSIDE`, and the number of mappings until the first visit,
+    which is 0 for a point that starts there.
     """
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
@@ -89,6 +90,7 @@ def orbit_ends(
     begun, seen, away = np.zeros((3, len(points)), np.int32)
     label = np.full(len(points), NONE, np.int32)
     basin, since = in_stages((points, label, begun, seen, away), stage)
+    since[(basin >= 0) & (owner[box.index(points)] == basin)] = 0
     return basin, since
 
 

@@ -21,7 +21,8 @@ def basin_stability(
 
     **Arguments:** basins; a function that computes the density at points `[cells, axes]`, up to a
     factor (by default all starts are equally likely); and the time within which starts must reach
-    their attractor, in mappings if a mapping has no duration.
+    their attractor, in mappings if a mapping has no duration. Basins by cells have the time to a
+    group of cells, which may be earlier: take basins by orbits.
 
     **Returns:** shares, which sum to less than 1 if starts leave the box.
 

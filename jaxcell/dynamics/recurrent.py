@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.indices import check_whole
 from ..space.box import Box
 from .batches import padded
 from .imaging import check_begin, check_map, mapped_points
@@ -49,6 +50,7 @@ def unstable_set(
         >>> dynamics.unstable_set(lambda x, p: 2 * x, box, [[2.5]]).tolist()
         [2, 4, 5, 6]
     """
+    samples = check_whole("samples", samples, 2)
     check_map(map, box, params)
     check_begin(map, box, params)
     reached = np.zeros(box.size, bool)

@@ -33,18 +33,31 @@ def remarks_on(basins: Any) -> tuple[str, ...]:
     # Three standard errors of the sampled shares.
     doubt = 3 * np.sqrt(basins.sampled * (1 - basins.sampled) / len(basins.starts)) + 0.02
     doubted = np.flatnonzero(np.abs(basins.fraction - basins.sampled) > doubt)
-    advice = "." if basins.trial else ": take basins by orbits, or more cells."
+    advice = ""
+    if basins.trial is None:
+        advice = ": take basins by orbits, or more cells"
+        if basins.left.any():
+            advice += "; if orbits leave the box and come back, a larger `follow`"
     for k in doubted[:_MOST_DOUBTED]:
         remarks.append(
             f"Attractor {k} has {basins.fraction[k]:.1%} of the cells, but {basins.sampled[k]:.1%} "
-            f"of the orbits from random starts end on it{advice}"
+            f"of the orbits from random starts end on it{advice}."
         )
     if doubted.size > _MOST_DOUBTED:
         remarks.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
-    if not basins.settled:
+    if basins.neutral:
         remarks.append(
-            "Orbits had not settled: there may be too many attractors; a map that preserves "
-            "volumes has none."
+            "Orbits had not settled: some are back where they were, but a direction there neither "
+            "attracts nor repels, as with a conserved quantity, or a continuum of points or "
+            "cycles. The number of attractors depends on the cells."
+        )
+    elif not basins.settled:
+        remarks.append(
+            "Orbits had not settled: some do not approach an attractor exponentially, but with "
+            "powers of time, as at a bifurcation or where an attractor has just vanished, or too "
+            "slowly to tell. The attractors may be smaller, or not exist: take longer mappings, "
+            "or finer cells for an orbit within a cell. A map that preserves volumes has no "
+            "attractors."
         )
     none = basins.share(
         lambda part: (
@@ -60,7 +73,7 @@ def remarks_on(basins: Any) -> tuple[str, ...]:
     if basins.several_share > 0.05:
         remarks.append(
             f"{basins.several_share:.0%} of the cells lead to groups from which orbits end on "
-            f"several attractors{advice}"
+            f"several attractors{advice}."
         )
     return tuple(remarks)
 

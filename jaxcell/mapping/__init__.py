@@ -40,11 +40,9 @@ and `transient_groups` finds the domiciles.
 
 Arrays of JAX stay on their device, such as a GPU. But persistent and transient groups are found on
 the host, and so are the periodic groups of large maps in the memory of the host.
-
-A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)

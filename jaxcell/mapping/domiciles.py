@@ -7,7 +7,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
-from .classes import PersistentGroups
+from .classes import PersistentGroups, check_groups
 from .generalized import Chain
 
 
@@ -76,12 +76,7 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
         >>> groups.group.tolist(), groups.domiciles
         ([-1, 0, 0, -1], ((0, 1),))
     """
-    group = np.asarray(groups.group)
-    if group.size != chain.cells:
-        raise ValueError(
-            f"groups: expected groups of this chain of {chain.cells} cells, got groups of "
-            f"{group.size} cells"
-        )
+    group = check_groups(chain, groups)
     matrix = chain.to_scipy()
     least, most = _outermost(chain, group, groups.count)
     several = least < most

@@ -1,20 +1,31 @@
 import dataclasses
 import functools
+import warnings
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base import memory
+from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
+from ..base.wide import widened
 
 
 # Tolerance of the sum of a row.
 _ROUNDING = 1e-12
+_OF_GRAPH = "; networkx.to_scipy_sparse_array(graph) makes one of a graph"
+# Peak memory of the construction of a chain, per branch and cell.
+BYTES_PER_SLOT = 26
+# Sums of multiples of 1 / _COARSE are exact, so that 1 minus a sum has all its digits.
+_COARSE = 2.0**40
 
 
+@widened
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Chain:
@@ -24,7 +35,10 @@ class Chain:
     `b`-th image of every cell and its probability. Unused entries of a cell with fewer images hold
     the cell itself and probability 0; they are not edges of the chain. If the probabilities of a
     cell sum to less than 1, the rest is the probability of leaving the space for a *sink*, from
-    which nothing returns. Probabilities are never rescaled.
+    which nothing returns; a rest of at most 1e-12 counts as rounding. Probabilities are never
+    rescaled, but a warning says if sums below 1 look like those of rounded numbers.
+
+    The arrays have as many rows as the cell with the most images needs, and 12 bytes per entry.
 
     Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space with probability 0.1:
 
@@ -43,17 +57,18 @@ class Chain:
     image: Int[Array, "branches cells"]
     probability: Float[Array, "branches cells"]
     half: "Chain | None" = None
-    """For a chain that is estimated from samples, the chain from half of the samples; otherwise
-    `None`. The results of both chains differ by about the sampling error."""
+    """For a chain of a map, a coarser chain on the same cells, with half of the samples or of the
+    data; otherwise `None`. The difference between the results of both estimates the error."""
 
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
         """Copy and check two arrays of shape `[branches, cells]`.
 
         **Raises:** `ValueError` for arrays that are not a chain; their values are checked only
-        outside `jit`. `RuntimeError` if JAX is set to 32 bits.
+        outside `jit`. `RuntimeError` if JAX traces the call with 32 bits.
         """
         require_x64("a chain")
-        _check_arrays(image, probability)
+        image, probability = as_array(image, "image"), as_array(probability, "probability")
+        check_arrays(image, probability, ("branches", "cells"))
         object.__setattr__(self, "image", _kept(image, np.int32))
         object.__setattr__(self, "probability", _kept(probability, np.float64))
         object.__setattr__(self, "half", half)
@@ -65,10 +80,16 @@ class Chain:
         Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
         probability of the sink.
         """
+        if not scipy.sparse.issparse(matrix):
+            matrix = as_array(matrix, "matrix", _OF_GRAPH)
+        shape, kind = matrix.shape, matrix.dtype
+        if len(shape) != 2 or shape[0] != shape[1] or not shape[0]:
+            raise ValueError(f"matrix: expected as many rows as columns, got {shape}")
+        if kind.itemsize > 8 or kind == np.float16:
+            raise ValueError(f"matrix: expected float64, got {kind}; convert it with astype(float)")
         rows = scipy.sparse.csr_array(matrix, copy=True)
-        if rows.shape[0] != rows.shape[1]:
-            raise ValueError(f"matrix: expected as many rows as columns, got {rows.shape}")
-        return cls(*slots_of(rows))
+        # The arrays are new, so JAX need not copy them.
+        return cls(*jax.device_put(slots_of(rows)))
 
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix without the sink; all its entries are positive.
@@ -83,11 +104,11 @@ class Chain:
         cells = image.shape[1]
         # Slots of probability 0, most slots of a sparse chain, are dropped before sorting.
         used = probability > 0
-        at = np.flatnonzero(np.ascontiguousarray(used.T))
+        cell, branch = np.divmod(np.flatnonzero(np.ascontiguousarray(used.T)), probability.shape[0])
         # The search of scipy for components converts larger integers to this type each time.
-        small = np.int32 if at.size < 2**31 else np.int64
+        small = np.int32 if cell.size < 2**31 else np.int64
         end = np.concatenate([[0], np.cumsum(used.sum(axis=0))]).astype(small)
-        rows = (probability.T.ravel()[at], image.T.ravel()[at].astype(small, copy=False), end)
+        rows = (probability[branch, cell], image[branch, cell].astype(small, copy=False), end)
         matrix = scipy.sparse.csr_array(rows, shape=(cells, cells))
         matrix.sum_duplicates()
         for part in (matrix.data, matrix.indices, matrix.indptr):
@@ -108,31 +129,46 @@ class Chain:
     @jax.jit
     def leaving(self) -> Float[Array, "cells"]:
         """The probability that the next step from each cell goes to the sink."""
-        missing = 1 - jnp.sum(self.probability, axis=0)
-        return jnp.where(missing > _ROUNDING, missing, 0.0)
+        return jnp.where(self._missing > _ROUNDING, self._missing, 0.0)
+
+    @property
+    def rounding(self) -> Float[Array, "cells"]:
+        """By how much the probabilities of each cell and `leaving` fail to sum to 1."""
+        return jnp.where(self._missing > _ROUNDING, 0.0, self._missing)
+
+    @property
+    def _missing(self) -> Float[Array, "cells"]:
+        coarse = jnp.floor(self.probability * _COARSE) / _COARSE
+        return 1 - jnp.sum(coarse, axis=0) - jnp.sum(self.probability - coarse, axis=0)
+
+    def push(self, distribution: npt.ArrayLike) -> Float[Array, "cells"]:
+        """Compute the distribution one step later, `p P`; its missing mass is in the sink."""
+        return self._push(number_per_cell(distribution, self.cells, "distribution"))
 
     @jax.jit
-    def push(self, distribution: Float[Array, "cells"]) -> Float[Array, "cells"]:
-        """Compute the distribution one step later, `p P`; its missing mass is in the sink."""
-
+    def _push(self, distribution: Float[Array, "cells"]) -> Float[Array, "cells"]:
         def add(later, branch):  # type: ignore[no-untyped-def]
             image, probability = branch
             return later.at[image].add(probability * distribution), None
 
-        later, _ = jax.lax.scan(add, jnp.zeros_like(distribution), (self.image, self.probability))
+        start = jnp.zeros_like(distribution, jnp.result_type(distribution, self.probability))
+        later, _ = jax.lax.scan(add, start, (self.image, self.probability))
         return later
 
-    @jax.jit
-    def pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
+    def pull(self, value: npt.ArrayLike) -> Float[Array, "cells"]:
         """Compute the expected value one step later, `P v`; the value of the sink is 0."""
+        return self._pull(number_per_cell(value, self.cells, "value"))
 
+    @jax.jit
+    def _pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
         def add(expected, branch):  # type: ignore[no-untyped-def]
             image, probability = branch
             return expected + probability * value[image], None
 
         # Eight branches are unrolled to save memory traffic of the sums.
         branches = (self.image, self.probability)
-        return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=8)[0]
+        start = jnp.zeros_like(value, jnp.result_type(value, self.probability))
+        return jax.lax.scan(add, start, branches, unroll=8)[0]
 
     def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]
         fields = ("image", "probability", "half")
@@ -146,6 +182,16 @@ class Chain:
         for name, field in zip(("image", "probability", "half"), (*fields, None), strict=False):
             object.__setattr__(chain, name, field)
         return chain
+
+
+def number_per_cell(values: Any, cells: int, name: str) -> Any:
+    """Return floating-point numbers as an array, after checking that there is one per cell."""
+    array = as_array(values, name)
+    if array.shape != (cells,):
+        raise ValueError(
+            f"{name}: expected a number for each of {cells} cells, got {list(array.shape)}"
+        )
+    return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(np.float64)
 
 
 def _kept(array: Any, kind: Any) -> Any:
@@ -167,50 +213,87 @@ def slots_of(
     cells = rows.shape[0]
     edges = np.diff(rows.indptr)
     branches = max(1, int(edges.max(initial=0)))
+    hub = int(edges.argmax()) if cells else 0
+    memory.check(
+        cells * branches * BYTES_PER_SLOT,
+        f"a chain of {cells} cells with room for the {branches} images of cell {hub} in each",
+        f"the mean is {rows.nnz / max(1, cells):.1f} images: let cell {hub} reach its images by "
+        "way of a tree of additional cells, whose steps count too",
+    )
     cell = np.repeat(np.arange(cells), edges)
     slot = np.arange(rows.nnz) - np.repeat(rows.indptr[:-1], edges)
     image = np.tile(np.arange(cells, dtype=np.int32), (branches, 1))
     image[slot, cell] = rows.indices
-    probability = np.zeros((branches, cells), np.result_type(rows.dtype, np.float32))
+    whole = np.issubdtype(rows.dtype, np.integer)
+    probability = np.zeros((branches, cells), np.float64 if whole else rows.dtype)
     probability[slot, cell] = rows.data
     return image, probability
 
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     """Compute [`Chain.leaving`][] from the transition matrix."""
-    missing = 1 - matrix @ np.ones(matrix.shape[1])
+    missing = missing_rows(matrix)
     return np.where(missing > _ROUNDING, missing, 0.0)
 
 
-def _check_arrays(image: Any, probability: Any) -> None:
+def missing_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
+    """Compute 1 minus the sum of each row, with all digits."""
+    coarse = np.floor(matrix.data * _COARSE) / _COARSE
+    missing = np.ones(matrix.shape[0])
+    for part in (coarse, matrix.data - coarse):
+        rows = scipy.sparse.csr_array((part, matrix.indices, matrix.indptr), matrix.shape)
+        missing = missing - rows @ np.ones(matrix.shape[1])
+    return missing
+
+
+def check_arrays(image: Any, probability: Any, axes: tuple[str, ...]) -> None:
+    """Check the arrays of a chain or of a sequence of chains, whose axes have these names."""
     shape, dtype = np.shape(image), jnp.result_type(probability)
-    if len(shape) != 2 or 0 in shape or np.shape(probability) != shape:
+    if len(shape) != len(axes) or 0 in shape or np.shape(probability) != shape:
         raise ValueError(
-            "image, probability: expected two arrays of one shape [branches, cells], got "
+            f"image, probability: expected two arrays of one shape [{', '.join(axes)}], got "
             f"{list(shape)} and {list(np.shape(probability))}"
         )
-    if not jnp.issubdtype(jnp.result_type(image), jnp.integer):
-        raise ValueError(f"image: expected whole numbers, got {jnp.result_type(image)}")
     if dtype != jnp.float64:
-        raise ValueError(f"probability: expected float64, got {dtype}")
+        raise ValueError(
+            f"probability: expected float64, got {dtype}; convert it with astype(float), and "
+            "divide the numbers of each cell by their sum, which rounding has changed"
+        )
+    check_indices(image, shape[-1], "image")
     if isinstance(image, jax.core.Tracer) or isinstance(probability, jax.core.Tracer):
         return
-    image, probability = np.asarray(image), np.asarray(probability)
-    cells = shape[1]
-    if image.min() < 0 or image.max() >= cells:
-        branch, cell = np.argwhere((image < 0) | (image >= cells))[0]
-        raise ValueError(
-            f"image[{branch}, {cell}] is {image[branch, cell]}; cells are 0 to {cells - 1}"
-        )
+    probability = np.asarray(probability)
     # A sum is finite and a minimum is not negative only if that holds for all probabilities.
-    total = probability.sum(axis=0)
+    total = probability.sum(axis=-2)
     if not (probability.min() >= 0):
-        branch, cell = np.argwhere(~(probability >= 0))[0]
-        raise ValueError(
-            f"probability[{branch}, {cell}] is {probability[branch, cell]}; expected 0 to 1"
-        )
+        place = tuple(np.argwhere(~(probability >= 0))[0].tolist())
+        raise ValueError(f"probability{list(place)} is {probability[place]}; expected 0 to 1")
     if not (total.max() <= 1 + _ROUNDING):
-        cell = int(np.argmax(total))
+        cell, most = int(np.argmax(total)) % shape[-1], float(total.max())
         raise ValueError(
-            f"probability: the numbers of cell {cell} sum to {total[cell]!r}; expected at most 1"
+            f"probability: the numbers of cell {cell} sum to {most!r}; expected at most 1; if they "
+            "are rounded, divide the numbers of each cell by their sum"
         )
+    if total.ndim == 1 and (rounded := _rounded(probability, total)).size:
+        warnings.warn(
+            f"probability: the numbers of {rounded.size} of {total.size} cells sum to a little "
+            f"less than 1 (those of cell {rounded[0]} to {total[rounded[0]]:.12g}), as rounded "
+            "numbers do; the rest counts as the probability of leaving the space; if it is "
+            "rounding, divide the numbers of each cell by their sum",
+            stacklevel=4,
+        )
+
+
+def _rounded(
+    probability: Float[np.ndarray, "branches cells"], total: Float[np.ndarray, "cells"]
+) -> Int[np.ndarray, "rounded"]:
+    """Find cells whose sum is below 1 as if their numbers had 3 to 11 decimals, or 32 bits."""
+    (short,) = np.nonzero(total < 1 - _ROUNDING)
+    numbers, missing = probability[:, short], 1 - total[short]
+    images = np.count_nonzero(numbers, axis=0)
+    rounded = missing <= images * 2.0**-25
+    rounded &= (numbers == numbers.astype(np.float32)).all(axis=0)
+    for decimals in range(3, 12):
+        few = (numbers == numbers.round(decimals)).all(axis=0)
+        rounded |= few & (missing <= images * (0.5 * 10.0**-decimals) + _ROUNDING)
+    return short[rounded]

@@ -120,9 +120,8 @@ def periodic_cells(
         seen, fewer = images(power)
         return power, seen, fewer, fewer < count
 
-    going = image.__array_namespace__().asarray(True)
-    _, seen, _, _ = _repeat(double, (image, *images(image), going))
-    return seen
+    seen, count = images(image)
+    return _repeat(double, (image, seen, count, count > 0))[1]
 
 
 def follow(
@@ -149,7 +148,7 @@ def follow(
         added = total[power]
         return power[power], least, total + added, xp.any(least != leader) | xp.any(added != 0)
 
-    _, leader, total, _ = _repeat(double, (image, leader, total, xp.asarray(True)))
+    _, leader, total, _ = _repeat(double, (image, leader, total, xp.any(periodic)))
     return leader, total
 
 

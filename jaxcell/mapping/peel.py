@@ -3,9 +3,11 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 from jax import lax
 from jaxtyping import Array, Int
 
+from ..base.indices import as_array, check_indices
 from .groups import PeriodicGroups, doubled_groups
 from .section import bucket
 from .walk import walked_groups
@@ -23,15 +25,17 @@ PART = 1 << 20
 _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 
 
-def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> PeriodicGroups:
+def periodic_groups(image: npt.ArrayLike) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    It works under `jit` and `vmap`. On a CPU it maps every cell once. If the map is large, and many
-    of its cells have no preimage, these cells are removed first, except under `jit`. On an
-    accelerator it squares the map repeatedly, `f, f^2, f^4, ...`: the number of rounds is about the
-    binary logarithm of the longest transient or period, and a round is a few gather operations.
+    It works under `jit` and `vmap`; a batch of maps that is divided among devices stays divided. On
+    a CPU it maps every cell once. If the map is large, and many of its cells have no preimage,
+    these cells are removed first, except under `jit`. On an accelerator it squares the map
+    repeatedly, `f, f^2, f^4, ...`: the number of rounds is about the binary logarithm of the
+    longest transient or period, and a round is a few gather operations.
 
-    **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
+    **Arguments:** the image of each cell; a sink needs a cell of its own. **Returns:** the group
+    and the step of each cell.
 
     Cells 1 and 2 lead to each other, cell 3 leads to itself, and cell 0 leads to cell 1:
 
@@ -41,7 +45,11 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
         >>> groups.group.tolist(), groups.step.tolist(), groups.period.tolist()
         ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
     """
-    image = jnp.asarray(image)
+    image = as_array(image, "image")
+    if image.ndim != 1:
+        raise ValueError(f"image: expected the image of each cell, got shape {image.shape}")
+    sink = "; give a sink a cell of its own that leads to itself"
+    image = jnp.asarray(check_indices(image, image.size, "image", instead=sink))
     here = not isinstance(image, jax.core.Tracer)
     if here and all(device.platform == "cpu" for device in image.devices()):
         on_host = np.asarray(image)

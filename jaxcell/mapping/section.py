@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from ..base.indices import as_array, check_indices
 from .groups import follow, periodic_cells
 
 
@@ -61,7 +62,6 @@ class SectionCycles:
     "The lowest cell number of each group, in the entry of its leader."
 
 
-@jax.jit
 def section_cycles(section: Section) -> SectionCycles:
     """Find the periodic groups of a map from its first-return map to a section.
 
@@ -77,6 +77,23 @@ def section_cycles(section: Section) -> SectionCycles:
         >>> cycles.leads.tolist(), int(cycles.period[0])
         ([True, False], 3)
     """
+    names = [field.name for field in dataclasses.fields(section)]
+    arrays = {name: as_array(getattr(section, name), name) for name in names}
+    shape = arrays["successor"].shape
+    for name, array in arrays.items():
+        whole = array.dtype == bool if name == "live" else jnp.issubdtype(array.dtype, jnp.integer)
+        if array.shape != shape or not shape or (array.size and not whole):
+            noun = "a mask" if name == "live" else "whole numbers"
+            raise ValueError(
+                f"{name}: expected {noun} of slots like successor, got {list(array.shape)} of "
+                f"{array.dtype}"
+            )
+    arrays["successor"] = check_indices(arrays["successor"], shape[-1], "successor", "slot")
+    return _section_cycles(Section(**arrays))
+
+
+@jax.jit
+def _section_cycles(section: Section) -> SectionCycles:
     successor, duration = section.successor, section.duration
     dtype = successor.dtype
     slots = successor.shape[0]

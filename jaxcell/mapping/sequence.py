@@ -3,11 +3,16 @@ import functools
 from collections.abc import Iterator, Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from .generalized import Chain
+from ..base import memory
+from ..base.arguments import checked
+from ..base.indices import as_array
+from .generalized import BYTES_PER_SLOT, Chain, check_arrays, number_per_cell
 
 
 @jax.tree_util.register_dataclass
@@ -38,7 +43,13 @@ class ChainSequence:
     image: Int[Array, "phases branches cells"]
     probability: Float[Array, "phases branches cells"]
 
+    def __post_init__(self) -> None:
+        for name in ("image", "probability"):
+            object.__setattr__(self, name, as_array(getattr(self, name), name))
+        check_arrays(self.image, self.probability, ("phases", "branches", "cells"))
+
     @classmethod
+    @checked
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
         """Create a sequence from chains, one for each phase."""
         sizes = {chain.cells for chain in chains}
@@ -47,7 +58,13 @@ class ChainSequence:
                 f"chains: expected one or more over the same cells, got sizes {sorted(sizes)}"
             )
         branches = max(chain.image.shape[0] for chain in chains)
-        image = np.tile(np.arange(sizes.pop(), dtype=np.int32), (len(chains), branches, 1))
+        cells = sizes.pop()
+        memory.check(
+            len(chains) * branches * cells * BYTES_PER_SLOT,
+            f"a sequence of {len(chains)} chains of {cells} cells with {branches} images each",
+            "use fewer phases, or chains whose cells have fewer images",
+        )
+        image = np.tile(np.arange(cells, dtype=np.int32), (len(chains), branches, 1))
         probability = np.zeros(image.shape)
         for phase, chain in enumerate(chains):
             used = chain.image.shape[0]
@@ -71,14 +88,22 @@ class ChainSequence:
 
     def at(self, phase: Int[Array, ""] | int) -> Chain:
         """Return the chain that acts at a phase, which is taken modulo the number of chains."""
+        if not np.issubdtype(jnp.result_type(as_array(phase, "phase")), np.integer):
+            raise ValueError(f"phase: expected a whole number, got {phase!r}")
         fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
         return Chain.tree_unflatten(None, fields)
 
-    @jax.jit
     def push(
-        self, distribution: Float[Array, "cells"], steps: Int[Array, ""] | int
+        self, distribution: npt.ArrayLike, steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
         """Compute the distribution `steps` steps after phase 0; its missing mass is in the sink."""
+        check_steps(steps)
+        return self._push(number_per_cell(distribution, self.cells, "distribution"), steps)
+
+    @jax.jit
+    def _push(
+        self, distribution: Float[Array, "cells"], steps: Int[Array, ""] | int
+    ) -> Float[Array, "cells"]:
         return jax.lax.fori_loop(0, steps, lambda n, p: self.at(n).push(p), distribution)
 
     def pushed(
@@ -88,6 +113,8 @@ class ChainSequence:
 
         It is computed on the host, because JAX would compile for each number of cells and phases.
         """
+        check_steps(steps)
+        distribution = number_per_cell(distribution, self.cells, "distribution")
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
         for step in range(steps):
@@ -96,11 +123,15 @@ class ChainSequence:
             distribution = np.bincount(image[phase].ravel(), moved.ravel(), self.cells)
             yield distribution
 
+    def pull(self, value: npt.ArrayLike, steps: Int[Array, ""] | int) -> Float[Array, "cells"]:
+        """Compute the expected value after `steps` steps from cells at phase 0; the sink has 0."""
+        check_steps(steps)
+        return self._pull(number_per_cell(value, self.cells, "value"), steps)
+
     @jax.jit
-    def pull(
+    def _pull(
         self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """Compute the expected value after `steps` steps from cells at phase 0; the sink has 0."""
         last = steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 
@@ -119,6 +150,14 @@ class ChainSequence:
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix of the unrolled chain."""
         return self.unrolled.to_scipy()
+
+
+def check_steps(steps: Int[Array, ""] | int) -> None:
+    """Raise `ValueError` unless a number of steps is whole and not negative."""
+    if not np.issubdtype(jnp.result_type(as_array(steps, "steps")), np.integer) or np.ndim(steps):
+        raise ValueError(f"steps: expected a whole number, got {steps!r}")
+    if not isinstance(steps, jax.core.Tracer) and steps < 0:
+        raise ValueError(f"steps: expected 0 or more, got {steps}")
 
 
 def as_sequence(chain: Chain | ChainSequence) -> ChainSequence:

@@ -4,6 +4,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from ..base.indices import as_array, check_indices
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -26,3 +28,15 @@ class SimpleMap:
     "The image of each cell."
     bumped: Bool[Array | np.ndarray, "*batch cells"]
     "A mask of the cells where the robot bumps (observation 1)."
+
+    def __post_init__(self) -> None:
+        image, bumped = as_array(self.image, "image"), as_array(self.bumped, "bumped")
+        if not image.ndim:
+            raise ValueError("image: expected the image of each cell, got a number")
+        object.__setattr__(self, "image", check_indices(image, image.shape[-1], "image"))
+        object.__setattr__(self, "bumped", bumped)
+        if self.bumped.shape != self.image.shape or self.bumped.dtype != bool:
+            raise ValueError(
+                f"bumped: expected a mask of shape {list(self.image.shape)}, got "
+                f"{list(self.bumped.shape)} of {self.bumped.dtype}"
+            )

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.experimental.custom_partitioning import custom_partitioning
+from jax.sharding import NamedSharding, PartitionSpec as P
 from jaxtyping import Array, Int
 
 from .groups import PeriodicGroups
@@ -32,17 +34,48 @@ def walked_leaders(
 
     It takes 8 bytes per cell besides the image.
     """
-    chain, place, _ = _chains(jnp.asarray(image), jnp.zeros(1, jnp.int32))
+    chain, place, _ = _chains(jnp.asarray(image), jnp.zeros_like(image, shape=1))
     return _ended(chain, place, None)
 
 
-@jax.custom_batching.sequential_vmap
-def _walk(
-    image: Int[Array, "cells"],
-) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells"], Int[Array, ""]]:
-    chain, place, period = _chains(image, jnp.zeros(image.size + 1, jnp.int32))
+@jax.custom_batching.custom_vmap
+def _walk(images: Int[Array, "*batch cells"]) -> tuple[Int[Array, "..."], ...]:
+    """Walk over the maps of a batch one after another, on each device over its own maps."""
+    if images.ndim == 1:
+        return _walk_once(images)
+    if jax.sharding.get_abstract_mesh().explicit_axes:
+        axes = P(*jax.typeof(images).sharding.spec[:-1])
+        return jax.shard_map(_one_by_one, in_specs=axes, out_specs=axes)(images)
+    return _on_each_device(images)
+
+
+_walk.def_vmap(lambda _, __, images: (_walk(images), (True,) * 4))
+
+
+def _walk_once(image: Int[Array, "cells"]) -> tuple[Int[Array, "..."], ...]:
+    chain, place, period = _chains(image, jnp.zeros_like(image, shape=image.size + 1))
     number, periods, count = _numbered(period)
     return *_ended(chain, place, number), periods, count
+
+
+def _one_by_one(images: Int[Array, "*batch cells"]) -> tuple[Int[Array, "..."], ...]:
+    batch = images.shape[:-1]
+    groups = lax.map(_walk_once, images.reshape(-1, images.shape[-1]))
+    return tuple(x.reshape(*batch, *x.shape[1:]) for x in groups)
+
+
+def _divided(mesh: Any, arguments: Any, results: Any) -> Any:
+    spec = arguments[0].sharding.spec[: arguments[0].ndim - 1]
+    axes = NamedSharding(mesh, P(*spec))
+    return mesh, _one_by_one, (axes,) * len(results), (axes,)
+
+
+_on_each_device = custom_partitioning(_one_by_one)
+_on_each_device.def_partition(
+    _divided,
+    sharding_rule="... cell -> ... cell, ... cell, ... cell, ...",
+    need_replication_factors=("cell",),
+)
 
 
 def _chains(
@@ -61,7 +94,7 @@ def _chains(
         last entry has no meaning: chains that lead to a known group write to it.
     """
     cells = image.shape[0]
-    zero = jnp.zeros((), jnp.int32)
+    zero = jnp.zeros_like(image, shape=())
 
     def follow_chain(state: Any) -> Any:
         first, chain, place, period = state
@@ -104,7 +137,7 @@ def _chains(
         )
         return first, chain, place, period
 
-    none = jnp.zeros(cells, jnp.int32)
+    none = jnp.zeros_like(image)
     state = (zero, none, none, period)
     return lax.while_loop(lambda state: state[0] < cells, follow_chain, state)[1:]
 
@@ -124,7 +157,7 @@ def _numbered(
         count = count + (here > 0).astype(jnp.int32)
         return cell + 1, count, _at(number, cell + 1), number, periods
 
-    zero, periods = jnp.zeros((), jnp.int32), jnp.zeros(period.size - 1, jnp.int32)
+    zero, periods = (jnp.zeros_like(period, shape=shape) for shape in ((), period.size - 1))
     _, count, _, number, periods = lax.while_loop(
         lambda state: state[0] < periods.size, step, (zero, zero, period[0], period, periods)
     )
@@ -153,7 +186,7 @@ def _ended(
         cell = cell - 1
         return cell, _at(chain, cell), _at(place, cell), chain, place
 
-    last = jnp.asarray(chain.size - 1, jnp.int32)
+    last = jnp.full_like(chain, chain.size - 1, shape=())
     state = last, chain[-1], place[-1], chain, place
     return lax.while_loop(lambda state: state[0] >= 0, step, state)[-2:]
 

@@ -55,17 +55,28 @@ Without a discount, the *stochastic shortest path* is the policy with the larges
 reaching a goal and, of the policies with this probability, the one with the least time. See
 `DecisionModel`, `value_iteration`, `policy_chain` and `stochastic_shortest_path`.
 
-**Method.** First, cells whose next cell is certain are eliminated. The sparse system is then solved
-by repeated products with `P` if they converge soon, otherwise by a factorisation. Quantities of all
-pairs are dense, with memory `O(N^2)` and time `O(N^3)`. Every solve returns a
-[`jaxcell.base.certificate.Certificate`][]: a residual that is computed from the answer and the full
-matrix. If the residual is too large, the solve raises an error, or with `throw=False` returns the
-answer. All solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`. Sparse solves
-run on the CPU, with NumPy and SciPy; `push` and `pull`, first passages, decisions and `dense` run
-on any device of JAX.
+**Method.** First, cells whose next cell is certain are eliminated. If at most 200 cells are left,
+these are eliminated too, without subtractions, which gives nearly all digits even of times of 1e60
+steps. A larger system is solved by repeated products with `P` if they converge soon, otherwise by a
+factorisation, and by elimination if the factorisation is too inaccurate. Probabilities that are too
+small for 64 bits, such as those of winning against a bank, are eliminated in numbers of any size.
+Quantities of all pairs are dense, with memory `O(N^2)` and time `O(N^3)`. Every solve returns a
+[`jaxcell.base.certificate.Certificate`][], whose residual bounds the error: from the residuals of
+the full matrix and the expected number of steps, or, after an elimination, from the number of
+eliminated cells. If the bound is too large, the solve raises an error, or with `throw=False`
+returns the answer. Sparse solves run on the CPU, with NumPy and SciPy; `push` and `pull`, first
+passages and `dense` run on any device of JAX.
+
+**In compiled programs.** Most quantities can be used under `jit`, `vmap` and `grad`. The program
+calls the same solvers, so values and certificates are the same. An error would stop the program, so
+values that cannot be computed are NaN, and `certificate.converged` is `False`. The derivative of a
+solution is the solution of the same equations with another right-hand side, or of the transposed
+equations (Schweitzer 1968), so it is as accurate as the values. The structure of the chain and the
+best policy count as constant. `leading_modes`, `almost_invariant_sets`, `coherent_sets`,
+`attracting_regions`, `first_arrival`, `mean_first_arrival` and `sample_walks` run on the host only.
 """
 
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)

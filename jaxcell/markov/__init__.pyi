@@ -1,20 +1,14 @@
 from . import dense as dense
 from .arrival import (
     Distinct as Distinct,
-    MeanArrival as MeanArrival,
     first_arrival as first_arrival,
-    mean_first_arrival as mean_first_arrival,
 )
 from .conditional import (
     arrival_probabilities as arrival_probabilities,
     conditional_hitting_times as conditional_hitting_times,
 )
-from .decision import (
-    DecisionModel as DecisionModel,
-    Optimum as Optimum,
-    policy_chain as policy_chain,
-    value_iteration as value_iteration,
-)
+from .decision import DecisionModel as DecisionModel, policy_chain as policy_chain
+from .discounted import Optimum as Optimum, value_iteration as value_iteration
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,
@@ -24,6 +18,10 @@ from .hitting import (
 from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
+)
+from .mean_arrival import (
+    MeanArrival as MeanArrival,
+    mean_first_arrival as mean_first_arrival,
 )
 from .passage import first_passage as first_passage
 from .quantities import (

@@ -1,24 +1,21 @@
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import jax
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.certificate import Certificate
 from ..base.precision import require_x64
-from ..mapping.classes import reaching
 from ..mapping.generalized import Chain
-from .hitting import cell_mask, common_cells, hitting_times
-from .passage import check_steps, start_distribution, survivals
+from ..mapping.sequence import check_steps
+from .hitting import cell_mask, common_cells
+from .passage import start_distribution, survivals
 
 
 # Number of steps per chunk. Most short periods divide it, so that the probability of not having
 # arrived shrinks by the same factor in each chunk, even if the chain is periodic.
-_CHUNK = 240
+CHUNK = 240
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,14 +24,6 @@ class Distinct:
 
     cells: npt.ArrayLike
     "The possible cells, as a list or a mask over all cells."
-
-
-@dataclasses.dataclass(frozen=True)
-class MeanArrival:
-    """An expected number of steps and its certificate."""
-
-    value: float
-    certificate: Certificate
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,6 +63,10 @@ class Race:
                     f"starts: {len(chains)} robots cannot begin in {start.size} different cells"
                 )
         else:
+            if not isinstance(starts, list | tuple | np.ndarray):
+                raise ValueError(
+                    f"starts: expected a list of starts, one per robot, got {type(starts).__name__}"
+                )
             if len(starts) != len(chains):
                 raise ValueError(
                     f"starts: expected a start for each of {len(chains)} robots, got {len(starts)}"
@@ -98,7 +91,7 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Compute the probability that no robot has arrived before each of `chunks * _CHUNK` steps.
+        """Compute the probability that no robot has arrived before each of `chunks * CHUNK` steps.
 
         For each chain and start cell, `values` contains the probability that a robot has not
         arrived before the first step. Also returns these probabilities after the last step.
@@ -106,7 +99,7 @@ class Race:
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
             made = [
-                survivals(chain, there, value, _CHUNK)
+                survivals(chain, there, value, CHUNK)
                 for chain, value in zip(self.chains, values, strict=True)
             ]
             values = [after for _, after in made]
@@ -149,71 +142,10 @@ def first_arrival(
     require_x64("first_arrival")
     check_steps(steps)
     race = Race.of(chains, starts, target)
-    survive, _ = race.survive(_at_start(race), steps // _CHUNK + 1)
+    survive, _ = race.survive(at_start(race), steps // CHUNK + 1)
     # If rounding let the probability grow, a probability of arrival would be negative.
     survive = np.minimum.accumulate(np.concatenate([[1.0], survive[: steps + 1]]))
     return jax.device_put(survive[:-1] - survive[1:])
-
-
-def mean_first_arrival(
-    chains: Sequence[Chain],
-    starts: Sequence[npt.ArrayLike | int] | Distinct,
-    target: npt.ArrayLike | int,
-    *,
-    tolerance: float = 1e-9,
-    max_steps: int = 2**20,
-    throw: bool = True,
-) -> MeanArrival:
-    """Compute the expected time in steps until the first of several robots reaches a set of cells.
-
-    It is the sum over time of the probability that no robot has arrived. Suppose that a block of
-    steps multiplies the probability that a robot has not arrived by a factor between `a` and `b`,
-    whatever the start. Then the same holds for every later block of this length, so two geometric
-    series bound the rest of the sum from below and above. The two bounds are nearly equal as soon
-    as the factor hardly depends on the start, long before the rest is negligible.
-
-    **Arguments:** as for [`first_arrival`][], a tolerance for the relative error, and the largest
-    number of steps.
-
-    **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
-    certificate bounds the relative error, up to rounding.
-
-    Two random walks start in the middle of a line of three cells. In every second step, the
-    probability that at least one of them arrives at the right end is 3/4:
-
-        >>> from jaxcell import examples, markov
-        >>> chain = examples.walk()
-        >>> round(markov.mean_first_arrival([chain, chain], [1, 1], target=2).value, 6)
-        1.666667
-    """
-    require_x64("mean_first_arrival")
-    if not tolerance > 0:
-        raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    race = Race.of(chains, starts, target)
-    if _may_fail(race):
-        return MeanArrival(math.inf, Certificate(0, 0.0, tolerance))
-    passed = [_passed(race, robot) for robot in range(race.robots)]
-    values, total, steps, chunks = _at_start(race), 0.0, 0, 1
-    while True:
-        before = [np.asarray(value) for value in values]
-        survive, values = race.survive(values, chunks)
-        block = float(survive.sum())
-        total, steps = total + block, steps + chunks * _CHUNK
-        low, high = 1.0, 1.0
-        for chain, (cells, leaves) in zip(race.robot, passed, strict=True):
-            old, new = before[chain][cells], np.asarray(values[chain])[cells]
-            ratio = new[old > 0] / old[old > 0]
-            low *= float(ratio.min()) if ratio.size else 0.0
-            high *= 1.0 if leaves else float(ratio.max(initial=0.0))
-        least, most = _series(block, low), _series(block, high)
-        value = total + (least + most) / 2
-        residual = (most - least) / 2 / value if value else 0.0
-        if residual <= tolerance or steps >= max_steps:
-            break
-        chunks *= 2
-    certificate = Certificate(steps, residual, tolerance)
-    certificate.check("mean_first_arrival", throw)
-    return MeanArrival(value, certificate)
 
 
 def mean_product(
@@ -241,29 +173,6 @@ def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[np.ndarr
         raise ValueError(f"robot {robot}: {error}") from None
 
 
-def _at_start(race: Race) -> list[Float[Array, "cells"]]:
+def at_start(race: Race) -> list[Float[Array, "cells"]]:
+    """Return the probability that a robot of each chain has not arrived at the start."""
     return [jax.device_put((~race.there).astype(float))] * len(race.chains)
-
-
-def _may_fail(race: Race) -> bool:
-    """Check whether it is possible that no robot ever arrives."""
-    fails = [np.isinf(hitting_times(chain, race.there, throw=False).value) for chain in race.chains]
-    if race.distinct:
-        return int(fails[0][race.start].sum()) >= race.robots
-    return all((race.begins(robot) & fails[k]).any() for robot, k in enumerate(race.robot))
-
-
-def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Find the cells that a robot may visit before arriving, and whether it may leave the space."""
-    chain = race.chains[race.robot[robot]]
-    on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
-    # Backwards along the edges from cells outside the target.
-    passed = reaching((on @ chain.to_scipy()).T.tocsr(), race.begins(robot)) & ~race.there
-    return passed, bool((np.asarray(chain.leaving)[passed] > 0).any())
-
-
-def _series(first: float, ratio: float) -> float:
-    """Compute the sum of a geometric series without its first term."""
-    if first * ratio == 0:
-        return 0.0
-    return first * ratio / (1 - ratio) if ratio < 1 else math.inf

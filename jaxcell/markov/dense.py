@@ -19,19 +19,43 @@ A random walk on a line of three cells:
     [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
 """
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
+import numpy.typing as npt
 from jaxtyping import Array, Float
 
+from ..base.indices import as_array
+from ..base.wide import wide
 
-@jax.jit
+
+def _of_matrix(quantity: Callable[[Array], Array]) -> Callable[[npt.ArrayLike], Array]:
+    """Compile a quantity, and let it check and convert its matrix."""
+    compiled = jax.jit(quantity)
+
+    @wide
+    @functools.wraps(quantity)
+    def call(P: npt.ArrayLike) -> Array:
+        matrix = as_array(P, "P")
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+            raise ValueError(f"P: expected as many rows as columns, got shape {matrix.shape}")
+        if not jnp.issubdtype(matrix.dtype, jnp.floating):
+            matrix = matrix.astype(float)
+        return compiled(matrix)
+
+    return call
+
+
+@_of_matrix
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
     """Compute the stationary distribution, `pi P = pi`."""
     cells = P.shape[-1]
     return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
 
 
-@jax.jit
+@_of_matrix
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """Compute the expected number of steps from each cell to the first visit of each other cell.
 
@@ -42,7 +66,7 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
 
 
-@jax.jit
+@_of_matrix
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute Kemeny's constant: the expected number of steps to a random cell.
 
@@ -52,7 +76,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 
 
-@jax.jit
+@_of_matrix
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 

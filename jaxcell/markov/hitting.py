@@ -1,6 +1,7 @@
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -10,23 +11,24 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate, Solution
+from ..base.indices import check_indices
 from ..base.precision import require_x64
-from ..mapping.classes import PersistentGroups, reaching
+from ..base.wide import traced
+from ..mapping.classes import PersistentGroups, check_groups, reaching
 from ..mapping.generalized import Chain, leaving_rows
+from ..mapping.traced import like, on_host
+from .traced import CERTIFIED, expected
 from .transient import Transient
 
 
 Cells: TypeAlias = Bool[np.ndarray, "cells"]
 """A set of cells, as a mask."""
-_Ends: TypeAlias = Float[np.ndarray, "part ends"]
 
-# Tolerances of the relative error of a time, and of the absolute error of a probability.
-TIME_TOLERANCE = 1e-6
-PROBABILITY_TOLERANCE = 1e-10
-# Largest number of iterative refinements of probabilities.
-_REFINEMENTS = 4
+# Tolerance of the relative error of a time, and of the absolute error of a probability.
+TOLERANCE = 1e-6
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Absorption:
     """The probabilities of ending in each persistent group and in the sink, from each cell."""
@@ -44,9 +46,8 @@ def absorption_probabilities(
     """Compute the probability that a chain ends in each persistent group, for each start.
 
     **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
-    for each start, exactly 1 if only one end is possible. The residual of the certificate is the
-    largest difference between the probability from a cell and its mean after one step, or between 1
-    and the sum of the probabilities from a cell.
+    for each start, exactly 1 if only one end is possible. The residual of the certificate bounds
+    the error of every probability.
 
     A random walk on a line of four cells, which stops at both ends:
 
@@ -56,61 +57,40 @@ def absorption_probabilities(
         >>> (3 * markov.absorption_probabilities(chain, groups).value).round(6).tolist()
         [[3.0, 2.0, 1.0, 0.0], [0.0, 1.0, 2.0, 3.0]]
     """
-    group = group_of(chain, groups)
-    matrix = chain.to_scipy()
+    require_x64("absorption_probabilities")
+    return absorption(chain, check_groups(chain, groups), groups.size.shape[0], throw)
+
+
+def absorption(chain: Chain, group: Any, count: int, throw: bool) -> Absorption:
+    """Compute [`absorption_probabilities`][] for `count` closed sets; transient cells have -1."""
+    compute = functools.partial(_absorption, count=count)
+    form = like(float, count + 1, chain.cells), *CERTIFIED
+    value, products, error = on_host(compute, form, chain, group)
+    certificate = Certificate(products, error, TOLERANCE)
+    certificate.check("absorption_probabilities", throw)
+    if traced(chain, group):
+        gain = jnp.zeros_like(value).at[-1].set(chain.leaving)
+        value = jax.vmap(expected, (0, None, None, 0))(value, chain, group < 0, gain)
+    value = jax.device_put(value)
+    return Absorption(value[:-1], value[-1], certificate)
+
+
+def _absorption(
+    matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], count: int
+) -> tuple[Float[np.ndarray, "ends cells"], int, float]:
+    """Return the probability of each group and of the sink, the products, and a bound on errors."""
     part = Transient.of(matrix, group < 0)
     # A row per group and a row for the sink.
-    value = (group == np.arange(groups.count + 1)[:, None]).astype(float)
+    value = (group == np.arange(count + 1)[:, None]).astype(float)
     gain = matrix[part.cells] @ value.T
     gain[:, -1] = leaving_rows(matrix)[part.cells]
-    ends, certificate = _ends(part, gain)
-    certificate.check("absorption_probabilities", throw)
-    value[:, part.cells] = ends.T
-    return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
-
-
-def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
-    """Compute the probability of each end (group or sink); `gain` is that of a step into it."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
-        value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
-    else:
-        value, products = part.expect(gain)
-    residual = _residual(part, gain, value)
-    for _ in range(_REFINEMENTS):
-        if residual <= PROBABILITY_TOLERANCE:
-            break
-        left = _signed_residual(part, gain, value)
-        change, more = part.expect(np.concatenate([np.maximum(left, 0), np.maximum(-left, 0)], 1))
-        higher, lower = np.split(change, 2, axis=1)
-        better = np.clip(value + higher - lower, 0, 1)
-        products += more
-        error = _residual(part, gain, better)
-        if not error < residual:
-            break
-        value, residual = better, error
-    return value, Certificate(products, residual, PROBABILITY_TOLERANCE)
-
-
-def _residual(part: Transient, gain: _Ends, value: _Ends) -> float:
-    mean = np.abs(gain + part.step @ value - value).max(initial=0.0)
-    return float(max(mean, np.abs(value.sum(axis=1) - 1).max(initial=0.0)))
-
-
-def _signed_residual(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
-    """Compute the residual `gain + Q x - x` of the values `x`, for an iterative refinement.
-
-    It is the sum of `p (x' - x)` over the steps from a cell, where `x'` is the value after the
-    step. So each row counts as summing to exactly 1. Otherwise the rounding error of its sum could
-    be as large as the probability of a rare step that leaves the transient cells. Differences
-    between cells with nearly equal values keep all their digits.
-    """
-    step, columns = part.step, []
-    row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
-    for into, x in zip(gain.T, value.T, strict=True):
-        within = np.bincount(row, step.data * (x[step.indices] - x[row]), x.size)
-        columns.append(within + into * (1 - x) - (gain.sum(axis=1) - into) * x)
-    return np.stack(columns, axis=1)
+        value[:, part.cells] = possible[:, None]
+        return value, 0, 0.0
+    ends = part.expect(gain)
+    value[:, part.cells] = ends.value[:, :-1].T.clip(0, 1)
+    return value, ends.products, float(ends.error[:, :-1].max(initial=0.0))
 
 
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
@@ -127,9 +107,9 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
         >>> markov.absorption_times(chain, groups).value.round(6).tolist()
         [0.0, 2.0, 2.0, 0.0]
     """
-    transient = group_of(chain, groups) < 0
-    time = np.zeros(chain.cells)
-    return times_until_left(chain.to_scipy(), transient, time, "absorption_times", throw)
+    require_x64("absorption_times")
+    inside = check_groups(chain, groups) < 0
+    return _times_until_left(chain, inside, np.zeros(chain.cells), "absorption_times", throw)
 
 
 def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True) -> Solution:
@@ -138,8 +118,8 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the
     time for each start, 0 in the target, and `inf` if the chain may never arrive, because it can
     end elsewhere or leave the space first. The residual of the certificate bounds the relative
-    error of every finite time. If the chain was estimated from samples, the field `moved` of the
-    solution estimates the sampling error.
+    error of every finite time. If the chain has a coarser chain `half`, the field `moved` of the
+    solution estimates the error of the cells and samples.
 
     A random walk on a line of three cells:
 
@@ -149,17 +129,16 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     """
     require_x64("hitting_times")
     there = cell_mask(chain.cells, target)
-    matrix = chain.to_scipy()
-    _, may_fail = prospects(matrix, there)
-    time = np.where(may_fail, np.inf, 0.0)
-    times = times_until_left(matrix, ~may_fail & ~there, time, "hitting_times", throw)
+    _, may_fail = on_host(prospects, (like(bool, chain.cells),) * 2, chain, there)
+    others = may_fail.__array_namespace__().where(may_fail, np.inf, 0.0)
+    times = _times_until_left(chain, ~may_fail & ~there, others, "hitting_times", throw)
     return with_moved(times, chain, hitting_times, there)
 
 
 def with_moved(
-    solution: Solution, chain: Chain, solve: Callable[..., Solution], target: Cells
+    solution: Solution, chain: Chain, solve: Callable[..., Solution], target: Any
 ) -> Solution:
-    """Add `moved` to a solution: how much values change if `solve` has only half of the samples."""
+    """Add `moved` to a solution: how much values change if `solve` has the coarser `chain.half`."""
     if chain.half is None:
         return solution
     value, other = solution.value, solve(chain.half, target, throw=False).value
@@ -167,22 +146,24 @@ def with_moved(
     return dataclasses.replace(solution, moved=moved)
 
 
-def times_until_left(
-    matrix: scipy.sparse.csr_array,
-    inside: Cells,
-    time: Float[np.ndarray, "cells"],
-    caller: str,
-    throw: bool,
-) -> Solution:
+def _times_until_left(chain: Chain, inside: Any, others: Any, caller: str, throw: bool) -> Solution:
     """Compute the expected number of steps from each cell `inside` until these cells are left.
 
-    The result is written into `time`, which already contains the times of the other cells.
+    The times of the other cells are in `others`, which is 0 inside.
     """
-    steps, certificate = leaving_times(matrix, inside)
+    time, products, error = on_host(_times, (like(float, chain.cells), *CERTIFIED), chain, inside)
+    certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
-    # A time below 1 is rounding: the true time is too long for 64-bit numbers.
-    time[inside] = np.where(steps >= 1 - TIME_TOLERANCE, steps, np.inf)
-    return Solution(jax.device_put(time), certificate)
+    time = time + others
+    return Solution(jax.device_put(expected(time, chain, inside, 1.0)), certificate)
+
+
+def _times(
+    matrix: scipy.sparse.csr_array, inside: Cells
+) -> tuple[Float[np.ndarray, "cells"], int, float]:
+    time = np.zeros(inside.size)
+    time[inside], certificate = leaving_times(matrix, inside)
+    return time, certificate.iterations, certificate.residual
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
@@ -201,24 +182,14 @@ def leaving_times(
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
     The chain must be able to leave from each of them. The residual bounds the relative errors.
+    Times that are too long for 64-bit numbers are `inf`.
     """
     part = Transient.of(matrix, inside)
-    gain = np.ones((part.cells.size, 1))
-    steps, products = part.expect(gain)
-    # With t = 1 + Q t + r, the error is at most max |r| times the true time.
-    residual = np.abs(gain + part.step @ steps - steps).max(initial=0.0)
-    return steps[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
-
-
-def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """Return the group of each cell, -1 for none, and check that the chain has these `groups`."""
-    require_x64("a solve on a chain")
-    if groups.group.shape[0] != chain.cells:
-        raise ValueError(
-            f"groups: expected the groups of this chain of {chain.cells} cells, got the groups of "
-            f"a chain of {groups.group.shape[0]}"
-        )
-    return np.asarray(groups.group)
+    steps = part.expect(np.empty((part.cells.size, 0)))
+    value, error = steps.value[:, 0], float(steps.relative.max(initial=0.0))
+    # A time below 1 is rounding.
+    value = np.where(value >= 1 - TOLERANCE, value, np.inf)
+    return value, Certificate(steps.products, error, TOLERANCE)
 
 
 def common_cells(chains: Sequence[Chain], owner: str) -> int:
@@ -235,22 +206,26 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
     return cells
 
 
-def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
+def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Any:
     """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`."""
+    if traced(listed):
+        return _traced_mask(cells, listed, name)
     array = np.asarray(listed)
     if array.dtype == bool:
         if array.shape != (cells,):
             raise ValueError(f"{name}: expected a mask of {cells} cells, got {array.shape}")
         mask = array
     else:
-        members = np.atleast_1d(array)
-        if members.size and not np.issubdtype(members.dtype, np.integer):
-            raise ValueError(f"{name}: expected whole numbers of cells, got {members.dtype}")
-        wrong = members[(members < 0) | (members >= cells)]
-        if wrong.size:
-            raise ValueError(f"{name}: cell {wrong[0]} does not exist; cells are 0 to {cells - 1}")
         mask = np.zeros(cells, bool)
-        mask[members.astype(np.int64)] = True
+        mask[np.asarray(check_indices(array, cells, name)).astype(np.int64)] = True
     if not mask.any():
         raise ValueError(f"{name}: expected at least one cell, got none")
     return mask
+
+
+def _traced_mask(cells: int, listed: Any, name: str) -> Bool[Array, "cells"]:
+    if listed.dtype != bool:
+        return jnp.zeros(cells, bool).at[check_indices(listed, cells, name)].set(True)
+    if listed.shape != (cells,):
+        raise ValueError(f"{name}: expected a mask of {cells} cells, got {listed.shape}")
+    return listed

@@ -1,23 +1,30 @@
 import dataclasses
-from typing import Literal
+import functools
+from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate
-from ..mapping.classes import PersistentGroups
+from ..base.certificate import Certificate, Real
+from ..base.indices import as_array
+from ..base.precision import require_x64
+from ..base.wide import traced
+from ..mapping.classes import PersistentGroups, check_groups
 from ..mapping.generalized import Chain, leaving_rows
-from .hitting import group_of
+from ..mapping.traced import implicit, like, on_host
 from .solving.stationary import solve_stationary
+from .traced import CERTIFIED, solve
 from .transient import Transient
 
 
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-8
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class LimitingDistribution:
     """The share of the time that a chain spends in each cell in the long run."""
@@ -26,7 +33,7 @@ class LimitingDistribution:
     "The share of the time spent in each cell; the shares and `leaving` sum to 1."
     weights: Float[Array, "groups"]
     "The weight of each persistent group: the probability of ending in it."
-    leaving: float
+    leaving: Real
     "The probability of leaving the space from a random start; 0 if weights were given."
     certificate: Certificate
 
@@ -48,7 +55,7 @@ def limiting_distribution(
     for the probabilities of ending in each group from a random start.
 
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
-    1-norm of `value P - value` and `|sum(weights) + leaving - 1|`.
+    1-norm of `value P - value` and a bound on the sum of the errors of weights and of `leaving`.
 
     A random walk on a line of three cells:
 
@@ -58,60 +65,113 @@ def limiting_distribution(
         >>> markov.limiting_distribution(chain, groups).value.round(6).tolist()
         [0.25, 0.5, 0.25]
     """
-    group = group_of(chain, groups)
-    matrix = chain.to_scipy()
-    share, leaving, weighed = _weights(matrix, groups, group, weights)
-    inside = np.flatnonzero(group >= 0)
-    within, products = solve_stationary(matrix[inside][:, inside], group[inside])
-    value = np.zeros(chain.cells)
-    value[inside] = within * share[group[inside]]
-    residual = max(np.abs(matrix.T @ value - value).sum(), abs(share.sum() + leaving - 1))
-    certificate = Certificate(weighed + products, float(residual), _TOLERANCE)
+    require_x64("limiting_distribution")
+    group = check_groups(chain, groups)
+    share, leaving, *about = _weights(chain, groups, group, weights)
+    form = like(float, chain.cells), *CERTIFIED
+    value, products, residual = on_host(_limit, form, chain, group, share, *about)
+    certificate = Certificate(products, residual, _TOLERANCE)
     certificate.check("limiting_distribution", throw)
+    if traced(chain, groups, share):
+        value = implicit(_change, value, (chain, group, share))
     value, share = jax.device_put((value, share))
     return LimitingDistribution(value, share, leaving, certificate)
 
 
-def _weights(
+def _limit(
     matrix: scipy.sparse.csr_array,
-    groups: PersistentGroups,
     group: Int[np.ndarray, "cells"],
+    share: Float[np.ndarray, "groups"],
+    products: int,
+    uncertain: float,
+) -> tuple[Float[np.ndarray, "cells"], int, float]:
+    inside = np.flatnonzero(group >= 0)
+    within, more = solve_stationary(matrix[inside][:, inside], group[inside])
+    value = np.zeros(group.size)
+    value[inside] = within * share[group[inside]]
+    residual = max(np.abs(matrix.T @ value - value).sum(), uncertain)
+    return value, int(products) + more, float(residual)
+
+
+def _change(value: Float[Array, "cells"], inputs: Any) -> Float[Array, "cells"]:
+    """Compute the limiting distribution from its values, for its derivatives.
+
+    In each group, shares are proportional to the visits to cells between two visits to the
+    likeliest cell.
+    """
+    chain, group, share = inputs
+    rows = share.size
+    place = jnp.where(group >= 0, group, rows)
+    most = jax.ops.segment_max(value, place, rows + 1)[place]
+    first = jnp.arange(group.size, dtype=group.dtype)
+    root = jax.ops.segment_min(jnp.where(value == most, first, group.size), place, rows + 1)
+    is_root = (first == root[place]) & (group >= 0)
+    visits = jnp.where(group >= 0, value / jnp.where(most > 0, most, 1.0), 0.0)
+    visits = jnp.where(is_root, 1.0, visits)
+    left = chain.push(visits) - visits
+    inside = (group >= 0) & ~is_root
+    visits = visits + solve(chain, inside, left - jax.lax.stop_gradient(left), adjoint=True)
+    total = jax.ops.segment_sum(visits, place, rows + 1)
+    return jnp.where(group >= 0, visits / total[place] * jnp.append(share, 0.0)[place], 0.0)
+
+
+def _weights(
+    chain: Chain,
+    groups: PersistentGroups,
+    group: Int[Array | np.ndarray, "cells"],
     weights: npt.ArrayLike | None,
-) -> tuple[Float[np.ndarray, "groups"], float, int]:
-    """Return the weights of the groups and of the sink, and the number of matrix products."""
+) -> tuple[Any, Any, Any, Any]:
+    """Return the weights of groups and sink, the number of products, and a bound on errors."""
+    rows = groups.size.shape[0]
     if weights is None or (isinstance(weights, str) and weights == "basin"):
-        return _basins(matrix, groups.count, group)
-    if groups.count == 0:
+        form = like(float, rows), like(float), *CERTIFIED
+        compute = functools.partial(_basins, rows=rows)
+        share, leaving, *about = on_host(compute, form, chain, group)
+        if traced(chain, groups):
+            share, leaving = implicit(_basins_change, (share, leaving), (chain, group))
+        return share, leaving, *about
+    if not rows:
         raise ValueError(
             "weights: the chain has no persistent groups; it leaves the space with probability 1"
         )
     if isinstance(weights, str):
         if weights != "size":
             raise ValueError(f"weights: expected 'basin', 'size' or an array, got {weights!r}")
-        size = np.asarray(groups.size)
-        return size / size.sum(), 0.0, 0
-    share = np.asarray(weights, float)
-    if share.shape != (groups.count,):
-        raise ValueError(
-            f"weights: expected {groups.count}, one per group, got shape {share.shape}"
-        )
+        size = groups.size.astype(np.float64)
+        return size / size.sum(), 0.0, 0, 0.0
+    share = as_array(weights, "weights")
+    if share.shape != (rows,):
+        raise ValueError(f"weights: expected {rows}, one per group, got shape {share.shape}")
+    if traced(share):
+        return share, 0.0, 0, 0.0
+    share = np.asarray(share, float)
     if not (share.min() >= 0 and abs(share.sum() - 1) <= _TOLERANCE):
         raise ValueError(f"weights: expected numbers from 0 that sum to 1, got {share.tolist()}")
-    return share, 0.0, 0
+    return share, 0.0, 0, 0.0
+
+
+def _basins_change(now: Any, inputs: Any) -> tuple[Float[Array, "groups"], Float[Array, ""]]:
+    """Compute the weights of basins and the probability of leaving, for their derivatives."""
+    chain, group = inputs
+    start = jnp.full(group.size, 1 / group.size)
+    visits = solve(chain, group < 0, start, adjoint=True)
+    entering = jnp.where(group >= 0, start + chain.push(visits), 0.0)
+    share = jax.ops.segment_sum(entering, jnp.maximum(group, 0), now[0].size)
+    return share, chain.leaving @ visits
 
 
 def _basins(
-    matrix: scipy.sparse.csr_array, count: int, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "groups"], float, int]:
+    matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], rows: int
+) -> tuple[Float[np.ndarray, "groups"], float, int, float]:
     leaving = leaving_rows(matrix)
-    if count == 1 and not leaving.any():
-        return np.ones(1), 0.0, 0
+    if group.max() == 0 and not leaving.any():
+        return np.eye(rows)[0], 0.0, 0, 0.0
     start = np.full(group.size, 1 / group.size)
     part = Transient.of(matrix, group < 0)
-    visits, products = part.visits(start[part.cells])
+    visits, products, error = part.visits(start[part.cells])
     branching = part.cells[part.branching]
     entering = matrix[branching].T @ visits
     inside = group >= 0
-    share = np.zeros(count)
+    share = np.zeros(rows)
     np.add.at(share, group[inside], (start + entering)[inside])
-    return share, float(leaving[branching] @ visits), products
+    return share, float(leaving[branching] @ visits), products, error

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
+from ..mapping.sequence import check_steps
 from .hitting import cell_mask
 
 
@@ -53,10 +54,11 @@ def survivals(
     `value` contains the probabilities after earlier steps; without any, they are 1 outside the
     target. Returns those after 0 to `steps - 1` more steps, and separately after `steps` steps.
     """
-    leaving = chain.leaving
+    leaving, rounding = chain.leaving, chain.rounding
 
     def step(value, _):  # type: ignore[no-untyped-def]
-        return jnp.where(there, 0.0, chain.pull(value) + leaving), value
+        later = chain.pull(value) + (leaving + rounding * value)
+        return jnp.where(there, 0.0, later), value
 
     after, values = jax.lax.scan(step, value, length=steps)
     return values, after
@@ -77,7 +79,7 @@ def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarr
     array = np.asarray(start)
     if not array.size or not np.issubdtype(array.dtype, np.floating):
         mask = cell_mask(cells, array, "start")
-        return mask / mask.sum()
+        return np.asarray(mask / mask.sum())
     if array.shape != (cells,):
         raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
     if not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
@@ -86,8 +88,3 @@ def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarr
             f"{array.sum()}"
         )
     return array.astype(np.float64)
-
-
-def check_steps(steps: int) -> None:
-    if steps < 0:
-        raise ValueError(f"steps: expected 0 or more, got {steps}")

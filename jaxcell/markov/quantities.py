@@ -1,18 +1,28 @@
+import functools
 import math
+from collections.abc import Callable
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+import scipy.linalg
+import scipy.sparse
+from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate, Solution
+from ..base.certificate import Certificate, Real, Solution
 from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
-from ..mapping.classes import PersistentGroups, persistent_groups
+from ..base.wide import traced
+from ..mapping.classes import closed_classes, periods, persistent_groups
 from ..mapping.generalized import Chain
+from ..mapping.traced import implicit, like, on_host
 from . import dense
-from .hitting import TIME_TOLERANCE
+from .hitting import TOLERANCE
 from .limiting import limiting_distribution
-from .solving.stationary import Rooted
+from .solving.all_pairs import times_between_all
+from .solving.stationary import Rooted, solve_stationary
+from .traced import CERTIFIED
 
 
 # Largest number of cells of a dense matrix, which then takes 800 MB; a solve holds a few of them.
@@ -24,7 +34,7 @@ _SQUARINGS = 50
 
 
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
-    """Compute the expected number of steps between all pairs of cells from one matrix inverse.
+    """Compute the expected number of steps between all pairs of cells.
 
     **Arguments:** an irreducible chain of at most 10,000 cells; for other chains, use
     [`jaxcell.markov.hitting_times`][] of one target. **Returns:** the times, a row per start. The
@@ -54,7 +64,7 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     return Solution(there.value + there.value.T, there.certificate)
 
 
-def kemeny_constant(chain: Chain) -> float:
+def kemeny_constant(chain: Chain) -> Real:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the start, the
@@ -69,9 +79,13 @@ def kemeny_constant(chain: Chain) -> float:
         >>> round(markov.kemeny_constant(examples.walk()), 6)
         1.5
     """
-    groups = _only_group(chain, "kemeny_constant")
-    likely = np.asarray(limiting_distribution(chain, groups, throw=False).value)
-    rooted = Rooted.of(chain.to_scipy(), np.zeros(chain.cells, int), likely)
+    constant = _of_irreducible(_kemeny, like(float), chain, "kemeny_constant")
+    return _derived(dense.kemeny, constant, chain) if traced(chain) else float(constant)
+
+
+def _kemeny(matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]) -> float:
+    likely, _ = solve_stationary(matrix, group)
+    rooted = Rooted.of(matrix, group, likely)
     with np.errstate(all="ignore"):
         visits = rooted.visits()
         share = np.append(rooted.entering.T @ visits, 1)
@@ -83,10 +97,11 @@ def kemeny_constant(chain: Chain) -> float:
     return constant
 
 
-def entropy_rate(chain: Chain) -> float:
+def entropy_rate(chain: Chain) -> Real:
     """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    **Arguments:** an irreducible chain of any size. **Returns:** the entropy.
+    **Arguments:** a chain of any size with one persistent group, in which it ends for sure; it may
+    have transient cells. **Returns:** the entropy.
 
     A random walk on a line of three cells, which has a choice in every second step:
 
@@ -94,15 +109,48 @@ def entropy_rate(chain: Chain) -> float:
         >>> round(markov.entropy_rate(examples.walk()), 4)
         0.3466
     """
-    groups = _only_group(chain, "entropy_rate", None)
-    share = np.asarray(limiting_distribution(chain, groups).value)
+    require_x64("entropy_rate")
+    groups = persistent_groups(chain)
+    ends = groups.count == 1
+    if not traced(chain) and (not ends or chain.can_leave.any()):
+        raise ValueError(
+            f"entropy_rate: expected a chain that ends in one persistent group, got {groups.count}"
+            f"{', and cells that leave the space' * bool(chain.can_leave.any())}"
+        )
+    share = limiting_distribution(chain, groups).value
+    rate = on_host(_entropy, like(float), chain, share)
+    if not traced(chain):
+        return float(rate)
+    surprise = on_host(_surprise, like(float, *chain.image.shape), chain, chain.image)
+    rate = implicit(_entropy_change, rate, (chain, share, surprise))
+    found: Any = jnp.where(ends & ~jnp.any(chain.leaving > 0), rate, jnp.nan)
+    return found
+
+
+def _entropy(matrix: scipy.sparse.csr_array, share: Float[np.ndarray, "cells"]) -> float:
     # This matrix has one entry for all branches with the same image.
-    steps = chain.to_scipy()
-    cell = np.repeat(np.arange(chain.cells), np.diff(steps.indptr))
-    return float(np.sum(share[cell] * steps.data * np.log(1 / steps.data)))
+    cell = np.repeat(np.arange(share.size), np.diff(matrix.indptr))
+    return float(np.sum(np.asarray(share)[cell] * matrix.data * np.log(1 / matrix.data)))
 
 
-def slem(chain: Chain) -> float:
+def _surprise(
+    matrix: scipy.sparse.csr_array, image: Int[np.ndarray, "branches cells"]
+) -> Float[np.ndarray, "branches cells"]:
+    """Return `-log p - 1` of the step of each branch; 0 for branches that are not used."""
+    cell = np.broadcast_to(np.arange(image.shape[1]), image.shape)
+    p = np.reshape(matrix[cell.ravel(), image.ravel()], image.shape)
+    return np.where(p > 0, -np.log(np.where(p > 0, p, 1.0)) - 1, 0.0)
+
+
+def _entropy_change(_: Any, inputs: Any) -> Float[Array, ""]:
+    chain, share, surprise = inputs
+    # The entropy of a cell is the sum over its branches plus 1, the sum of its probabilities.
+    of_cell = jnp.sum(chain.probability * surprise, axis=0)
+    fixed = of_cell + jax.lax.stop_gradient(jnp.sum(chain.probability, axis=0))
+    return share @ fixed
+
+
+def slem(chain: Chain) -> Real:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
     In each step, the distance from the stationary distribution shrinks by about this factor. All
@@ -120,14 +168,36 @@ def slem(chain: Chain) -> float:
         >>> round(markov.slem(chain), 6)
         0.5
     """
-    groups = _only_group(chain, "slem")
-    if groups.period[0] > 1:
+    modulus = _of_irreducible(_slem, like(float), chain, "slem")
+    if not traced(chain):
+        return float(modulus)
+    slope = on_host(_slem_slope, like(float, *chain.image.shape), chain, chain.image)
+    return implicit(_slem_change, modulus, (chain.probability, slope))
+
+
+def _slem(matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]) -> float:
+    if periods(matrix, group, 1)[0] > 1:
         return 1.0
-    modulus = np.sort(np.abs(np.linalg.eigvals(chain.to_scipy().toarray())))
+    modulus = np.sort(np.abs(np.linalg.eigvals(matrix.toarray())))
     return float(modulus[-2]) if modulus.size > 1 else 0.0
 
 
-def mixing_time(chain: Chain, distance: float = 0.25) -> float:
+def _slem_slope(
+    matrix: scipy.sparse.csr_array, image: Int[np.ndarray, "branches cells"]
+) -> Float[np.ndarray, "branches cells"]:
+    """Compute the derivative of a simple eigenvalue's modulus by the probability of each branch."""
+    values, left, right = scipy.linalg.eig(matrix.toarray(), left=True)
+    second = np.argsort(np.abs(values), kind="stable")[-2]
+    value, u, v = values[second], left[:, second].conj(), right[:, second]
+    return ((value.conj() / abs(value)) * u * v[image] / (u @ v)).real
+
+
+def _slem_change(_: Any, inputs: Any) -> Float[Array, ""]:
+    probability, slope = inputs
+    return jnp.sum(probability * slope)
+
+
+def mixing_time(chain: Chain, distance: float = 0.25) -> Real:
     """Compute the number of steps after which a chain has forgotten its start.
 
     It is the least `t` such that, for every start, the total variation (half the 1-norm of the
@@ -148,23 +218,30 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     """
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
-    groups = _only_group(chain, "mixing_time", MAX_VERTICES)
-    if groups.period[0] > 1:
+    compute = functools.partial(_mixing_time, distance=distance)
+    time = _of_irreducible(compute, like(float), chain, "mixing_time", MAX_VERTICES)
+    return time if traced(chain) else float(time)
+
+
+def _mixing_time(
+    matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], distance: float
+) -> float:
+    if periods(matrix, group, 1)[0] > 1:
         return math.inf
-    share = np.asarray(limiting_distribution(chain, groups).value)
+    share, _ = solve_stationary(matrix, group)
 
     def mixed(power: Float[np.ndarray, "cells cells"]) -> bool:
         return bool(np.abs(power - share).sum(axis=1).max() <= 2 * distance + _TIE)
 
-    if mixed(np.eye(chain.cells)):
+    if mixed(np.eye(share.size)):
         return 0.0
-    powers = [chain.to_scipy().toarray()]
+    powers = [matrix.toarray()]
     while not mixed(powers[-1]):
         if len(powers) > _SQUARINGS:
             raise RuntimeError(f"mixing_time: not mixed after 2**{_SQUARINGS} steps")
         powers.append(_product(powers[-1], powers[-1]))
     # Find the largest number of steps that is too few, one binary digit after the other.
-    time, power = 0, np.eye(chain.cells)
+    time, power = 0, np.eye(share.size)
     for digit in reversed(range(len(powers) - 1)):
         longer = _product(power, powers[digit])
         if not mixed(longer):
@@ -181,34 +258,50 @@ def _product(
 
 
 def _hitting(chain: Chain, caller: str, throw: bool) -> Solution:
-    _only_group(chain, caller)
-    matrix = chain.to_scipy()
-    value = np.array(dense.hitting(matrix.toarray()))
-    np.fill_diagonal(value, 0)
-    # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
-    gap = 1 + matrix @ value - value
-    np.fill_diagonal(gap, 0)
-    certificate = Certificate(1, float(np.abs(gap).max()), TIME_TOLERANCE)
+    form = like(float, chain.cells, chain.cells), *CERTIFIED
+    value, products, error = _of_irreducible(_between_all, form, chain, caller)
+    certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
+    if traced(chain):
+        value = _derived(dense.hitting, value, chain)
     return Solution(jax.device_put(value), certificate)
 
 
-def _only_group(chain: Chain, caller: str, most: int | None = _LARGEST_MATRIX) -> PersistentGroups:
-    """Check that a chain is irreducible, with at most `most` cells, and return its only group."""
+def _between_all(
+    matrix: scipy.sparse.csr_array, _: Any
+) -> tuple[Float[np.ndarray, "cells cells"], int, float]:
+    value, error = times_between_all(matrix.toarray())
+    return value, 1, error
+
+
+def _derived(quantity: Callable[[Any], Any], value: Any, chain: Chain) -> Any:
+    """Return `value` with the derivatives of a quantity of the dense transition matrix."""
+    cells = jnp.broadcast_to(jnp.arange(chain.cells), chain.image.shape)
+    P = jnp.zeros((chain.cells, chain.cells)).at[cells, chain.image].add(chain.probability)
+    return implicit(lambda _, P: quantity(P), value, P)
+
+
+def _of_irreducible(
+    compute: Callable[..., Any], form: Any, chain: Chain, caller: str, most: int = _LARGEST_MATRIX
+) -> Any:
+    """Compute a quantity of an irreducible chain of at most `most` cells."""
     require_x64(caller)
-    if most is not None and chain.cells > most:
+    if chain.cells > most:
         raise ValueError(
             f"{caller}: the chain has {chain.cells} cells, and the matrices of a chain of more "
             f"than {most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
-    groups = persistent_groups(chain)
-    group = np.asarray(groups.group)
-    lost = np.flatnonzero(group != 0)
-    if lost.size:
-        cell = lost[0]
-        why = "is transient" if group[cell] < 0 else "is in another persistent group than cell 0"
-        raise ValueError(
-            f"{caller}: expected an irreducible chain, but cell {cell} {why}; hitting_times "
-            "serves any chain"
-        )
-    return groups
+
+    def checked(matrix: scipy.sparse.csr_array) -> Any:
+        group = closed_classes(matrix)[0]
+        lost = np.flatnonzero(group != 0)
+        if lost.size:
+            cell = lost[0]
+            where = "transient" if group[cell] < 0 else "in another persistent group than cell 0"
+            raise ValueError(
+                f"{caller}: expected an irreducible chain, but cell {cell} is {where}; "
+                "hitting_times serves any chain"
+            )
+        return compute(matrix, group)
+
+    return on_host(checked, form, chain)

@@ -1,8 +1,9 @@
 import dataclasses
-import functools
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -10,18 +11,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
-from ..mapping.classes import next_cells, reaching
-from ..mapping.generalized import leaving_rows
-from .conditional import ALMOST_SURE, conditioned
-from .decision import DecisionModel
-from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_times
+from ..base.wide import traced
+from ..mapping.classes import reaching
+from ..mapping.traced import like, on_host
+from .conditional import ALMOST_SURE, conditioned, distortion
+from .decision import DecisionModel, policy_chain
+from .hitting import TOLERANCE, cell_mask, leaving_times
+from .moves import Moves, Policy, Usable
+from .solving.scaled import Scaled
+from .traced import CERTIFIED, expected
 from .transient import Transient
 
 
 _Cells: TypeAlias = Bool[np.ndarray, "cells"]
 _Values: TypeAlias = Float[np.ndarray, "cells"]
-_Policy: TypeAlias = Int[np.ndarray, "cells"]
-_Usable: TypeAlias = Bool[np.ndarray, "actions cells"]
 
 # Relative gain up to which a policy is not changed.
 _BETTER = 1e-11
@@ -30,6 +33,7 @@ _TIE = 1e-11
 _MAX_ROUNDS = 1000
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShortestPath:
     """The quickest of the policies with the highest probability of arriving at a goal."""
@@ -45,8 +49,9 @@ class ShortestPath:
     policy: Int[Array, "cells"]
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
-    """The certificate. Its residual is the larger of two numbers: the largest relative gain in time
-    from a change of one action, and 1e4 times the largest gain in probability."""
+    """The certificate. Its residual is the largest of four numbers: the error of the probabilities,
+    the relative error of the times of the policy, and the largest gain in probability and relative
+    gain in time from a change of one action."""
 
 
 def stochastic_shortest_path(
@@ -79,89 +84,47 @@ def stochastic_shortest_path(
     """
     require_x64("stochastic_shortest_path")
     there = cell_mask(model.cells, goal)
-    moves = _Moves.of(model)
+    real = like(float, model.cells)
+    form = real, real, like(int, model.cells), like(bool, model.cells), *CERTIFIED
+    arguments = model.chains, model.allowed, there
+    probability, time, policy, sure, rounds, residual = on_host(_shortest, form, *arguments)
+    certificate = Certificate(rounds, residual, TOLERANCE)
+    certificate.check("stochastic_shortest_path", throw)
+    probability, time, policy, sure = jax.device_put((probability, time, policy, sure))
+    if traced(arguments):
+        # The best policy stays the best for small changes.
+        inside = jnp.isfinite(time) & ~there
+        product = jnp.where(inside, time * probability, 0.0)
+        chain = policy_chain(model, policy)
+        probability = expected(probability, chain, inside & ~sure, 0.0)
+        product = expected(product, chain, inside, probability)
+        time = jnp.where(inside, product / probability, time)
+    certain = jnp.where(sure, time, jnp.inf)
+    return ShortestPath(probability, certain, time, policy, certificate)
+
+
+def _shortest(
+    matrices: Sequence[scipy.sparse.csr_array], allowed: Usable, there: _Cells
+) -> tuple[_Values, _Values, Policy, _Cells, int, float]:
+    moves = Moves.of(matrices, allowed)
     usable = moves.allowed & ~there
     can = reaching(moves.joint(usable), there)
     sure, safe = _sure(moves, usable, there)
     policy = np.argmax(moves.allowed, axis=0)
     policy = moves.nearer(policy, usable, sure)
     policy = moves.nearer(policy, safe, there)
-    probability, policy, surest = _surest(moves, policy, usable, sure, can & ~sure)
+    probability, policy, relative, surest = _surest(moves, policy, usable, sure, can & ~sure)
     keeps = np.where(sure, safe, usable & (moves.expected(probability) >= (1 - _TIE) * probability))
     # Rounding must not exclude the actions of the policy.
-    keeps[policy, np.arange(model.cells)] |= can & ~there
-    time, policy, quickest = _quickest(moves, policy, keeps, probability, there)
-    certificate = Certificate(
-        surest.iterations + quickest.iterations,
-        # Each residual in units of its own tolerance.
-        TIME_TOLERANCE
-        * max(surest.residual / PROBABILITY_TOLERANCE, quickest.residual / TIME_TOLERANCE),
-        TIME_TOLERANCE,
-    )
-    certificate.check("stochastic_shortest_path", throw)
-    return ShortestPath(
-        jax.device_put(probability),
-        jax.device_put(np.where(sure, time, np.inf)),
-        jax.device_put(time),
-        jax.device_put(policy.astype(np.int32)),
-        certificate,
-    )
+    inside = can & ~there
+    keeps[policy, np.arange(moves.cells)] |= inside
+    time, policy, quickest = _quickest(moves, policy, keeps, probability, relative, inside)
+    rounds = surest.iterations + quickest.iterations
+    residual = max(surest.residual, quickest.residual)
+    return probability, time, policy.astype(np.int32), sure, rounds, residual
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Moves:
-    """The possible steps of all actions, in a matrix with a row for each action in each cell."""
-
-    matrix: scipy.sparse.csr_array
-    allowed: _Usable
-    stays: _Usable
-    "`True` for an action in a cell if none of its steps from there leaves the space."
-
-    @classmethod
-    def of(cls, model: DecisionModel) -> "_Moves":
-        matrices = [chain.to_scipy() for chain in model.chains]
-        stays = np.stack([leaving_rows(matrix) == 0 for matrix in matrices])
-        matrix = scipy.sparse.vstack(matrices, format="csr")
-        return cls(matrix, np.asarray(model.allowed), stays)
-
-    @property
-    def cells(self) -> int:
-        return self.allowed.shape[1]
-
-    @functools.cached_property
-    def steps(self) -> tuple[Int[np.ndarray, "edges"], Int[np.ndarray, "edges"]]:
-        """The row and the column of every possible step, row by row."""
-        return self.matrix.nonzero()
-
-    def of_policy(self, policy: _Policy) -> scipy.sparse.csr_array:
-        return self.matrix[policy * self.cells + np.arange(self.cells)]
-
-    def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
-        """Compute the expected value after one step, for each action and cell."""
-        return (self.matrix @ value).reshape(self.allowed.shape)
-
-    def joint(self, usable: _Usable) -> scipy.sparse.csr_array:
-        """Return the graph of all possible steps of usable actions."""
-        row, column = self.steps
-        kept = usable.ravel()[row]
-        row, column = row[kept] % self.cells, column[kept]
-        # Entries of a pair of cells are added up.
-        ones = np.ones(row.size)
-        return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
-
-    def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
-        """Change a policy, where possible, to usable actions that may lead nearer to a target."""
-        after = next_cells(self.joint(usable), target)
-        row, column = self.steps
-        action, cell = np.divmod(row, self.cells)
-        leads = usable.ravel()[row] & ~target[cell] & (after[cell] == column)
-        policy = policy.copy()
-        # The first action is assigned last, so it stays.
-        policy[cell[leads][::-1]] = action[leads][::-1]
-        return policy
-
-
-def _sure(moves: _Moves, usable: _Usable, target: _Cells) -> tuple[_Cells, _Usable]:
+def _sure(moves: Moves, usable: Usable, target: _Cells) -> tuple[_Cells, Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions of such policies.
 
     Only `usable` actions that never leave the space are considered. Cells that cannot reach the
@@ -184,15 +147,16 @@ def _sure(moves: _Moves, usable: _Usable, target: _Cells) -> tuple[_Cells, _Usab
 
 
 def _surest(
-    moves: _Moves, policy: _Policy, usable: _Usable, sure: _Cells, maybe: _Cells
-) -> tuple[_Values, _Policy, Certificate]:
+    moves: Moves, policy: Policy, usable: Usable, sure: _Cells, maybe: _Cells
+) -> tuple[_Values, Policy, float, Certificate]:
     """Improve a policy until its probability of arriving from the cells `maybe` is the largest.
 
     The policy must be able to arrive from them. The cells `sure` have the probability 1. Returns
-    the probability, the policy, and a certificate with the gain that is still possible.
+    the probability, the policy, a bound on the relative errors of its probabilities, and a
+    certificate with the gain that is still possible.
     """
     value = sure.astype(np.float64)
-    rounds, residual = 0, 0.0
+    rounds, residual, relative = 0, 0.0, 0.0
     # A better policy leaves each class with a changed cell, because otherwise the average of the
     # value over this class would rise from one step to the next.
     while maybe.any():
@@ -200,39 +164,54 @@ def _surest(
         matrix = moves.of_policy(policy)
         part = Transient.of(matrix, maybe)
         value[maybe] = 0
-        ends, _ = part.expect((matrix[part.cells] @ value)[:, None])
-        value[maybe] = np.minimum(ends[:, 0], ALMOST_SURE)
+        ends = part.expect((matrix[part.cells] @ value)[:, None])
+        value[maybe] = np.clip(ends.value[:, 0], 0, ALMOST_SURE)
         gain = np.where(usable, moves.expected(value), -1)
         best = gain.max(axis=0)
-        residual = float(np.abs(best - value)[maybe].max())
+        residual = float(max(np.abs(best - value)[maybe].max(), ends.error[:, 0].max()))
+        relative = float(ends.relative[:, 0].max())
         change = maybe & (best > value + _BETTER * value)
         if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, gain.argmax(axis=0), policy)
-    return value, policy, Certificate(rounds, residual, PROBABILITY_TOLERANCE)
+    return value, policy, relative, Certificate(rounds, residual, TOLERANCE)
 
 
 def _quickest(
-    moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, target: _Cells
-) -> tuple[_Values, _Policy, Certificate]:
+    moves: Moves,
+    policy: Policy,
+    keeps: Usable,
+    probability: _Values,
+    relative: float,
+    inside: _Cells,
+) -> tuple[_Values, Policy, Certificate]:
     """Improve a policy until its time is minimal, while it keeps its `probability` of arriving.
 
-    Only actions in the mask `keeps` are chosen. Returns the expected times over the paths that
-    arrive, the policy, and a certificate that bounds the relative gain that is still possible.
+    Only actions in the mask `keeps` are chosen, in the cells `inside`, from which it can arrive.
+    `relative` bounds the relative errors of probabilities. Returns the expected times over the
+    paths that arrive, the policy, and a certificate that bounds the relative gain that is still
+    possible.
     """
-    toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
-    time = np.where(probability > 0, 0.0, np.inf)
-    inside = (probability > 0) & ~target
+    arrives = Scaled.of(probability)
+    matrix, total = conditioned(moves.matrix, arrives)
+    toward = dataclasses.replace(moves, matrix=matrix)
+    time = np.where(inside | (probability > 0), 0.0, np.inf)
     rounds, residual = 0, 0.0
     while inside.any():
         rounds += 1
         time[inside], solved = leaving_times(toward.of_policy(policy), inside)
-        after = 1 + toward.expected(np.where(inside, time, 0))
-        after = np.where(keeps, after, np.inf)
-        best = after.min(axis=0)
-        residual = max(solved.residual, float((1 - best[inside] / time[inside]).max()))
+        # Times that are too long for 64-bit numbers stay the longest.
+        with np.errstate(over="ignore", invalid="ignore"):
+            after = 1 + toward.expected(np.where(inside, time, 0))
+            after = np.where(keeps & ~np.isnan(after), after, np.inf)
+            best = after.min(axis=0)
+            gain = np.where(np.isinf(time[inside]), 0, 1 - best[inside] / time[inside])
+        residual = max(solved.residual, float(gain.max()))
         change = inside & (best < time * (1 - _BETTER))
         if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, after.argmin(axis=0), policy)
-    return time, policy, Certificate(rounds, residual, TIME_TOLERANCE)
+    row = policy * moves.cells + np.arange(moves.cells)
+    before = moves.of_policy(policy)
+    residual += distortion(before, arrives, total[row], relative, time, inside)
+    return time, policy, Certificate(rounds, residual, TOLERANCE)

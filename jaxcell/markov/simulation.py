@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from ..base import memory
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
 from .arrival import Distinct, Race
@@ -22,6 +23,8 @@ _TURNS = 8
 _MAX_STEPS = 2**30
 # 95 % of a normal distribution lies within this number of standard deviations.
 _NORMAL_95 = 1.959963984540054
+# Peak memory of the tables, per place and image.
+_BYTES_PER_SLOT = 100
 # Number of digits to which probabilities must agree to count as equal.
 _EQUAL = 9
 
@@ -79,6 +82,10 @@ def simulate_arrival(
         [2.0, 2.0, 2.0]
     """
     require_x64("simulate_arrival")
+    if not isinstance(key, jax.Array):
+        raise ValueError(
+            f"key: expected a random key, got {type(key).__name__}; jax.random.key(0) makes one"
+        )
     if runs < 2:
         raise ValueError(f"runs: expected 2 or more, got {runs}")
     if not 1 <= horizon <= _MAX_STEPS:
@@ -120,6 +127,11 @@ class _Tables:
         images, probabilities = [], []
         slots = 1 + max(chain.image.shape[0] for chain in race.chains)
         places = race.there.size + 1
+        memory.check(
+            len(race.chains) * slots * places * _BYTES_PER_SLOT,
+            f"simulate_arrival on {places - 1} cells with {slots - 1} images each",
+            "first_arrival computes the law of these times in less",
+        )
         for number, chain in enumerate(race.chains):
             branches = chain.image.shape[0]
             # One more branch leads to the sink; unused branches stay in their cell.

@@ -1,10 +1,21 @@
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from .solving.solve import solve_transient
+from ..mapping.generalized import leaving_rows
+from .solving.elimination import eliminate_scaled
+from .solving.scaled import Scaled
+from .solving.solve import imprecision, residual_bound, solve_transient
+
+
+_Columns: TypeAlias = Float[np.ndarray, "part columns"]
+
+_HALF_ULP = 2.0**-53
+# Smaller numbers lose digits.
+_TINIEST = 2.0**-1021
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -22,6 +33,9 @@ class Transient:
     "The numbers, in the whole chain, of the cells of the part, in ascending order."
     step: scipy.sparse.csr_array
     "The probabilities of steps within the part."
+    leaving: Float[np.ndarray, "part"]
+    """The probability of a step out of the part. It is a sum over the steps that lead out, and has
+    all its digits even if it is tiny; 1 minus the probability of staying would not."""
     branching: Int[np.ndarray, "section"]
     end: Int[np.ndarray, "part"]
     "The index in `branching` of the cell at the end of the run from each cell."
@@ -38,10 +52,13 @@ class Transient:
         **Raises:** `RuntimeError` for a cycle of certain steps, which the chain never leaves.
         """
         cells = np.flatnonzero(inside)
-        step = matrix[cells][:, cells]
+        rows = matrix[cells]
+        step = rows[:, cells]
+        leaving = rows @ (~inside).astype(float) + leaving_rows(rows)
         count = cells.size
         start = step.indptr[:-1]
-        on_run = np.diff(step.indptr) == 1
+        # Beside a step of probability 1 there may be a step whose probability is below rounding.
+        on_run = (np.diff(step.indptr) == 1) & (leaving == 0)
         on_run[on_run] = step.data[start[on_run]] == 1
         hop = np.full(count + 1, count)
         hop[:-1][on_run] = step.indices[start[on_run]]
@@ -62,15 +79,38 @@ class Transient:
             (rows.data, end[rows.indices], rows.indptr), shape=(branching.size, branching.size)
         )
         jump.sum_duplicates()
-        return cls(cells, step, branching, end, jump, tuple(hops))
+        return cls(cells, step, leaving, branching, end, jump, tuple(hops))
 
-    def expect(
-        self, gain: Float[np.ndarray, "part columns"]
-    ) -> tuple[Float[np.ndarray, "part columns"], int]:
+    def expect(self, gain: _Columns) -> "Expected":
         """Compute the expected total of `gain` over all visited cells, from each start cell.
 
-        It is the solution of `x = gain + Q x`. Also returns the number of matrix products.
+        It is the solution of `x = gain + Q x`; `gain` must not be negative. The last column of the
+        result is the expected number of steps in the part.
         """
+        # The expected number of steps is solved too: it turns residuals into errors.
+        right = np.column_stack([gain, np.ones(self.cells.size)])
+        value, products, relative = self._solve(right)
+        with np.errstate(all="ignore"):
+            left = residual_bound(self.step, right, value)
+            left = left + imprecision(self.step, self.leaving)[:, None] * np.abs(value)
+            most = left.max(axis=0, initial=0.0)
+            # With t = 1 + Q t + r, the error of t is at most max |r| times the true t.
+            steps = value[:, -1:] / (1 - most[-1]) if most[-1] < 1 else np.inf
+            # In each step, an elimination may lose probabilities that are too small for 64 bits.
+            lost = _TINIEST * self.branching.size**2 * value.max(axis=0, initial=0.0)
+            error = np.fmin(np.abs(value) * relative + value[:, -1:] * lost, most * steps)
+        return Expected(value, np.where(np.isnan(error), np.inf, error), products)
+
+    def expect_scaled(self, gain: Float[np.ndarray, "part"]) -> tuple[Scaled, float] | None:
+        """Compute the expected total of a gain at branching cells, however small it is.
+
+        Returns it with a bound on the relative errors, or `None` if it would take too long.
+        """
+        right = gain[self.branching, None]
+        solved = eliminate_scaled(self.jump, self.leaving[self.branching], right)
+        return solved and (solved[0][self.end, 0], solved[1] + self._inputs)
+
+    def _solve(self, gain: _Columns) -> tuple[_Columns, int, float]:
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
         run[self.branching] = 0
@@ -79,16 +119,62 @@ class Transient:
         run = run[:-1]
         # A branching cell gains its own share, and that of the run to the next branching cell.
         right = gain[self.branching] + self.step[self.branching] @ run
-        at_branching, products = solve_transient(self.jump, right)
-        return run + at_branching[self.end], products
+        at_branching, products, error = solve_transient(
+            self.jump, self.leaving[self.branching], right
+        )
+        return run + at_branching[self.end], products, error + self._inputs
 
-    def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
+    @property
+    def _inputs(self) -> float:
+        """A bound on the relative error of solutions that is due to sums of probabilities."""
+        terms = np.diff(self.jump.indptr).max(initial=0) + len(self.hops) + 2
+        return float(2 * self.branching.size * terms * _HALF_ULP)
+
+    def visited(self, start: _Columns) -> _Columns:
+        """Compute the expected visits to each cell, `x = start + Q' x`; `start` is not negative."""
+        arriving = np.zeros((self.branching.size, start.shape[1]))
+        np.add.at(arriving, self.end, start)
+        leaving = self.leaving[self.branching]
+        at_branching, _, _ = solve_transient(self.jump, leaving, arriving, adjoint=True)
+        passing = np.zeros((self.cells.size + 1, start.shape[1]))
+        passing[:-1] = start + self.step[self.branching].T @ at_branching
+        for hop in self.hops:
+            np.add.at(passing, hop, passing[:-1].copy())
+        passing[self.branching] = at_branching
+        return passing[:-1]
+
+    def visits(
+        self, start: Float[np.ndarray, "part"]
+    ) -> tuple[Float[np.ndarray, "section"], int, float]:
         """Compute the expected visits to each branching cell, for a distribution of the start.
 
-        This is the adjoint of `expect`. The part is left only from branching cells. Also returns
-        the number of matrix products.
+        This is the adjoint of `expect`. The part is left only from branching cells.
+
+        **Returns:** the visits, the number of matrix products, and a bound on the sum of the errors
+        of the probabilities of all ways out.
         """
-        arriving = np.zeros(self.branching.size)
-        np.add.at(arriving, self.end, start)
-        visits, products = solve_transient(self.jump, arriving[:, None], adjoint=True)
-        return visits[:, 0], products
+        arriving = np.zeros((self.branching.size, 1))
+        np.add.at(arriving[:, 0], self.end, start)
+        leaving = self.leaving[self.branching]
+        visits, products, relative = solve_transient(self.jump, leaving, arriving, adjoint=True)
+        # All visits that the residual adds end with a step out of the part.
+        left = residual_bound(self.jump.T.tocsr(), arriving, visits).sum()
+        short = imprecision(self.jump, leaving) @ np.abs(visits[:, 0])
+        return visits[:, 0], products, float(np.fmin(relative + self._inputs, left + short))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Expected:
+    """The expected total of each gain until a part is left, and the expected number of steps."""
+
+    value: Float[np.ndarray, "part columns"]
+    error: Float[np.ndarray, "part columns"]
+    "A bound on the absolute error of each value; `inf` if it is unknown."
+    products: int
+
+    @property
+    def relative(self) -> Float[np.ndarray, "part columns"]:
+        """A bound on the relative error of each value."""
+        with np.errstate(all="ignore"):
+            part = np.where(self.error > 0, self.error / np.abs(self.value), 0.0)
+        return np.where(np.isnan(part), np.inf, part)

@@ -1,7 +1,9 @@
 import numpy as np
 from jaxtyping import Int
 
+from ..base.indices import check_indices
 from ..mapping.generalized import Chain
+from ..mapping.sequence import check_steps
 
 
 def sample_walks(
@@ -14,6 +16,8 @@ def sample_walks(
     **Arguments:** a chain, a first cell for each walk, the number of steps, and a generator of
     random numbers. **Returns:** the cell of each walk at each time, the starts first.
 
+    **Raises:** `ValueError` if a start does not exist, or if the chain may leave the space.
+
     A walk around a ring of three cells:
 
         >>> import numpy as np
@@ -23,7 +27,11 @@ def sample_walks(
         [1, 2, 0, 1]
     """
     image, up_to = np.asarray(chain.image), np.cumsum(np.asarray(chain.probability), axis=0)
-    here = np.asarray(starts, np.int32)
+    check_steps(steps)
+    here = np.asarray(check_indices(starts, chain.cells, "starts"), np.int32)
+    if chain.can_leave.any():
+        cell = int(np.argmax(chain.can_leave))
+        raise ValueError(f"chain: expected one that never leaves the space, as cell {cell} may")
     walks = [here]
     for drawn in random.random((steps, here.size)):
         chances = up_to[:, here]

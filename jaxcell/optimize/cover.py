@@ -135,7 +135,7 @@ def minimum_cover(
 
 def _packed(sets: Bool[np.ndarray, "sets elements"]) -> UInt64[np.ndarray, "words sets"]:
     """Pack the elements of each set as bits, 64 in a word; there is one column per set."""
-    octets = np.packbits(sets, axis=1)
+    octets = np.packbits(np.ascontiguousarray(sets), axis=1)
     whole = np.pad(octets, ((0, 0), (0, -octets.shape[1] % 8)))
     return np.ascontiguousarray(whole.view(np.uint64).T)
 

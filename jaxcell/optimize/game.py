@@ -8,7 +8,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate, Outcome
+from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..base.process import no_output
 from .checked import distribution, finite
@@ -125,7 +125,7 @@ def stackelberg(
     else:
         solved, certificate = certified(_dobss(paid, unit_C, time_limit))
         few = C.shape[2] ** types <= _MAX_PROFILES
-        if method is None and few and certificate.outcome is not Outcome.CONVERGED:
+        if method is None and few and not certificate.converged:
             solved, certificate = certified(_multiple_lp(paid, unit_C))
     certificate.check("stackelberg", throw)
     weights, answer, *_ = solved

@@ -1,5 +1,6 @@
 import dataclasses
 import operator
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from .checked import finite, one_each
+from .geographic import degrees, great_circles, in_metres, positioned
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -33,17 +35,27 @@ class Graph:
     def __init__(
         self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
     ) -> None:
-        """Create a graph from its edges.
+        """Create a graph from its edges, or from an undirected graph of networkx.
+
+        Vertices of a networkx graph are numbered in its order. Its node attributes `x` and `y`, or
+        `pos`, are positions, and its edge attribute `length` is the length of an edge, in metres;
+        other attributes are ignored. Positions `lon` and `lat`, or `x` and `y` if the attribute
+        `crs` of the graph is geographic, are degrees and become metres, with lengths on the Earth.
 
         **Arguments:**
 
-        - `edges`: integer array `[edges, 2]`, the two ends of each edge.
+        - `edges`: integer array `[edges, 2]`, the two ends of each edge; or the networkx graph.
         - `vertices`: number of vertices; by default the number of rows of `xy`, or without `xy` one
             more than the largest end of an edge.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
         - `ways`: array `[edges]`, the lengths of the edges, in metres; by default edges are
             straight.
         """
+        names: Sequence[Hashable] | None = None
+        if hasattr(edges, "is_multigraph"):
+            names = list(edges)
+            edges, xy, ways = _of_networkx(edges, xy, ways)
+            vertices = len(names) if vertices is None else vertices
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
             raise ValueError(f"edges: expected an array [edges, 2], got {list(ends.shape)}")
@@ -55,7 +67,7 @@ class Graph:
         vertices = operator.index(vertices)
         if vertices < 2:
             raise ValueError(f"vertices: expected at least 2, got {vertices}")
-        _check_edges(ends, vertices)
+        _check_edges(ends, vertices, range(vertices) if names is None else names)
         if places is not None and places.shape != (vertices, 2):
             raise ValueError(f"xy: expected an array [{vertices}, 2], got {list(places.shape)}")
         lengths = None if ways is None else one_each("ways", ways, len(ends), "per edge")
@@ -81,7 +93,54 @@ class Graph:
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
 
 
-def _check_edges(ends: Int[np.ndarray, "edges 2"], vertices: int) -> None:
+def _of_networkx(network: Any, xy: Any, ways: Any) -> tuple[Any, Any, Any]:
+    """Return the edges of a networkx graph, and its positions and lengths if none are given."""
+    if network.is_directed():
+        raise ValueError(
+            "edges: the networkx graph is directed; expected an undirected graph, such as that of "
+            "its method to_undirected"
+        )
+    number = {name: vertex for vertex, name in enumerate(network)}
+    edges = [[number[tail], number[head]] for tail, head in network.edges()]
+    if not edges:
+        raise ValueError("edges: the networkx graph has no edges")
+    ends = np.array(edges, np.int64)
+    if ways is None:
+        lengths = [length for *_, length in network.edges(data="length")]
+        ways = _all_or_none(lengths, network.edges(), "length, but other edges have")
+    if xy is None:
+        crs, nodes = network.graph.get("crs"), network.nodes(data=True)
+        attributes = [positioned(node, crs) for _, node in nodes]
+        plane = [
+            (node["x"], node["y"]) if {"x", "y"} <= node.keys() else node.get("pos")
+            for node in attributes
+        ]
+        if all(place is None for place in plane) and any(map(degrees, attributes)):
+            earth = [degrees(node) for node in attributes]
+            lacking = "longitude and latitude, but other vertices have"
+            places = finite("xy", _all_or_none(earth, number, lacking))
+            if (np.abs(places) > [360, 90]).any():
+                raise ValueError(
+                    "edges: in the networkx graph, positions are degrees, as its crs or the names "
+                    "of attributes say; expected longitudes to 360 and latitudes to 90"
+                )
+            return ends, in_metres(places), great_circles(places, ends) if ways is None else ways
+        xy = _all_or_none(plane, number, "position x, y or pos, but other vertices have")
+    return ends, xy, ways
+
+
+def _all_or_none(values: list[Any], owners: Iterable[Any], lacking: str) -> list[Any] | None:
+    given = [value is not None for value in values]
+    if not any(given):
+        return None
+    if not all(given):
+        raise ValueError(
+            f"edges: in the networkx graph, {list(owners)[given.index(False)]!r} has no {lacking}"
+        )
+    return values
+
+
+def _check_edges(ends: Int[np.ndarray, "edges 2"], vertices: int, names: Sequence[Any]) -> None:
     if ends.min() < 0 or ends.max() >= vertices:
         edge, side = np.argwhere((ends < 0) | (ends >= vertices))[0]
         raise ValueError(
@@ -90,7 +149,7 @@ def _check_edges(ends: Int[np.ndarray, "edges 2"], vertices: int) -> None:
     loops = np.flatnonzero(ends[:, 0] == ends[:, 1])
     if loops.size:
         raise ValueError(
-            f"edges[{loops[0]}] is a loop at vertex {ends[loops[0], 0]}; expected two ends"
+            f"edges[{loops[0]}] is a loop at vertex {names[ends[loops[0], 0]]!r}; expected two ends"
         )
     key = ends.min(axis=1).astype(np.int64) * vertices + ends.max(axis=1)
     _, first, same = np.unique(key, return_index=True, return_inverse=True)
@@ -98,6 +157,6 @@ def _check_edges(ends: Int[np.ndarray, "edges 2"], vertices: int) -> None:
     if again.size:
         edge = again[0]
         raise ValueError(
-            f"edges[{edge}] joins {ends[edge, 0]} and {ends[edge, 1]}, as edges"
+            f"edges[{edge}] joins {names[ends[edge, 0]]!r} and {names[ends[edge, 1]]!r}, as edges"
             f"[{first[same[edge]]}] does; expected no parallel edges"
         )

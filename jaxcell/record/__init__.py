@@ -36,8 +36,6 @@ result with matplotlib, which the extra `plot` installs.
 **Files** are written atomically: under a temporary name, and then renamed. The one exception is a
 `RobotRecording`, which grows while the robots drive. If the run is interrupted, the recording has
 all data except the last moments.
-
-The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 """
 
 from ..base.hosted import attach

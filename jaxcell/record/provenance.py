@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from .. import __version__
+from ..base.results import current_run
 from ..base.revision import git_revision
 from ..space import CellSpace
 
@@ -45,6 +46,8 @@ def provenance(
         "jax_version": jax.__version__,
         "spec": parameters,
     }
+    if (run := current_run()) is not None:
+        attributes["run_id"] = run
     if (revision := git_revision()) is not None:
         attributes["git_revision"] = revision
     if cells is not None:

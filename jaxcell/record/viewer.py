@@ -1,17 +1,21 @@
 """Connect to a Rerun viewer that shows a recording while it grows."""
 
 import socket
+import subprocess
 import sys
+import time
 import urllib.parse
-from pathlib import Path
 
 import rerun as rr
 
 from ..base.process import has_display
 
 
+HERE = "127.0.0.1"
+"""The address that only programs on this computer can reach."""
 PORT = 9876
 """The port on which Rerun listens for recordings."""
+_MAX_WAIT = 60.0
 
 
 def viewer_sink(viewer: str) -> rr.GrpcSink:
@@ -22,8 +26,8 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
     it starts.
     """
     if viewer == "here":
-        url = f"rerun+http://127.0.0.1:{PORT}/proxy"
-        if _refusal("127.0.0.1", PORT) is not None:
+        url = f"rerun+http://{HERE}:{PORT}/proxy"
+        if _refusal(HERE, PORT) is not None:
             _start()
         return rr.GrpcSink(url)
     parts = urllib.parse.urlsplit(viewer)
@@ -47,18 +51,20 @@ def _start() -> None:
             "viewer here: there is no display; start `rerun` on a computer that has one, and give "
             "the address that it prints"
         )
-    # The commands of a virtual environment, also of an inactive one, are beside its Python.
-    beside = Path(sys.executable).with_name("rerun")
-    try:
-        rr.spawn(
-            port=PORT,
-            connect=False,
-            memory_limit="1GB",
-            hide_welcome_screen=True,
-            executable_path=str(beside) if beside.exists() else None,
-        )
-    except RuntimeError as error:
-        raise OSError(f"viewer here: it does not start: {error}") from error
+    # `rerun.spawn` would let the viewer listen on all interfaces.
+    command = [*viewer_command(), "--port", str(PORT), "--hide-welcome-screen"]
+    nothing = subprocess.DEVNULL
+    viewer = subprocess.Popen(command, stdin=nothing, stdout=nothing, start_new_session=True)
+    until = time.monotonic() + _MAX_WAIT
+    while (refusal := _refusal(HERE, PORT)) is not None:
+        if viewer.poll() is not None or time.monotonic() > until:
+            raise OSError(f"viewer here: it does not start: {refusal}")
+        time.sleep(0.1)
+
+
+def viewer_command(bind: str = HERE, memory: str = "1GB") -> list[str]:
+    """Return the command that starts a viewer; it accepts recordings only at the address `bind`."""
+    return [sys.executable, "-m", "rerun", "--memory-limit", memory, "--bind", bind]
 
 
 def _refusal(host: str, port: int) -> str | None:

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..walls import Aim, Homing, WallFilter, choose_angles
+from ..walls import Aim, Homing, WallFilter, choose_angles, is_localized
 from .outcome import RunOutcome
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
@@ -17,8 +17,16 @@ class AnywhereOutcome(RunOutcome):
 
     place: tuple[float, float] | None = None
     "The centre of the bounding box of the possible places in metres, or `None` if unknown."
-    extent: float = math.inf
-    "The diagonal of the bounding box of the places, in metres; infinite before the first bump."
+    extent: float | None = None
+    "The diagonal of the box around the places in metres, or `None` if unknown."
+
+
+CONFIRM = 20
+"""The default number of straight runs that confirm the place of a robot.
+
+Of 3,850 robots on a wrong map, 33 % are known to half a metre at some bump. After 5 more runs 1.4 %
+of the robots still agree with the map, after 10 more 0.47 %, and after 20 more 0.08 %.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +37,7 @@ class AnywhereSettings:
     bounces: tuple[float, ...]
     "The bouncing angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot is localized if its possible places have an extent of at most `2 * radius` metres."
+    "The distance in metres within which the robot is localized."
     homing: Homing | None = None
     "The strategy that leads the robot to its goal; `None` if the robot is only localized."
     aim: Aim = "mean"
@@ -39,6 +47,9 @@ class AnywhereSettings:
     "The number of future bumps that the choice of an angle takes into account."
     seed: int = 0
     "The seed for the random starts in the simulations that compare the angles."
+    confirm: int = CONFIRM
+    """The number of further straight runs that must not refute the map before the robot is
+    localized. The arrival at a goal is not confirmed."""
 
 
 def run_anywhere(
@@ -83,7 +94,7 @@ def run_anywhere(
                 "observation",
                 observation=1,
                 run=run,
-                extent=round(follower.extent, 4),
+                extent=follower.known_extent,
                 turn=turn,
                 estimate=np.round(walker.estimate, 4).tolist(),
             )
@@ -123,6 +134,7 @@ class SetFollower:
         self.state: Any = None
         self.bumps = 0
         self.extent = math.inf
+        self.agreed: int | None = None
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
@@ -133,16 +145,31 @@ class SetFollower:
         filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:
-            self.result = "refuted"
+            self.state, self.extent, self.result = None, math.inf, "refuted"
             return
         self.state = filter.observe(self.state, max(run, 0.0))
-        self.extent = float(filter.extent(self.state, 1)[0])
+        extent = filter.extent(self.state, 1)
+        self.extent = float(extent[0])
         if filter.refuted(self.state, 1)[0]:
             self.result = "refuted"
         elif homing is not None:
             self.result = "arrived" if homing.arrived(self.state, 1)[0] else None
-        elif self.extent <= 2 * self.settings.radius:
+        else:
+            self._confirm(bool(is_localized(extent, self.settings.radius)[0]))
+
+    def _confirm(self, known: bool) -> None:
+        """Count the runs since the place was first known, and localize the robot after enough."""
+        if self.agreed is not None:
+            self.agreed += 1
+        elif known:
+            self.agreed = 0
+        if known and self.agreed is not None and self.agreed >= self.settings.confirm:
             self.result = "localized"
+
+    @property
+    def known_extent(self) -> float | None:
+        """The extent of the set in metres, or `None` before the first bump and if it is empty."""
+        return round(self.extent, 4) if math.isfinite(self.extent) else None
 
     def choose(self) -> float:
         """Choose the angle to turn by at this bump, in radians."""
@@ -182,7 +209,7 @@ class SetFollower:
                 raise ValueError(f"event {number}: turn: expected radians, got {turn!r}")
             self.observe(length)
             yield length, turn
-            if turn is not None and self.result is None:
+            if turn is not None and self.result != "refuted":
                 self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
@@ -195,16 +222,26 @@ class SetFollower:
             x, y = ((ends.min(axis=0) + ends.max(axis=0)) / 2).tolist()
             place = (x, y)
             where = f"within {self.extent / 2:.2f} m of ({x:.2f} m, {y:.2f} m)"
+        agreed = self.agreed or 0
+        known = f"known to be {where} after {self.bumps - agreed} bumps"
+        known += f", and {agreed} more agreed" if agreed else ""
+        unknown = f"not known after {self.bumps} bumps: {where}"
+        if self.agreed is not None:
+            unknown = f"not confirmed by {self.settings.confirm} bumps: {known}"
         reason = {
-            "localized": f"known to be {where} after {self.bumps} bumps",
+            "localized": known,
             "arrived": f"at the goal after {self.bumps} bumps, {where}",
             "refuted": (
                 f"the first {self.bumps} runs are impossible from every place in the room: the map "
                 "is wrong, or the errors of the robot are larger than their bounds"
             ),
-            None: f"not known after {self.bumps} bumps: {where}",
+            None: unknown,
         }[self.result]
         observations = "1" * self.bumps
         return AnywhereOutcome(
-            self.result or "unfinished", observations, reason, place=place, extent=self.extent
+            self.result or "unfinished",
+            observations,
+            reason,
+            place=place,
+            extent=self.extent if math.isfinite(self.extent) else None,
         )

@@ -44,7 +44,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     rng = np.random.default_rng(0)
     error, windows = np.zeros(_BUMP_TURNS.size), 0
     for first, state in enumerate(states[: -_RUNS or None]):
-        if state is not None and state.wall.size:
+        if state is not None:
             windows += 1
             place, heading, _ = draw_places(filter, state, 1, _DRAWN, rng)
             window = slice(first, first + _RUNS)

@@ -9,7 +9,7 @@ from .create.motion import Moved
 from .walker import Drivable
 
 
-_FORMAT = "jaxcell-robot-calibration"
+_FORMAT, _VERSION = "jaxcell-robot-calibration", 1
 # A larger error means other wheels.
 _LEAST, _MOST = 0.5, 2.0
 
@@ -53,6 +53,7 @@ class Calibration:
             if not isinstance(values, dict) or values.get("format") != _FORMAT:
                 raise ValueError("expected the file of `jaxcell robot calibrate`")
             fields = Fields(values)
+            fields.check_version(_VERSION)
             return cls(fields.number("distance"), fields.number("angle"))
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
@@ -62,7 +63,7 @@ class Calibration:
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
-            values = {"format": _FORMAT, **dataclasses.asdict(self)}
+            values = {"format": _FORMAT, "version": _VERSION, **dataclasses.asdict(self)}
             temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
 
 

@@ -4,6 +4,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 
 from ..automata import Belief, Filter, Policy
 from ..automata.belief import NOWHERE, SMALL
+from ..automata.filter import CONFIRM
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
@@ -15,7 +16,11 @@ cycle of states that no observation leaves; with `"known"` also when one configu
 
 
 class Follower(abc.ABC):
-    """The state of a run in which observations localize a robot whose start is unknown."""
+    """The state of a run in which observations localize a robot whose start is unknown.
+
+    On a wrong map, too, the observations soon leave one configuration. So the robot goes on, and it
+    is localized only when `confirm` further observations have not refuted the map.
+    """
 
     kind: ClassVar[str]
     _state: Any
@@ -25,19 +30,41 @@ class Follower(abc.ABC):
     "The output (colour) of the filter or policy after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
     "The result of the run, or `None` before its end."
+    confirm: int
+    "The number of further observations that confirm the place of the robot."
+    agreed: int | None
+    "The number of observations since the place of the robot was first known, or `None` before."
 
-    def __init__(self) -> None:
+    def __init__(self, confirm: int) -> None:
+        if confirm < 0:
+            raise ValueError(f"confirm: expected a number of observations from 0, got {confirm}")
         self.observations, self.colors, self.result = "", [], None
+        self.confirm, self.agreed = confirm, None
 
     def observe(self, observation: int) -> None:
         """Update the possible cells with the next observation: 0 for a step, 1 for a bump."""
         self.observations += str(observation)
+        self._update(observation)
+        if self.result is not None:
+            return
+        if self.agreed is not None:
+            self.agreed += 1
+        elif self._known:
+            self.agreed = 0
+        if self._known and self.agreed is not None and self.agreed >= self.confirm:
+            self.result = "localized"
+
+    def _update(self, observation: int) -> None:
+        """Update the state, and set the result if the observation refutes the map."""
         self._state = self._state.observe(observation)
         self.colors.append(self._state.color)
         if self._state.refuted:
             self.result = "refuted"
-        elif self._state.localized:
-            self.result = "localized"
+
+    @property
+    @abc.abstractmethod
+    def _known(self) -> bool:
+        """True if the place of the robot is known now, unless the map is wrong."""
 
     @property
     def over(self) -> bool:
@@ -61,8 +88,15 @@ class Follower(abc.ABC):
 
     @property
     def localized(self) -> str:
-        """A sentence that explains the result `"localized"`."""
-        return f"localized to {self.places} after {len(self.observations)} observations"
+        """A sentence that explains how the robot was localized."""
+        return f"localized to {self.places} after {self._known_after}"
+
+    @property
+    def _known_after(self) -> str:
+        """The number of observations that localized the robot and of those that confirmed it."""
+        agreed = self.agreed or 0
+        known = f"{len(self.observations) - agreed} observations"
+        return f"{known}, and {agreed} more agreed" if agreed else known
 
     @property
     def refuted(self) -> str:
@@ -76,8 +110,12 @@ class Follower(abc.ABC):
     @property
     def places(self) -> str:
         """The number of possible cells, in words."""
-        count = len(self.cells)
+        count = self._count
         return "1 configuration" if count == 1 else f"{count} configurations"
+
+    @property
+    def _count(self) -> int:
+        return int(self._state.uncertainty)
 
     def outcome(self) -> RunOutcome:
         """Return the outcome of the run so far."""
@@ -85,7 +123,12 @@ class Follower(abc.ABC):
         if self.result == "localized":
             reason = self.localized
         elif self.result == "refuted":
-            reason, cells = observed(self.refuted, self.observations), ()
+            reason, cells = self.refuted, ()
+            if self.agreed is not None:
+                reason += f" (its place was known, and {self.agreed} more observations had agreed)"
+            reason = observed(reason, self.observations)
+        elif self.agreed is not None:
+            reason = f"not confirmed by {self.confirm} observations: {self.localized}"
         else:
             count = len(self.observations)
             reason = f"not localized after {count} observations; {self.places} left"
@@ -100,25 +143,26 @@ class FilterFollower(Follower):
 
     kind = "filter"
 
-    def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """Start the filter; `until` is the condition that ends the run."""
-        super().__init__()
+    def __init__(self, filter: Filter, until: Until = "known", *, confirm: int = CONFIRM) -> None:
+        """Start the filter; `until` is the condition that is to be confirmed."""
+        super().__init__(confirm)
         self._filter, self._state, self._until = filter, filter.start(), until
 
-    def observe(self, observation: int) -> None:
+    def _update(self, observation: int) -> None:
         if self._filter.transition[self._state.index, observation] < 0:
-            self.observations += str(observation)
             self.colors.append(0)
             self.result = "refuted"
-            return
-        super().observe(observation)
-        if not self.result and self._until == "known" and self._state.uncertainty == 1:
-            self.result = "localized"
+        else:
+            super()._update(observation)
+
+    @property
+    def _known(self) -> bool:
+        return self._state.localized or (self._until == "known" and self._state.uncertainty == 1)
 
     @property
     def over(self) -> bool:
         # With `until="cycle"`, a run continues after one configuration is left.
-        return self.result == "refuted" or self._state.localized
+        return self.result == "refuted" or (self.result is not None and self._state.localized)
 
     @property
     def turn(self) -> int | None:
@@ -135,16 +179,27 @@ class FilterFollower(Follower):
 
 
 class PolicyFollower(Follower):
-    """The state of a localization policy, which chooses the bouncing angle at each bump."""
+    """The state of a localization policy, which chooses the bouncing angle at each bump.
+
+    After the end of the policy the robot turns by the angle `policy.onward.turn`, and the run ends
+    at a bump. A policy without the table `onward` cannot be confirmed, so `confirm` becomes 0.
+    """
 
     kind = "policy"
 
-    def __init__(self, policy: Policy) -> None:
-        super().__init__()
+    def __init__(self, policy: Policy, *, confirm: int = CONFIRM) -> None:
+        super().__init__(0 if policy.onward is None else confirm)
         self._state = policy.start()
 
     @property
+    def _known(self) -> bool:
+        return self._state.localized and not self._state.steps
+
+    @property
     def turn(self) -> int | None:
+        onward = self._state.policy.onward
+        if self._known and self.result is None and onward is not None:
+            return int(onward.turn)
         return self._state.turn
 
     @property
@@ -163,26 +218,28 @@ class BeliefFollower(Follower):
     """The belief about the configuration of a slipping robot during a run.
 
     The robot is localized when its credible set, the fewest configurations with a total probability
-    of at least `belief.share`, has at most four configurations. The map is refuted when the
-    probability that the robot is nowhere on it exceeds 0.99.
+    of at least `belief.share`, has at most four configurations, and again after the observations
+    that confirm it. The map is refuted when the probability that the robot is nowhere on it exceeds
+    0.99.
     """
 
     kind = "belief"
 
-    def __init__(self, belief: Belief) -> None:
-        super().__init__()
+    def __init__(self, belief: Belief, *, confirm: int = CONFIRM) -> None:
+        super().__init__(confirm)
         self._belief, self._state = belief, belief.start()
         self.estimate = belief.estimate(self._state)
         "The credible set after the last observation."
 
-    def observe(self, observation: int) -> None:
-        self.observations += str(observation)
+    def _update(self, observation: int) -> None:
         self._state = self._belief.observe(self._state, observation)
         self.estimate = self._belief.estimate(self._state)
         if self.estimate.nowhere > NOWHERE:
             self.result = "refuted"
-        elif self.estimate.cells.size <= SMALL:
-            self.result = "localized"
+
+    @property
+    def _known(self) -> bool:
+        return self._count <= SMALL
 
     @property
     def turn(self) -> int | None:
@@ -191,6 +248,10 @@ class BeliefFollower(Follower):
     @property
     def cells(self) -> list[int]:
         return self.estimate.cells.tolist()
+
+    @property
+    def _count(self) -> int:
+        return int(self.estimate.cells.size)
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -204,8 +265,8 @@ class BeliefFollower(Follower):
     @property
     def localized(self) -> str:
         return (
-            f"localized after {len(self.observations)} observations to {self.places}, which hold "
-            f"the robot with probability {float(self.estimate.probability.sum()):.3g}"
+            f"localized to {self.places}, which hold the robot with probability "
+            f"{float(self.estimate.probability.sum()):.3g}, after {self._known_after}"
         )
 
     @property
@@ -245,14 +306,18 @@ def run_follower(
         >>> from jaxcell.automata import Filter, subset_construction
         >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
         >>> filter = Filter.of(subset_construction(image, bumped))
-        >>> outcome = robot.run_follower(walker, robot.FilterFollower(filter), [0.0])
+        >>> follower = robot.FilterFollower(filter, confirm=3)
+        >>> outcome = robot.run_follower(walker, follower, [0.0])
         >>> outcome.result, outcome.observations, outcome.cells
-        ('localized', '00', (0,))
+        ('localized', '00111', (0,))
+        >>> outcome.reason
+        'localized to 1 configuration after 2 observations, and 3 more agreed'
     """
     while follower.result is None and len(follower.observations) < limit:
         follower.observe(int(walker.step()))
         if log is not None:
-            log.observation(walker, **follower.fields)
+            agreed = {} if follower.agreed is None else {"agreed": follower.agreed}
+            log.observation(walker, **follower.fields, **agreed)
         if follower.turn is not None:
             walker.rotate(bounces[follower.turn])
     return finished(follower.outcome(), log)

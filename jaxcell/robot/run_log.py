@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..base.documents import check_version
 from .create.driver import RobotStopped
 from .outcome import RunOutcome
 from .walker import Walker
@@ -175,12 +176,12 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
     header = parsed[0] if parsed else {}
-    written = header.get("format"), header.get("version")
-    if written != (_FORMAT, _VERSION):
+    if header.get("format") != _FORMAT:
         raise ValueError(
-            f"{path}: line 1: expected the log of a robot, format {_FORMAT!r} version {_VERSION}, "
-            f"got {reprlib.repr(written[0])} version {reprlib.repr(written[1])}"
+            f"{path}: line 1: expected the log of a robot, format {_FORMAT!r}, got "
+            f"{reprlib.repr(header.get('format'))}"
         )
+    check_version(header.get("version"), _VERSION, f"{path}: line 1: ")
     return LoggedRun(header, tuple(parsed[1:]), not unfinished)
 
 

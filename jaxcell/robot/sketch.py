@@ -15,6 +15,7 @@ from ..automata import (
     policy_to_c_header,
     to_c_header,
 )
+from ..automata.filter import CONFIRM
 from .create.packets import METRES_PER_COUNT, WHEEL_BASE
 from .tasks.files import FilterTask, PolicyTask
 
@@ -40,12 +41,14 @@ def filter_sketch(
     direction: int | None = None,
     flash: int = FLASH,
     machine: MooreMachine | None = None,
+    confirm: int = CONFIRM,
 ) -> str:
     """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
     It computes the same colours as a [`jaxcell.robot.FilterFollower`][] with a
-    [`jaxcell.robot.Walker`][], and ends when the robot is localized (in a knowledge cycle). The
-    comment at the top of the program explains the wiring, and the events that stop the robot.
+    [`jaxcell.robot.Walker`][]. It ends in a knowledge cycle, when `confirm` further observations
+    have not refuted the map. The comment at the top of the program explains the wiring, and the
+    events that stop the robot.
 
     **Arguments:**
 
@@ -54,7 +57,9 @@ def filter_sketch(
         See [`jaxcell.robot.Walker`][].
     - `flash`: the flash memory of the board, in bytes.
     - `machine`: a smaller machine for the program to run instead of the filter or policy, the one
-        that [`jaxcell.automata.fewest_bytes`][] finds with its default `output`.
+        that [`jaxcell.automata.fewest_bytes`][] finds with its default `output`. It does not detect
+        most impossible observations, so its answer is not confirmed.
+    - `confirm`: the number of observations that confirm the answer of the filter.
 
     **Returns:** the text of the program.
 
@@ -74,7 +79,7 @@ def filter_sketch(
         >>> print(*robot.filter_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
-    return _localizing(task, task.filter, direction, flash, machine)
+    return _localizing(task, task.filter, direction, flash, machine, confirm)
 
 
 def policy_sketch(
@@ -87,7 +92,7 @@ def policy_sketch(
     """Write a program for an Arduino that runs a localization policy on a Create, without a host.
 
     It chooses the same angles as a [`jaxcell.robot.PolicyFollower`][] with a
-    [`jaxcell.robot.Walker`][].
+    [`jaxcell.robot.Walker`][]. It ends with the policy, whose answer it does not confirm.
 
     **Arguments:** the policy, and the options of [`filter_sketch`][], with the same errors.
     **Returns:** the text of the program.
@@ -107,7 +112,7 @@ def policy_sketch(
         >>> print(*robot.policy_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
     """
-    return _localizing(task, task.policy, direction, flash, machine)
+    return _localizing(task, task.policy, direction, flash, machine, 0)
 
 
 def _localizing(
@@ -116,8 +121,11 @@ def _localizing(
     direction: int | None,
     flash: int,
     machine: MooreMachine | None,
+    confirm: int,
 ) -> str:
     choosing = isinstance(source, Policy)
+    if machine is not None:
+        confirm = 0
     if machine is not None:
         text = _machine_header(source, machine)
     elif isinstance(source, Policy):
@@ -144,6 +152,7 @@ def _localizing(
         step=task.step,
         bounces=task.bounces,
         choosing=choosing,
+        confirm=confirm,
         strides=strides,
         direction=direction or 0,
     )
@@ -263,6 +272,7 @@ def _fill(
     strides: Float[np.ndarray, "directions 2"] | None = None,
     direction: int = 0,
     choosing: bool = False,
+    confirm: int = 0,
 ) -> str:
     placing = (
         "Put the robot in the middle of a cell, along one of the directions. Its heading is not "
@@ -271,11 +281,22 @@ def _fill(
         else "Put the robot in the middle of a cell, facing "
         f"{360 * direction / len(strides):g} degrees counter-clockwise from the x axis of the map."
     )
+    ending = ""
+    if confirm:
+        ending = (
+            f"The run ends when the robot is localized and {confirm} further observations have not "
+            "refuted the map. "
+        )
+    elif tables is not None:
+        ending = (
+            "The run ends as soon as the robot is localized. No further observation confirms the "
+            "answer, and on another map many robots are localized, too. "
+        )
     rows = [] if strides is None else strides.tolist()
     return string.Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=title,
         source="\n".join(f" *     {_comment(line)}" for line in source),
-        placing="\n * ".join(textwrap.wrap(placing, 96)),
+        placing="\n * ".join(textwrap.wrap(ending + placing, 96)),
         says="" if tables is None else ", and the colour after it",
         lights="it blinks slowly if the robot was stopped; the USB port prints the reason"
         if tables is None
@@ -289,6 +310,7 @@ def _fill(
         start_direction=direction,
         step=_float(step),
         choosing=int(choosing),
+        confirm=confirm,
         # Each turn takes the shorter way.
         bounces=", ".join(_float(math.remainder(bounce, 2 * math.pi)) for bounce in bounces),
         metres_per_count=_float(METRES_PER_COUNT),

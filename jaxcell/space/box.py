@@ -59,6 +59,8 @@ class Box:
         object.__setattr__(self, "lower", tuple(map(float, lower)))
         object.__setattr__(self, "upper", tuple(map(float, upper)))
         object.__setattr__(self, "cells", tuple(map(int, cells)))
+        if any(count != given for count, given in zip(self.cells, cells, strict=True)):
+            raise ValueError(f"cells: expected whole numbers, got {list(cells)}")
         object.__setattr__(self, "axes", kinds)
         lengths = {len(self.lower), len(self.upper), len(self.cells), len(kinds)}
         if len(lengths) > 1 or not self.lower:

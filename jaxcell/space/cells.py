@@ -2,16 +2,22 @@ import dataclasses
 import functools
 import math
 import os
+import warnings
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .occupancy import TOLERANCE, rasterise
+from ..base.doubts import Doubt
+from ..base.limits import Unknown
+from ..base.wide import traced
+from .occupancy import TOLERANCE, in_squares, rasterise
 from .workspace import Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
+# The least number of positions on a map that suggests no side of a cell.
+_POSITIONS = 200
 # Largest side or coordinate in metres, and angle in radians; no product with it overflows.
 _LARGEST = 1e9
 
@@ -87,7 +93,9 @@ class CellSpace:
     ) -> "CellSpace":
         """Read a map file and divide its free space into cells, by default as the map suggests.
 
-        Lengths are in metres; there are 8 directions if the map suggests none.
+        Lengths are in metres. If the map suggests no side of a cell, the side is a round length,
+        for at least 200 positions, and a warning names it; there are 8 directions if the map
+        suggests none.
 
         A lab whose map suggests cells of 1 m:
 
@@ -156,59 +164,58 @@ class CellSpace:
 
         Coordinates are in cells, relative to `origin`. The free space lies to the left of an edge.
         """
-        return (edges(self.room.free_space) - np.array(self.origin)) / self.cell
+        return in_squares(edges(self.room.free_space), self.origin, self.cell)
 
-    def centre(
-        self, z: Int[np.ndarray, "..."] | int
-    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """Compute the centre `(x, y, theta)` of each cell, in metres and radians."""
-        z = np.asarray(z)
-        if z.size and (z.min() < 0 or z.max() >= self.size):
-            wrong = z[(z < 0) | (z >= self.size)].flat[0]
-            raise ValueError(f"cell {wrong} does not exist; cells are 0 to {self.size - 1}")
-        direction, position = np.divmod(z, self.positions)
-        row, column = np.divmod(self.square[position], self.free.shape[1])
+    def centre(self, z: Int[Any, "..."] | int) -> tuple[Any, Any, Any]:
+        """Compute the centre `(x, y, theta)` of each cell, in metres and radians.
+
+        It works under `jit` and `vmap`, where a cell that does not exist has no centre, but NaN.
+        """
+        xp, (z,) = _arrays(None, z)
+        away = (z < 0) | (z >= self.size)
+        if xp is np and away.any():
+            raise ValueError(
+                f"cell {z[away].flat[0]} does not exist; cells are 0 to {self.size - 1}"
+            )
+        direction, position = xp.divmod(z, self.positions)
+        square = xp.divmod(xp.asarray(self.square)[position], self.free.shape[1])
+        row, column, direction = (xp.asarray(one, float) for one in (*square, direction))
         x = self.origin[0] + (column + 0.5) * self.cell
         y = self.origin[1] + (row + 0.5) * self.cell
         theta = 2 * np.pi * direction / self.directions
-        return np.asarray(x), np.asarray(y), np.asarray(theta)
+        if xp is np:
+            return np.asarray(x), np.asarray(y), np.asarray(theta)
+        return tuple(xp.where(away, np.nan, place) for place in (x, y, theta))
 
     def index(
-        self,
-        x: Float[np.ndarray, "..."] | float,
-        y: Float[np.ndarray, "..."] | float,
-        theta: Float[np.ndarray, "..."] | float = 0.0,
-    ) -> Int[np.ndarray, "..."]:
+        self, x: Float[Any, "..."] | float, y: Float[Any, "..."] | float, theta: Any = 0.0
+    ) -> Int[Any, "..."]:
         """Find the cell of each configuration; coordinates are in metres and radians.
 
-        The square of a point must be free. A point on an edge is in the upper or right square.
+        The square of a point must be free. A point on an edge is in the upper or right square. It
+        works under `jit` and `vmap`, where a point whose square is not free has no cell, but -1.
         """
-        x, y, theta = np.broadcast_arrays(
-            np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
-        )
-        if not all((np.abs(values) <= _LARGEST).all() for values in (x, y, theta)):
+        xp, (x, y, theta) = _arrays(float, x, y, theta)
+        if xp is np and not all((np.abs(values) <= _LARGEST).all() for values in (x, y, theta)):
             raise ValueError(
                 f"a configuration needs finite numbers x, y, theta of at most {_LARGEST:g}"
             )
-        rows, columns = self.free.shape
-        row, column = _squares(self, x, y)
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        position = np.where(
-            inside,
-            self.position_of_square[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)],
-            -1,
-        )
+        square, inside = _squares(xp, self, x, y)
+        position = xp.where(inside, xp.asarray(self.position_of_square)[square], -1)
+        if xp is not np:
+            known = (position >= 0) & xp.isfinite(theta)
+            return xp.where(known, _numbered(xp, self, position, theta), -1)
         if (position < 0).any():
             bad = np.argmax(np.atleast_1d(position) < 0)
             where = (
                 "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
             )
             raise ValueError(f"the point ({x.flat[bad]:g}, {y.flat[bad]:g}) {where}")
-        return _numbered(self, position, theta)
+        return _numbered(np, self, position, theta)
 
 
-def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
-    """Find the cell of each configuration, in the nearest free square.
+def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[Any, "..."]:
+    """Find the cell of each configuration, in the nearest free square. It works under `jit`.
 
     **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map
     or in obstacles, unlike in [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
@@ -220,11 +227,9 @@ def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray
         >>> int(space.nearest_cell(cells, 2.5, 1.01, 0.0))
         2
     """
-    square = tuple(
-        np.clip(place, 0, size - 1)
-        for place, size in zip(_squares(cells, x, y), cells.free.shape, strict=True)
-    )
-    return _numbered(cells, _nearest_positions(cells)[square], theta)
+    xp, (x, y, theta) = _arrays(float, x, y, theta)
+    square, _ = _squares(xp, cells, x, y)
+    return _numbered(xp, cells, xp.asarray(_nearest_positions(cells))[square], theta)
 
 
 @functools.lru_cache(maxsize=8)
@@ -238,18 +243,27 @@ def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
     return cells.position_of_square[row, column]
 
 
-def _squares(cells: CellSpace, x: Any, y: Any) -> tuple[Any, Any]:
-    row, column = (
-        np.floor(np.round((place - low) / cells.cell, 9)).astype(np.int64)
-        for place, low in zip((y, x), cells.origin[::-1], strict=True)
-    )
-    return row, column
+def _arrays(kind: type | None, *values: Any) -> tuple[Any, Any]:
+    """Return the namespace of values, that of JAX if it traces them, and the values as arrays."""
+    xp = next((one.__array_namespace__() for one in values if traced(one)), np)
+    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in values))
 
 
-def _numbered(cells: CellSpace, position: Any, theta: Any) -> Int[np.ndarray, "..."]:
+def _squares(xp: Any, cells: CellSpace, x: Any, y: Any) -> tuple[tuple[Any, ...], Any]:
+    """Find the row and column of the square nearest to each point, and mask the points in it."""
+    square: tuple[Any, ...] = ()
+    inside: Any = True
+    for place, low, count in zip((y, x), cells.origin[::-1], cells.free.shape, strict=True):
+        along = xp.floor(xp.round((place - low) / cells.cell, 9))
+        inside = inside & (along >= 0) & (along < count)
+        square += (xp.clip(along, 0, count - 1).astype(np.int32),)
+    return square, inside
+
+
+def _numbered(xp: Any, cells: CellSpace, position: Any, theta: Any) -> Any:
     turn = 2 * np.pi / cells.directions
-    direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % cells.directions
-    return np.asarray(direction * cells.positions + position, np.int32)
+    direction = xp.floor(xp.round(theta / turn + 0.5, 9)) % cells.directions
+    return xp.asarray(direction.astype(np.int32) * cells.positions + position, np.int32)
 
 
 def _check_side(cell: float) -> None:
@@ -264,17 +278,28 @@ def suggested(
     cell: float | None,
     directions: int | None,
     robot_radius: float | None,
+    unknown: Unknown = "wall",
 ) -> tuple[Workspace, float, int]:
     """Read a map; return it with the given or suggested side of a cell and number of directions."""
-    workspace = Workspace.load(path)
+    workspace = Workspace.load(path, unknown)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
     side = workspace.cell if cell is None else cell
     if side is None:
-        raise ValueError(
-            f"cell: {os.fspath(path)} suggests no side of a cell; expected one in metres"
+        side = _usual_side(workspace)
+        doubt = (
+            f"{os.fspath(path)}: the map suggests no side of a cell, so cells are squares of "
+            f"{side:g} m; set another side with `cell`"
         )
+        warnings.warn(doubt, Doubt, stacklevel=2)
     return workspace, side, (workspace.directions or 8) if directions is None else directions
+
+
+def _usual_side(workspace: Workspace) -> float:
+    """Return a round side of cells in metres, for at least as many positions as `_POSITIONS`."""
+    most = math.sqrt(workspace.free_space.area / _POSITIONS)
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(one * power for one in (1.0, 2.0, 2.5, 5.0) if one * power <= most * (1 + TOLERANCE))
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:

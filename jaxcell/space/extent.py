@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
 from .motion import Motion
-from .occupancy import MOST_SQUARES
+from .occupancy import MOST_SQUARES, in_squares
 from .stencils import stencil
 from .workspace import Workspace, edges
 
@@ -43,7 +43,7 @@ class Extent:
         positions = area / cell / cell
         if width * height > MOST_SQUARES or positions * directions > MAX_CELLS:
             return None
-        walls = (edges(workspace.free_space)[:, 1:] - corner) / cell
+        walls = in_squares(edges(workspace.free_space)[:, 1:], corner, cell)
         rows, columns = math.ceil(height - TOLERANCE), math.ceil(width - TOLERANCE)
         return cls(workspace, rows, columns, positions, directions, cell, walls)
 

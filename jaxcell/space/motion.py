@@ -8,7 +8,9 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.limits import Collision
+from ..base.wide import traced
 from .cells import TOLERANCE, CellSpace
+from .occupancy import in_squares
 from .segments import crossed_squares, meets_wall
 
 
@@ -36,9 +38,11 @@ def _endpoint(
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
     """Find the steps that end in an obstacle; `near` and the results are as in [`meets_wall`][]."""
     near = np.unique(near)
-    closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    closed = shapely.transform(
+        cells.room.free_space, lambda points: in_squares(points, cells.origin, cells.cell)
+    ).buffer(TOLERANCE, join_style="mitre")
     shapely.prepare(closed)
-    ends = (centres[near][:, None] + steps) * cells.cell + np.array(cells.origin)
+    ends = centres[near][:, None] + steps
     return near, ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
 
 
@@ -78,6 +82,11 @@ class Motion:
         if self.collision not in RULES:
             names = " or ".join(map(repr, RULES))
             raise ValueError(f"collision: expected {names}, got {self.collision!r}")
+        if traced(self.step):
+            raise TypeError(
+                "step: expected a number, got an array that JAX traces; walls are found on the "
+                "host: make the motion outside jit, vmap and grad"
+            )
 
     @property
     def rule(self) -> Rule:

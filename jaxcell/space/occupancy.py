@@ -17,8 +17,24 @@ from .copies import copies
 
 MOST_SQUARES = 2**30
 # Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
-# wall or to an edge between cells lies on it, on every platform.
+# wall or to an edge between cells lies on it, on every platform. It covers the rounding of
+# coordinates, because `in_squares` removes digits that coordinates in metres do not have.
 TOLERANCE = 1e-9
+
+
+def in_squares(
+    metres: Float[np.ndarray, "*points 2"],
+    corner: tuple[float, float] | Float[np.ndarray, "2"],
+    cell: float,
+) -> Float[np.ndarray, "*points 2"]:
+    """Convert coordinates of a map to squares from a corner, and round them to their precision.
+
+    Coordinates far from the origin, such as those of UTM, have few digits after the point: two
+    points that are meant to be equal may differ by more than `TOLERANCE`.
+    """
+    precision = 4 * np.spacing(np.abs(metres).max(initial=cell)) / cell
+    digits = math.floor(-math.log10(precision))
+    return np.round((metres - np.asarray(corner)) / cell, digits)
 
 
 def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndarray, "_ 2"]]:
@@ -101,32 +117,47 @@ def rasterise(
         "expected a larger cell",
     )
     columns, rows = math.ceil(width), math.ceil(height)
-    # With the margin a centre that lies on a wall is free, whatever the rounding.
-    closed = environment.buffer(TOLERANCE * cell, join_style="mitre")
-    row, column = _crossings(closed, np.array([xmin, ymin]), cell, rows)
-    free = np.zeros((rows, columns + 1), bool)
-    np.logical_xor.at(free, (row, np.clip(column, 0, columns)), True)
-    # A square is free if an odd number of walls lies to the left of its centre.
-    np.logical_xor.accumulate(free, axis=1, out=free)
-    return ~free[:, :columns]
+    local = shapely.transform(environment, lambda points: in_squares(points, (xmin, ymin), cell))
+    # The number of free intervals around each centre, on a line just below it and one just above.
+    # So a centre that lies on a wall is free, whatever the rounding.
+    around = np.zeros((rows, columns + 1), np.int8)
+    for shift in (-TOLERANCE, TOLERANCE):
+        row, x = _crossings(local, rows, shift)
+        for side, step, margin in ((0, 1, -TOLERANCE), (1, -1, TOLERANCE)):
+            column = np.ceil(x[side::2] + margin).astype(int)
+            np.add.at(around, (row[side::2], np.clip(column, 0, columns)), step)
+    np.add.accumulate(around, axis=1, out=around)
+    free = around[:, :columns] > 0
+    # Neither line may meet a wedge whose tip is a centre.
+    tips = shapely.get_coordinates(local) - 0.5
+    square = np.rint(tips)
+    at = (np.abs(tips - square) <= TOLERANCE) & (square >= 0) & (square < (columns, rows))
+    column, row = square[at.all(axis=1)].astype(int).T
+    free[row, column] = True
+    return ~free
 
 
 def _crossings(
-    environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
-) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """Find the row of each point where a wall crosses the middle of a row, and the next column."""
+    environment: shapely.Geometry, rows: int, shift: float
+) -> tuple[Int[np.ndarray, "crossings"], Float[np.ndarray, "crossings"]]:
+    """Find the points where walls cross the lines that are `shift` above the middles of rows.
+
+    **Returns:** the row and the column of each point, sorted. The unit is a square, and the column
+    of a centre is a whole number.
+    """
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )
-    # From here on the unit is a square, from the centre of the lower left one.
-    points = (points - corner) / cell - 0.5
+    # The origin is the centre of the lower left square, on its line.
+    points = points - (0.5, 0.5 + shift)
     same = ring[1:] == ring[:-1]
     (xa, ya), (xb, yb) = points[:-1][same].T, points[1:][same].T
     low, high = (np.clip(np.ceil(f(ya, yb)), 0, rows).astype(int) for f in (np.minimum, np.maximum))
     wall, number = copies(high - low)
     row = low[wall] + number
     x = xa[wall] + (row - ya[wall]) * ((xb - xa)[wall] / (yb - ya)[wall])
-    return row, np.ceil(x).astype(int)
+    order = np.lexsort((x, row))
+    return row[order], x[order]
 
 
 def cutting_bytes(squares: float, positions: float | int) -> float:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int, Num
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
 from .copies import copies
+from .occupancy import in_squares
 from .segments import cross
 from .view import check_reach
 from .workspace import edges, polygons
@@ -121,7 +122,7 @@ class _Scene:
         part = np.concatenate([part, (corners - origin) / cell])
         order = np.argsort(position, kind="stable")
         first = np.searchsorted(position[order], np.arange(cells.positions + 1))
-        walls = (edges(environment) - origin) / cell
+        walls = in_squares(edges(environment), origin, cell)
         return cls(centre, walls, part[order], first)
 
     def parts_seen(

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import shapely
 from jaxtyping import Float, Int
 
+from ..base.limits import Unknown
 from .maps.map_files import read_map, write_map
 
 
@@ -84,7 +85,7 @@ class Workspace:
         }
         for field, value in values.items():
             object.__setattr__(self, field, value)
-        _check_polygons(boundary, rings)
+        _check_polygons(self._shapes, coordinate_rounding(boundary, rings))
         self._check_numbers()
         if self.environment.is_empty:
             raise ValueError("obstacles: they cover the whole boundary; nothing is left free")
@@ -110,6 +111,13 @@ class Workspace:
             raise ValueError(f"name: expected printable text on one line, got {self.name!r}")
 
     @functools.cached_property
+    def _shapes(self) -> np.ndarray:
+        """The polygons of the boundary and, after it, of the obstacles."""
+        rings = self.boundary, *self.obstacles
+        of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+        return shapely.polygons(shapely.linearrings(np.concatenate(rings), indices=of))
+
+    @functools.cached_property
     def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The free space of a point robot: the boundary minus the union of the obstacles.
 
@@ -120,26 +128,24 @@ class Workspace:
         rounding = coordinate_rounding(self.boundary, self.obstacles)
         # NumPy would warn of the denormal numbers that GEOS meets in slivers.
         with np.errstate(all="ignore"):
-            union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
-            return shapely.normalize(
-                shapely.difference(shapely.Polygon(self.boundary), union, grid_size=rounding)
-            )
+            union = shapely.disjoint_subset_union_all(self._shapes[1:])
+            return shapely.normalize(shapely.difference(self._shapes[0], union, grid_size=rounding))
 
     @functools.cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The space for the robot's centre: the environment less a margin of the robot's radius.
 
-        Around a convex corner of an obstacle the margin is an arc of 16 chords per quarter circle.
-        So the margin is up to 0.13 percent too narrow there. The free space may have several
-        pieces.
+        Around a convex corner of an obstacle the margin is an arc of about 16 chords per quarter
+        circle; a chord may have half as large an angle again. So the margin is up to 0.27 percent
+        too narrow there. The free space may have several pieces.
         """
         # GEOS turns polygons inside out for margins below the rounding of float64.
         if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
             return self.environment
         # GEOS may get the margin of touching pieces wrong; the margin of each polygon is right.
         margin = self.robot_radius
-        inside = shapely.Polygon(self.boundary).buffer(-margin, quad_segs=16)
-        solid = [shapely.Polygon(r).buffer(margin, quad_segs=16) for r in self.obstacles]
+        inside = self._shapes[0].buffer(-margin, quad_segs=16)
+        solid = shapely.buffer(self._shapes[1:], margin, quad_segs=16)
         with np.errstate(all="ignore"):
             return shapely.normalize(shapely.difference(inside, shapely.union_all(solid)))
 
@@ -163,13 +169,17 @@ class Workspace:
         return text + f"in {self.pieces} pieces that the robot cannot cross between"
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Workspace":
+    def load(cls, path: str | os.PathLike[str], unknown: Unknown = "wall") -> "Workspace":
         """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
 
         The name of an ASCII grid ends in `.txt` or `.map`. The path of the image of a map_server
         map is relative to its `.yaml` file. A map without a name gets the name of its file.
+
+        Pixels of a map_server map that are unknown are walls, or free if `unknown` is `"free"`.
+        Pixels of the grey that savers of maps write for unknown are unknown even if `free_thresh`
+        takes them as free; a warning of the class `jaxcell.base.doubts.Doubt` says how many.
         """
-        fields = read_map(path)
+        fields = read_map(path, unknown)
         try:
             return cls(**fields)
         except ValueError as error:
@@ -231,7 +241,7 @@ def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
     """Compute the unit to which vertices are rounded; it exceeds rounding errors of float64."""
-    largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
+    largest = np.abs(np.concatenate((boundary, *obstacles))).max()
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 
 
@@ -251,18 +261,13 @@ def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
     return np.concatenate([np.empty((0, 3, 2)), *walls])
 
 
-def _check_polygons(
-    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
-) -> None:
+def _check_polygons(shapes: np.ndarray, rounding: float) -> None:
     """Refuse polygons that have no area or touch themselves, and obstacles outside the boundary."""
-    fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
-    shapes = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
+    fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(shapes) - 1))]
 
     # The hull, because the areas of the two halves of a bow tie cancel.
     hulls = shapely.convex_hull(shapes)
-    flat = np.flatnonzero(
-        shapely.area(hulls) <= coordinate_rounding(boundary, obstacles) * shapely.length(hulls)
-    )
+    flat = np.flatnonzero(shapely.area(hulls) <= rounding * shapely.length(hulls))
     if flat.size:
         raise ValueError(f"{fields[flat[0]]}: zero area; all its vertices lie on one line")
 

@@ -3,8 +3,6 @@
 The method `run` returns the answer. The fields are also the options of a command, the parameters of
 a task in sweeps, and the `spec` in datasets and recordings. A program calls a study like this:
 
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
     >>> from jaxcell import bundled, study
     >>> lab = bundled("maps/lab_a.json")
     >>> angles = dict(bounces=(45.0, 90.0), error=45.0, directions=8)

@@ -8,15 +8,16 @@ import tyro
 
 from .. import space
 from ..base import memory
-from ..base.limits import Collision
+from ..base.limits import Collision, Unknown
 from .parameters import AtLeastOne, Length, Limit, Metres
 from .study import Study, about, numbers
 
 
-# A map, the side of a cell, the number of directions, and the radius of the robot.
-_Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
+# A map, the side of a cell, the number of directions, the radius of the robot, and what unknown
+# pixels are.
+_Cut: TypeAlias = tuple[Path, float | None, int | None, float | None, Unknown]
 # Tolerance of a heading, in degrees.
-_DIRECTION_DEG = 0.01
+DIRECTION_DEG = 0.01
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,20 @@ class CellStudy(Study):
     map: tyro.conf.Positional[Path]
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
-    """Side of a cell in metres; by default the side that the map suggests."""
+    """Side of a cell in metres; by default the side that the map suggests, or a round length for
+    at least 200 positions."""
+    unknown: Unknown = "wall"
+    """Meaning of the pixels of a ROS map that its saver marked as unknown: walls (wall), or free
+    floor (free)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.unknown == "free" and not self._ros:
+            raise ValueError(f"unknown: expected a ROS map, .yaml; {self.map} has no such pixels")
+
+    @property
+    def _ros(self) -> bool:
+        return self.map.suffix.lower() in (".yaml", ".yml")
 
     def needed(self, extent: "space.Extent") -> float | int:
         """Estimate the memory in bytes that `run` needs on a map with the size `extent`."""
@@ -64,12 +78,13 @@ class CellStudy(Study):
 
     @property
     def _cut(self) -> _Cut:
-        return self.map, self.cell, None, None
+        return self.map, self.cell, None, None, self.unknown
 
     def spec(self, result: Any) -> dict[str, Any]:
         cells = result.cells
         about = {"name": cells.workspace.name, "cell_m": cells.cell, "positions": cells.positions}
-        return {**super().spec(result), **about}
+        spec = {**super().spec(result), **about}
+        return {key: value for key, value in spec.items() if key != "unknown" or self._ros}
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"
@@ -91,7 +106,7 @@ class MapStudy(CellStudy):
 
     @property
     def _cut(self) -> _Cut:
-        return self.map, self.cell, self.directions, self.robot_radius
+        return self.map, self.cell, self.directions, self.robot_radius, self.unknown
 
     @property
     def motion(self) -> "space.Motion":
@@ -128,7 +143,7 @@ def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
     expected = '"x,y,heading" in metres and degrees, or a cell number'
     x, y, heading = numbers(parameter, text, 3, expected)
     width = 360 / cells.directions
-    if abs(math.remainder(heading, width)) > _DIRECTION_DEG:
+    if abs(math.remainder(heading, width)) > DIRECTION_DEG:
         raise ValueError(
             f"{parameter} {text!r}: expected a heading that is one of the {cells.directions} "
             f"directions, a multiple of {width:g} degrees, got {heading:g}"

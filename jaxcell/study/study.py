@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from .. import verify as verification
 from ..base.bundled import bundled
-from ..base.paths import existing, name_in_results
+from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Result
+from ..base.wide import widened
 from .parameters import Unit, check, inside, parameters, within, without_effect
 
 
@@ -51,6 +52,10 @@ class Study:
     """Name of a parameter with several values, which is also a dimension of the result. Members of
     a sweep that differ only in this parameter run as one study."""
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        widened(cls)
+
     def __post_init__(self) -> None:
         kind: Any = type(self)
         for name, kinds in _kinds(kind).items():
@@ -72,11 +77,20 @@ class Study:
 
     def check_files(self) -> None:
         """Raise `FileNotFoundError` if a file among the parameters is missing."""
+        for path in self._paths():
+            existing(path)
+
+    def _paths(self) -> Iterator[Path]:
         for name in parameters(type(self)):
             value = getattr(self, name)
             for path in value if isinstance(value, tuple) else (value,):
                 if isinstance(path, Path):
-                    existing(path)
+                    yield path
+
+    def digests(self) -> dict[str, str]:
+        """Compute the SHA-256 of each file among the parameters, keyed by its name in results."""
+        files = {file for path in self._paths() for file in files_read(path)}
+        return {name_in_results(file): digest(file) for file in sorted(files)}
 
     def memory(self, written: bool = False) -> float | int:
         """Estimate the peak memory in bytes that it takes to compute the answer; 0 if unknown.

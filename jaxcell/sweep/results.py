@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,8 @@ class SweepStatus:
     "Number of members that the run computes per second; `None` if unknown."
     left: float | None
     "Estimated seconds until the end of the run; `None` if unknown."
+    waiting: str
+    "The reason why the run waits, such as a cluster without workers; empty if it does not wait."
 
     @property
     def complete(self) -> bool:
@@ -61,11 +64,11 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     with SweepStore(folder) as store:
         spec, at_work = store.spec, holder(folder / "lock")
         with reading(folder):
-            rate, left = read_down(folder) if at_work is not None else (None, None)
+            pace = read_down(folder) if at_work is not None else (None, None, "")
         about = spec.task, spec.dimensions, spec.members, spec.chunk_count
         done = int((store.states == DONE).sum())
         damaged = len(store.contents.damage) + len(store.lost_files())
-        return SweepStatus(*about, done, tuple(store.failures()), damaged, at_work, rate, left)
+        return SweepStatus(*about, done, tuple(store.failures()), damaged, at_work, *pace)
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
@@ -96,7 +99,7 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
         if damage := [*store.contents.damage, *store.lost_files()]:
             raise ValueError(
                 f"{folder}: damaged: {damage[0]}{', ...' * (len(damage) > 1)}; to mend it: "
-                f"jaxcell sweep verify {folder}"
+                f"jaxcell verify --mend {shlex.quote(str(folder))}"
             )
         with reading(folder):
             source: Any = store.zarr

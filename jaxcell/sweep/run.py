@@ -18,7 +18,16 @@ from .storage.opening import opened
 from .storage.store import DONE, SweepStore
 from .workers.engines import Engine, engine_named
 from .workers.progress import Count, Progress, written_down
-from .workers.work import Computed, Failed, Failure, Job, failure, jax_is_wide, prepared
+from .workers.work import (
+    Computed,
+    Failed,
+    Failure,
+    Job,
+    Waiting,
+    failure,
+    jax_is_wide,
+    prepared,
+)
 
 
 def run_sweep(
@@ -99,14 +108,18 @@ def run_sweep(
             contextlib.closing(start(work.take)) as outcomes,
         ):
 
-            def report(failures: Iterable[Failure]) -> None:
-                now = count.progress(tuple(failures))
+            def report(failures: Iterable[Failure], waiting: str = "") -> None:
+                now = count.progress(tuple(failures), waiting)
                 write_down(now)
                 if progress is not None:
                     progress(now)
 
             report(())
-            for job, outcome in outcomes:
+            for item in outcomes:
+                if isinstance(item, Waiting):
+                    report((), item.what)
+                    continue
+                job, outcome = item
                 outcome = _checked(store, outcome)
                 if isinstance(outcome, Failed) and job.places.size > 1:
                     work.split(job)

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from .results import SweepStatus, sweep_status
+from ..base.results import file_digests
+from .results import sweep_status
 from .run import run_sweep
 from .spec import Spec
 from .storage.damage import reading
 from .storage.digests import differences, made_with
-from .storage.export import digests_of_files, export, update_result
+from .storage.export import export, update_result
 from .storage.journal import JOURNAL, Journal, Kind
-from .storage.lock import locked
+from .storage.lock import holder, locked
 from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun, Contents
 from .storage.store import DONE, SweepStore
@@ -23,7 +24,7 @@ from .workers.engines import engine_named
 from .workers.work import jax_is_wide
 
 
-_BYTE = f"{JOURNAL}, byte"
+_BYTE, _SPEC = f"{JOURNAL}, byte", f"{JOURNAL}, spec"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,9 +36,9 @@ class Verified:
     damaged: tuple[str, ...]
     "The names of damaged chunks, of other damaged records of the journal, and of damaged files."
     recomputed: int
-    "The number of entries of `damaged` that were repaired."
-    status: SweepStatus
-    "The progress of the sweep after the repair."
+    "The number of entries of `damaged` that were repaired; 0 if they were only counted."
+    done: int
+    "The number of chunks whose members are all done."
 
     @property
     def whole(self) -> bool:
@@ -48,18 +49,21 @@ class Verified:
 def verify_sweep(
     out: str | os.PathLike[str],
     *,
+    mend: bool = False,
     engine: str = "local",
     workers: int | None = None,
 ) -> Verified:
-    """Check the whole store of a sweep, and compute damaged parts again.
+    """Check the whole store of a sweep; with `mend`, compute damaged parts again.
 
-    Every record of the journal and every file of the result has a checksum. Chunks with damaged
-    records are computed again. If the chunk of a damaged record is unknown, all chunks that are not
-    done are computed. Damaged files are written again.
+    Every record of the journal and every file of the result has a checksum. Without `mend`, nothing
+    is written, and the task does not run. With it, chunks with damaged records are computed again.
+    If the chunk of a damaged record is unknown, all chunks that are not done are computed. Damaged
+    files are written again.
 
     **Arguments:**
 
     - `out`: the folder of the store.
+    - `mend`: whether to repair the store.
     - `engine`, `workers`: as for [`run_sweep`][].
 
     **Returns:** [`Verified`][].
@@ -76,12 +80,16 @@ def verify_sweep(
         >>> _ = file.write_bytes(b"?" + file.read_bytes()[1:])
         >>> verified = sweep.verify_sweep(out)
         >>> verified.damaged, verified.recomputed, verified.whole
-        (('sweep.zarr/count/c/0',), 1, True)
+        (('sweep.zarr/count/c/0',), 0, False)
+        >>> sweep.verify_sweep(out, mend=True).whole
+        True
     """
     folder = Path(out)
     engine_named(engine, workers)  # Raises an error for an unknown engine.
     if not (folder / JOURNAL).is_file():
         SweepStore(folder)  # Raises an error that says what the folder has.
+    if not mend:
+        return _checked(folder)
     with locked(folder / "lock"):
         tidy(folder)
         damage, numbers, were_done = _mend_journal(folder)
@@ -89,10 +97,8 @@ def verify_sweep(
             spec = store.spec
             if copy_spec(store):
                 damage.append("spec.toml")
-            expected = store.contents.exported or {}
-            files = digests_of_files(store.zarr) if expected else {}
-            lost = [name for name in expected if files.get(name) != expected[name]]
-            damage += [f"sweep.zarr/{name}" for name in lost]
+            lost = _lost_files(folder, store.contents)
+            damage += lost
     if numbers:
         run_sweep(spec, folder, engine=engine, workers=workers, resume=True, chunks=numbers)
     with locked(folder / "lock"), SweepStore(folder, append=True) as store:
@@ -106,7 +112,35 @@ def verify_sweep(
     if not done.issuperset(numbers):
         unmended |= {line for line in damage if _BYTE in line}
     mended = len(damage) - len(unmended)
-    return Verified(spec.chunk_count, tuple(damage), mended, sweep_status(folder))
+    return Verified(spec.chunk_count, tuple(damage), mended, sweep_status(folder).done)
+
+
+def _checked(folder: Path) -> Verified:
+    """List the damage of a sweep, without writing to it."""
+    if by := holder(folder / "lock"):
+        raise BlockingIOError(f"{folder}: {by} writes to it")
+    with contextlib.closing(Journal(folder / JOURNAL)) as journal, reading(folder):
+        contents = Contents.read(journal, check=True)
+    copy = folder / "spec.toml"
+    damage = [*contents.damage]
+    if contents.begun is None:
+        damage += [] if _SPEC in damage else [_SPEC]
+        spec = Spec.load(copy)
+    else:
+        spec = contents.begun.spec(folder)
+        if not copy.exists() or copy.read_bytes() != spec.text:
+            damage.append(copy.name)
+    damage += _lost_files(folder, contents)
+    done = sum(record.state == DONE for record in contents.chunks.values())
+    return Verified(spec.chunk_count, tuple(damage), 0, done)
+
+
+def _lost_files(folder: Path, contents: Contents) -> list[str]:
+    """Name the files of the result that are missing or altered."""
+    expected = contents.exported or {}
+    zarr = folder / "sweep.zarr"
+    files = file_digests(zarr) if expected and zarr.exists() else {}
+    return [f"{zarr.name}/{name}" for name in expected if files.get(name) != expected[name]]
 
 
 def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
@@ -119,6 +153,8 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
         with reading(folder):
             contents = Contents.read(journal, check=True)
         damage = [*contents.damage]
+        if contents.begun is None and _SPEC not in damage:
+            damage.insert(0, _SPEC)
         if not damage:
             return [], [], set()
         begun = contents.begun

@@ -4,7 +4,6 @@ import scipy.optimize
 import scipy.sparse
 from scipy.sparse import csgraph
 
-from ..base.certificate import Outcome
 from ..drift import SeaDrift, SeaVoyage
 from ..drift.results.ends import LayerEnds
 from ..drift.results.sea_layers import SeaLayers
@@ -48,7 +47,7 @@ def _compare_layer(layer: LayerEnds) -> list[Comparison]:
     if not 0 < transient.size <= _MAX_TRANSIENT:
         why = f"{transient.size:,} transient cells; it is done for 1 to {_MAX_TRANSIENT:,}"
         return [*compared, Comparison.omitted(when, why)]
-    if behaviour.absorption.certificate.outcome is not Outcome.CONVERGED:
+    if not behaviour.absorption.certificate.converged:
         # If drifters stay almost forever in some cells, a direct solve is inaccurate.
         return [*compared, Comparison.omitted(when, "they are not certified")]
     times = solve_transient(P, transient, np.ones(transient.size))

@@ -25,22 +25,27 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
     visited, chain = np.flatnonzero(share > 0), scipy.sparse.csr_array(P)
     targets = visited[sample(visited.size, _TARGETS)]
+    shares = share[None] if patrol.team is None else patrol.shares
+    entropy = (shares * scipy.special.entr(patrol.matrices).sum(axis=2)).sum(axis=1).mean()
+    compared = [
+        Comparison.close("shares of time after a step", share @ P, share, _CLOSE),
+        Comparison.close("entropy rate, by entr", [patrol.entropy_rate_nats], [entropy], _CLOSE),
+    ]
+    if patrol.hitting_time is None:
+        return compared
     again = np.zeros((targets.size, vertices))
     for row, target in zip(again, targets.tolist(), strict=True):
         others = np.delete(np.arange(vertices), target)
         row[others] = solve_transient(chain, others, np.ones(vertices - 1))
     reported = patrol.hitting_time[:, targets].T
-    entropy = share @ scipy.special.entr(P).sum(axis=1)
     about = "hitting times of some vertices, by spsolve", reported, again
-    to_visited = patrol.hitting_time[np.ix_(visited, visited)] @ share[visited]
-    kemeny = np.full(visited.size, patrol.kemeny_constant), to_visited
-    what = "Kemeny constant, by the hitting times from each start"
-    return [
-        Comparison.close(*about, _TIME, relative=True),
-        Comparison.close("shares of time after a step", share @ P, share, _CLOSE),
-        Comparison.close("entropy rate, by entr", [patrol.entropy_rate_nats], [entropy], _CLOSE),
-        Comparison.close(what, *kemeny, _TIME, relative=True),
-    ]
+    compared.insert(0, Comparison.close(*about, _TIME, relative=True))
+    if patrol.kemeny_constant is not None:
+        to_visited = patrol.hitting_time[np.ix_(visited, visited)] @ share[visited]
+        kemeny = np.full(visited.size, patrol.kemeny_constant), to_visited
+        what = "Kemeny constant, by the hitting times from each start"
+        compared.append(Comparison.close(what, *kemeny, _TIME, relative=True))
+    return compared
 
 
 def compare_commute(

@@ -13,8 +13,9 @@ enlarge the sets.
 If the heading is not known exactly, headings are divided into intervals, *slices*, and a chord
 bounds the runs of all headings of a slice. Distance and arc length are monotone in the place and in
 the heading, so they lie between their values at the ends of a piece and of a slice. Bounds are
-moved outward by more than the rounding errors. So a set always contains the robot if its errors are
-within their bounds.
+moved outward by the tolerance of the map, which covers the rounding of its coordinates, and by the
+distance between the arcs around corners and their chords. So a set always contains the robot if its
+errors are within their bounds.
 
 No part of this package imports JAX.
 """

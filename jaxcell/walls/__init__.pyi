@@ -6,8 +6,17 @@ from .boundary import (
 )
 from .choice import Aim as Aim, choose_angles as choose_angles, draw_places as draw_places
 from .chords import Chords as Chords
-from .filter import Errors as Errors, WallFilter as WallFilter
+from .filter import (
+    Errors as Errors,
+    WallFilter as WallFilter,
+    bumps_until_localized as bumps_until_localized,
+    is_localized as is_localized,
+)
 from .homing import Homing as Homing
 from .sets import WallSet as WallSet, contains as contains
-from .symmetry import alike_places as alike_places
+from .symmetry import (
+    Alike as Alike,
+    alike_places as alike_places,
+    alike_poses as alike_poses,
+)
 from .trial import Trial as Trial, drive_anywhere as drive_anywhere

@@ -1,18 +1,30 @@
-"""The walls of a room as segments, and the straight runs of robots between them."""
+"""The walls of a room as segments, and the straight runs of robots between them.
+
+All decisions about places and headings on walls have one tolerance, `Boundary.tolerance`, a length.
+It is ten units of the grid to which vertices are rounded, and at least a nanometre. A vertex is
+rounded by less than a unit, and walls that lie within two units of a line are joined. So the start
+of a run and the wall at its end differ from their true places by less than ten units together. An
+angle is compared by the length that it covers: a wall of length `L` may be turned by twice the
+tolerance over `L`, and a heading by the tolerance over the diameter of the room. A decision that
+drops a place holds for every true place within the tolerance, so that rounding loses no robot.
+Chords of arcs add the distance and the angle between chord and arc. Numbers of slices of headings
+are compared to 10^-9 of a slice, more than the rounding of sums of angles.
+"""
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..space import Workspace
-from ..space.workspace import edges
+from ..space.workspace import coordinate_rounding, edges
 
 
-# The tolerance of intersections in metres, which is larger than any rounding error.
-ROUNDING = 1e-11
+# The least tolerance in metres, for robots whose runs are known to a nanometre.
+_LEAST = 1e-9
 # The largest number of pairs of a ray and a wall that are computed together.
 _CHUNK = 1_000_000
 # The incidence above which a robot slides along its wall before it feels the bump, in radians.
@@ -21,7 +33,10 @@ _GRAZING = np.radians(80)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Boundary:
-    """The walls of the free space of a room. The free space lies to the left of each wall."""
+    """The walls of the free space of a room. The free space lies to the left of each wall.
+
+    The centre of a disc robot moves round a corner on an arc, which chords replace.
+    """
 
     begin: Float[np.ndarray, "walls 2"]
     "The corner where each wall begins, in metres."
@@ -31,11 +46,19 @@ class Boundary:
     "The length of each wall, in metres."
     following: Int[np.ndarray, "walls"]
     "The index of the next wall, which begins where this wall ends."
+    bulge: Float[np.ndarray, "walls"]
+    "The largest distance in metres from each wall to the arc that it replaces; 0 without an arc."
+    bend: Float[np.ndarray, "walls"]
+    "The largest angle between each wall and the arc that it replaces, in radians."
+    tolerance: float
+    "The length in metres that covers the rounding of coordinates."
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
         """Build the boundary of the region where the centre of a disc robot can be."""
-        before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
+        unit = coordinate_rounding(workspace.boundary, workspace.obstacles)
+        tolerance, radius = max(_LEAST, 10 * unit), workspace.robot_radius
+        before, begin, end = edges(workspace.free_space.simplify(2 * unit)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
         # The walls of a ring are consecutive, so a new ring begins at a wall that does not continue
@@ -45,7 +68,16 @@ class Boundary:
         ring_begin = np.maximum.accumulate(np.where(first, number, 0))
         last = np.r_[first[1:], True]
         following = np.where(last, ring_begin, number + 1).astype(np.int32)
-        return cls(begin, along / length[:, None], length, following)
+        walls = begin, along / length[:, None], length, following
+        nearest = shapely.shortest_line(
+            shapely.points((begin + end) / 2), workspace.environment.boundary
+        )
+        corner = shapely.get_coordinates(nearest)[1::2]
+        across = walls[1][:, 0] * (corner - begin)[:, 1] - walls[1][:, 1] * (corner - begin)[:, 0]
+        bulge = radius - np.abs(across)
+        bend = np.arccos(np.clip(np.abs(across) / radius, 0.0, 1.0)) if radius else 0.0
+        round_ = bulge > tolerance
+        return cls(*walls, np.where(round_, bulge, 0.0), np.where(round_, bend, 0.0), tolerance)
 
     @functools.cached_property
     def normal(self) -> Float[np.ndarray, "walls 2"]:
@@ -56,6 +88,34 @@ class Boundary:
     def preceding(self) -> Int[np.ndarray, "walls"]:
         """The index of the previous wall, which ends where this wall begins."""
         return np.argsort(self.following)
+
+    @functools.cached_property
+    def lean(self) -> Float[np.ndarray, "walls"]:
+        """The largest angle between each wall and the true wall that it replaces, in radians."""
+        return self.bend + 2 * self.tolerance / self.length
+
+    @functools.cached_property
+    def convex(self) -> Bool[np.ndarray, "walls"]:
+        """True if the free space at the begin of each wall surely has an angle below pi."""
+        before = self.preceding
+        sine = (self.tangent * self.normal[before]).sum(axis=1)
+        return sine > self.lean + self.lean[before]
+
+    @functools.cached_property
+    def bounding(self) -> Int[np.ndarray, "walls"]:
+        """The wall that bounds, with each wall, the free space at the point where the wall begins.
+
+        It is the previous wall, or that of another corner if several corners meet in the point.
+        """
+        before = self.preceding.copy()
+        _, at, count = np.unique(self.begin, axis=0, return_inverse=True, return_counts=True)
+        for wall in np.flatnonzero(count[at] > 1):
+            others = self.preceding[at == at[wall]]
+            cosine, sine = (
+                -np.array([self.tangent[wall], self.normal[wall]]) @ self.tangent[others].T
+            )
+            before[wall] = others[np.argmin(np.arctan2(sine, cosine) % math.tau)]
+        return before
 
     @functools.cached_property
     def diameter(self) -> float:
@@ -75,8 +135,9 @@ def run_to_wall(
     """Drive robots straight until each robot meets a wall.
 
     The run of a robot that stands at a wall and faces it has length 0. A robot that drives along a
-    wall, or grazes a corner, drives on. Places are in metres, in the free space or on a wall, and
-    headings in radians.
+    wall, or grazes a corner, drives on: it ends at a corner only if both of its walls face the
+    robot, or if the free space has an angle below pi there. Places are in metres, in the free space
+    or on a wall, and headings in radians.
 
     Returns the number of the wall that each robot meets, the arc length on it, and the length of
     the run, in metres.
@@ -84,15 +145,26 @@ def run_to_wall(
     wall = np.zeros(len(place), np.int32)
     arc, run = np.zeros(len(place)), np.full(len(place), np.inf)
     size = max(1, _CHUNK // len(boundary.length))
+    parallel, near = boundary.lean - boundary.bend, 4 * boundary.tolerance
+    before = boundary.bounding
+    after = np.argsort(before)
+    open_ = (boundary.tangent * boundary.normal[before]).sum(axis=1) < 0
     for k in range(0, len(place), size):
         part = slice(k, k + size)
         ahead = np.stack([np.cos(heading[part]), np.sin(heading[part])], axis=1)
         offset = place[part, None] - boundary.begin
         facing = -ahead @ boundary.normal.T
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = (offset * boundary.normal).sum(axis=2) / facing
+            apart = (offset * boundary.normal).sum(axis=2)
+            far = apart / facing
             at = (offset * boundary.tangent).sum(axis=2) + far * (ahead @ boundary.tangent.T)
-        met = (facing > 1e-12) & (far >= -1e-9) & (at >= -1e-9) & (at <= boundary.length + 1e-9)
+        faced = facing > parallel
+        met = faced & (apart >= -near) & (at >= -near) & (at <= boundary.length + near)
+        robot, hit = np.nonzero(met & ((at <= near) | (at >= boundary.length - near)))
+        first = at[robot, hit] <= near
+        corner, other = np.where(first, [hit, before[hit]], [after[hit], after[hit]])
+        passes = open_[corner] & ~faced[robot, other]
+        met[robot[passes], hit[passes]] = False
         far = np.where(met, far, np.inf)
         nearest = far.argmin(axis=1)
         robots = np.arange(len(nearest))
@@ -114,6 +186,7 @@ def bump_gains(
     between this value and `bump_turn`, because the robot slides along the wall before the bump.
 
     Returns both limits of the angle in radians, counter-clockwise; up to 80 degrees they are equal.
+    On an arc, they are those of the chord.
     """
     if not np.any(bump_turn):
         return np.zeros(heading.shape), np.zeros(heading.shape)

@@ -15,6 +15,8 @@ from .sets import WallSet
 _FOLLOWED = 96
 # The length in metres that is added to each stretch of a set, because a stretch may be a point.
 _POINT = 0.05
+# A turn is of use if the size of a set is expected to become less than this part of it.
+_OF_USE = 0.95
 # The largest number of trials that are computed together.
 _AT_ONCE = 20_000
 
@@ -37,7 +39,10 @@ def choose_angles(
 
     `draws` places are drawn from the set of each robot. For each angle, the set is updated with the
     run from each of these places to the next bump, and so on for `ahead` bumps. The chosen angle
-    minimizes the mean of the resulting sizes or, if `aim` is `"worst"`, the largest of them.
+    minimizes the mean of the resulting sizes or, if `aim` is `"worst"`, the largest of them. If no
+    angle is expected to make the set smaller, it is drawn at random, because the robot would repeat
+    the best angle without end.
+
     `state` contains the sets after a bump and before the turn. `angles` are in radians. Returns the
     index of each robot's angle.
 
@@ -54,7 +59,9 @@ def choose_angles(
         part = part._replace(robot=part.robot - first)
         count = min(size, robots - first)
         sizes = _expected_sizes(filter, part, count, angles, rng, aim, ahead, draws)
-        chosen[first : first + count] = np.argmin(sizes, axis=0)
+        of_use = sizes.min(axis=0) < _OF_USE * _sizes(filter, part, count)
+        drawn = rng.integers(len(angles), size=count)
+        chosen[first : first + count] = np.where(of_use, np.argmin(sizes, axis=0), drawn)
     return chosen
 
 
@@ -84,13 +91,19 @@ def _expected_sizes(
         _, _, run = run_to_wall(filter.boundary, place, heading + angle)
         after = filter.observe(filter.turn(copies, angle), run)
         if ahead == 1:
-            length = np.bincount(after.robot, after.end - after.begin + _POINT, trials)
-            sizes.append(length * filter.extent(after, trials))
+            sizes.append(_sizes(filter, after, trials))
         else:
             later = _expected_sizes(filter, after, trials, angles, rng, aim, ahead - 1, draws)
             sizes.append(later.min(axis=0))
     by_draw = np.reshape(sizes, (len(angles), robots, draws))
     return by_draw.max(axis=2) if aim == "worst" else by_draw.mean(axis=2)
+
+
+def _sizes(filter: WallFilter, state: WallSet, robots: int) -> Float[np.ndarray, "robots"]:
+    """Compute the size of the set of each robot, in square metres; that of an empty set is 0."""
+    length = np.bincount(state.robot, state.end - state.begin + _POINT, robots)
+    # The sample of a large set may lack the stretch of a trial, and become empty.
+    return length * np.where(length > 0, filter.extent(state, robots), 0.0)
 
 
 def draw_places(

@@ -13,8 +13,6 @@ from .meeting import Met, Pairs, Rows
 
 # The largest width in radians of a group of slices, which is halved down to single slices.
 _WIDEST = np.pi / 5
-# The angle by which slices overlap, so that rounding loses no heading between them, in radians.
-_OVERLAP = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,9 +24,9 @@ class Chords:
     from there may meet. If headings are known exactly, a piece has only one row.
 
     A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
-    the wall `hit`. The length of its run is at least `stretch[0]` and at most `stretch[1]` times
-    this distance. For each end `e` of the slice, the run ends at the arc length
-    `arc[e, 0] + arc[e, 1] * p`.
+    the wall `hit`, to within `reach`. This distance is at least `sine[0]` and at most `sine[1]`
+    times the length of its run. For each end `e` of the slice, the run ends at the arc length
+    `arc[e, 0] + arc[e, 1] * p`, to within `spread`.
     """
 
     boundary: Boundary
@@ -47,12 +45,14 @@ class Chords:
     "The index of the wall at which the runs end."
     clearance: Float[np.ndarray, "2 rows"]
     "The distance from a start to the line of the wall `hit`: a constant and the factor of `p`."
-    stretch: Float[np.ndarray, "2 rows"]
-    "The smallest and largest ratio of the length of a run to the distance that `clearance` gives."
+    sine: Float[np.ndarray, "2 rows"]
+    "The smallest and largest sine of the angle between a run and the wall `hit`."
+    cosine: Float[np.ndarray, "2 rows"]
+    "The smallest and largest cosine of this angle, positive toward the end of the wall."
     arc: Float[np.ndarray, "2 2 rows"]
     "The arc length where a run ends: a constant and the factor of `p`, for each end of the slice."
     spread: Float[np.ndarray, "2 rows"]
-    "The largest change of `arc` that `displacement` causes, in metres, for each end of the slice."
+    "The largest change of `arc` by a start within `reach`, in metres, for each end of the slice."
 
     @classmethod
     def of(
@@ -67,7 +67,7 @@ class Chords:
         width = 0.0 if known else turn
         # The least length of a piece: those of known headings are cut wherever the next wall
         # changes.
-        gap = 1e-9 if known else max(0.01, boundary.diameter * width / 8)
+        gap = boundary.tolerance if known else max(0.01, boundary.diameter * width / 8)
         level = max(0, int(np.log2(max(1.0, _WIDEST / turn))))
         # The groups are followed one by one, so that their arrays stay in the processor's cache.
         parts = [
@@ -81,6 +81,12 @@ class Chords:
     def group(self) -> Int[np.ndarray, "rows"]:
         """A number that combines the slice and the wall of each row; rows are sorted by it."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
+
+    @functools.cached_property
+    def reach(self) -> Float[np.ndarray, "rows"]:
+        """The largest distance between a run and the run that a row states, in metres."""
+        bulge = self.boundary.bulge[self.wall] + self.boundary.bulge[self.hit]
+        return self.displacement + self.boundary.tolerance + bulge
 
 
 def _runs_in_group(
@@ -100,33 +106,33 @@ def _runs_in_group(
     rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
     pairs = Pairs(np.repeat(walls, walls.size), np.tile(walls, walls.size))
     while True:
-        low, high = _ends(rows.slice, level, slices, width)
+        low, high = _ends(boundary, rows.slice, level, slices, width)
         if level:
             reach = max(gap, (high - low).max() * boundary.diameter / 4)
             rows, pairs = _cut(rows, pairs, reach)
-            low, high = _ends(rows.slice, level, slices, width)
+            low, high = _ends(boundary, rows.slice, level, slices, width)
         pairs = Met.of(boundary, rows, pairs, low, high, displacement).kept(pairs)
         if level == 0:
             break
         rows, pairs, level = *_finer(rows, pairs, level, slices), level - 1
-    rows, pairs = _cut_at_corners(boundary, rows, pairs, low, high, gap)
-    low, high = _ends(rows.slice, 0, slices, width)
-    met = Met.of(boundary, rows, pairs, low, high, displacement, apart=True)
+    rows, pairs = _cut_at_corners(boundary, rows, pairs, low, high, displacement, gap)
+    low, high = _ends(boundary, rows.slice, 0, slices, width)
+    met = Met.of(boundary, rows, pairs, low, high, displacement)
     hit, *bounds = (part[..., met.keep] for part in (pairs.wall, *met[1:]))
     return *rows.take(pairs.row[met.keep]), hit, *bounds
 
 
 def _ends(
-    group: Int[np.ndarray, "rows"], level: int, slices: int, width: float
+    boundary: Boundary, group: Int[np.ndarray, "rows"], level: int, slices: int, width: float
 ) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]]:
-    """Compute the least and the largest heading of groups of `2**level` slices, in radians."""
-    turn = 2 * np.pi / slices
+    """Compute the least and the largest heading of groups of `2**level` slices, in radians.
+
+    They are moved outward, so that rounding loses no heading.
+    """
+    turn, over = 2 * np.pi / slices, boundary.tolerance / boundary.diameter
     first = group << level
     last = np.minimum(first + (1 << level), slices) - 1
-    if width == 0:
-        over = _OVERLAP if level else 0.0
-        return first * turn - over, last * turn + over
-    return first * turn - _OVERLAP, (last + 1) * turn + _OVERLAP
+    return first * turn - over, last * turn + width + over
 
 
 def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
@@ -157,23 +163,30 @@ def _cut_at_corners(
     pairs: Pairs,
     low: Float[np.ndarray, "rows"],
     high: Float[np.ndarray, "rows"],
+    displacement: float,
     gap: float,
 ) -> tuple[Rows, Pairs]:
     """Cut pieces where a ray with the least or largest heading, `low` or `high`, passes a corner.
 
-    No new piece is shorter than `gap` metres.
+    Cuts are moved away from the places from which some rays may touch the corner. No new piece is
+    shorter than `gap` metres.
     """
-    at, wall = boundary.begin[rows.wall[pairs.row]], rows.wall[pairs.row]
-    corners = boundary.begin[pairs.wall], boundary.begin[boundary.following[pairs.wall]]
+    from_ = rows.wall[pairs.row]
+    at, tangent = boundary.begin[from_], boundary.tangent[from_]
+    beside = displacement + 5 * boundary.tolerance + boundary.bulge[from_]
+    aheads = [np.stack([np.cos(h), np.sin(h)], axis=1)[pairs.row] for h in (low, high)]
+    across = np.stack([_cross(tangent, ahead) for ahead in aheads])
+    # If the slice has a heading along the wall, the places lie outside of the two cuts.
+    outward = beside * np.sign(across[0] * across[1])
     cuts = []
-    for heading in (low, high)[: 1 if np.array_equal(low, high) else 2]:
-        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)[pairs.row]
-        tangent = boundary.tangent[wall]
-        across = tangent[:, 0] * ahead[:, 1] - tangent[:, 1] * ahead[:, 0]
-        for corner in corners:
-            to = corner - at
-            with np.errstate(divide="ignore", invalid="ignore"):
-                cuts.append((to[:, 0] * ahead[:, 1] - to[:, 1] * ahead[:, 0]) / across)
+    for wall in (pairs.wall, boundary.following[pairs.wall]):
+        to = boundary.begin[wall] - at
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([_cross(to, ahead) for ahead in aheads]) / across
+            away = outward / np.abs(across)
+        least = ends[0] <= ends[1]
+        cuts += [ends[0] + np.where(least, -away[0], away[0])]
+        cuts += [ends[1] + np.where(least, away[1], -away[1])]
     place = np.stack(cuts, axis=1)
     inside = (place > rows.begin[pairs.row, None] + gap) & (place < rows.end[pairs.row, None] - gap)
     pair, column = np.nonzero(inside)
@@ -191,8 +204,8 @@ def _cut_at_corners(
         source, begin = source[~near], begin[~near]
     last = np.r_[source[1:] != source[:-1], True]
     end = np.where(last, rows.end[source], np.r_[begin[1:], 0.0])
-    if np.array_equal(low, high):
-        # From the cut itself, a ray may pass between two corners that the rays on both sides hit.
-        source, begin = np.repeat(source, 2), np.repeat(begin, 2)
-        end = np.stack([begin[::2], end], axis=1).ravel()
     return rows.take(source)._replace(begin=begin, end=end), pairs.copied(source, number.size)
+
+
+def _cross(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..base import memory
 from ..space import Workspace
 from .boundary import Boundary, bump_gains
 from .chords import Chords
-from .sets import OUTWARD, WallSet, arrivals, observe, turned
+from .sets import WallSet, arrivals, observe, turned
 
 
 # The default number of slices of headings.
@@ -115,6 +116,7 @@ class WallFilter:
         slices: int = _SLICES,
         errors: Errors | None = None,
         step: float = 0.0,
+        turns: Sequence[float] = (),
     ) -> "WallFilter":
         """Build the filter of a room.
 
@@ -128,20 +130,24 @@ class WallFilter:
         - `errors`: bounds of the errors of the robot; by default the robot moves exactly.
         - `step`: the length of the steps that the robot counts, in metres; 0 if it measures its
             runs.
+        - `turns`: angles by which the robots will turn, in radians. They are checked before the
+            chords of the room are computed, which may take minutes.
 
-        `headings` and `slices` must be even, and `slices` must be a multiple of `headings`.
+        `headings` and `slices` must be even, `slices` must be at least 4 and a multiple of
+        `headings`, and each angle must be a multiple of the width of a slice.
         """
         errors = errors or Errors()
         if not 0 <= step < math.inf:
             raise ValueError(f"step: expected a length in metres from 0, got {step:g}")
-        for name, number in (("headings", headings), ("slices", slices)):
-            if number is not None and (number < 2 or number % 2):
-                raise ValueError(f"{name}: expected an even number from 2, got {number}")
+        for name, number, least in (("headings", headings, 2), ("slices", slices, 4)):
+            if number is not None and (number < least or number % 2):
+                raise ValueError(f"{name}: expected an even number from {least}, got {number}")
         known = headings is not None and errors.keep_headings
         if headings is not None and known:
             slices = headings
         elif headings is not None and slices % headings:
             raise ValueError(f"slices: expected a multiple of {headings} headings, got {slices}")
+        _in_slices(np.asarray(turns, float), slices, "" if known else "; set other `slices`")
         boundary = Boundary.of(workspace)
         walls = len(boundary.length)
         needed = _BYTES * slices * walls * (4 if known else 40)
@@ -180,13 +186,13 @@ class WallFilter:
             raise ValueError("run: expected finite lengths in metres, from 0")
         most = least
         if self.step:
-            least = np.floor(least / self.step + 1e-9) * self.step
+            least = np.floor((least + self.boundary.tolerance) / self.step) * self.step
             most = least + self.step
         low, high = self.errors.bounds(least, most)
         if state is not None:
             return observe(self.chords, state, low, high)
         level = np.floor(low * _LENGTHS / self.boundary.diameter).astype(int)
-        longer = low > self.boundary.diameter + self.errors.displacement + OUTWARD
+        longer = low > self.boundary.diameter + self.chords.reach.max()
         level = np.where(longer, _LENGTHS + 1, np.minimum(level, _LENGTHS))
         starts = [self._after_first_run(k) for k in level.tolist()]
         count = [len(start.wall) for start in starts]
@@ -196,24 +202,19 @@ class WallFilter:
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
         """Turn each robot left by an angle in radians, a multiple of the width of a slice."""
         slices = self.chords.slices
-        exact = np.asarray(angle) * slices / (2 * math.pi)
-        shift = np.round(exact).astype(int)
-        wrong = np.atleast_1d(np.abs(exact - shift) > 1e-6)
-        if wrong.any():
-            degrees = math.degrees(np.atleast_1d(angle)[wrong][0])
-            raise ValueError(
-                f"angle: expected a multiple of {360 / slices:g} degrees, the width of a slice of "
-                f"headings, got {degrees:g} degrees"
-            )
+        shift = _in_slices(angle, slices)
         each = shift[state.robot] if shift.ndim else np.full(state.robot.size, shift)
         errors, width = self.errors, 2 * math.pi / slices
-        # Within a slice the turn by a bump differs from the turn at an edge by at most `bump_turn *
-        # width`. If a heading of the slice grazes the wall, so does an edge.
+        # Within a slice and an arc, the turn by a bump differs from that at an edge by at most
+        # `bump_turn` times their angles. If a heading grazes the wall, so does an edge.
+        bend = 2 * self.boundary.bend[state.wall]
         gains = [
-            bump_gains(self.boundary, state.wall, (state.slice + edge) * width, errors.bump_turn)
-            for edge in (0, 1)
+            bump_gains(
+                self.boundary, state.wall, (state.slice + edge) * width + side, errors.bump_turn
+            )
+            for edge, side in ((0, -bend / 2), (1, bend / 2))
         ]
-        slack = errors.turn + errors.bump_turn * width
+        slack = errors.turn + errors.bump_turn * (width + bend)
         first = np.floor((np.min(gains, axis=(0, 1)) - slack) / width + 1e-9).astype(int)
         last = np.ceil((np.max(gains, axis=(0, 1)) + slack) / width - 1e-9).astype(int)
         return turned(state, each + first, last - first + 1, slices)
@@ -221,14 +222,14 @@ class WallFilter:
     def extent(self, state: WallSet, robots: int) -> Float[np.ndarray, "robots"]:
         """Compute the diagonal of the box around the places of each robot, in metres.
 
-        The extent of an empty set is 0.
+        The extent of an empty set is infinite, because nothing is known about a lost robot.
         """
         low, high = np.full((robots, 2), np.inf), np.full((robots, 2), -np.inf)
         for arc in (state.begin, state.end):
             end = self.boundary.point(state.wall, arc)
             np.minimum.at(low, state.robot, end)
             np.maximum.at(high, state.robot, end)
-        return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=1)
+        return np.linalg.norm(np.where(high >= low, high - low, np.inf), axis=1)
 
     def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
         """Check for each robot whether its set is empty, so that no place explains its runs."""
@@ -250,3 +251,42 @@ class WallFilter:
             possible = self.first[places.slice] & (level <= _LENGTHS)
             self._arrivals[level] = places.take(possible)
         return self._arrivals[level]
+
+
+def is_localized(extent: Float[np.ndarray, "*shape"], radius: float) -> Bool[np.ndarray, "*shape"]:
+    """Check whether robots are localized to within `radius` metres.
+
+    A robot is localized if the extent of its set, in metres, is at most twice the radius. The
+    extent of an empty set is infinite, so that a lost robot is never localized.
+    """
+    return extent <= 2 * radius
+
+
+def bumps_until_localized(
+    extent: Float[np.ndarray, "robots bumps"], radius: float
+) -> Float[np.ndarray, "robots"]:
+    """Find the first bump, counted from 1, after which each robot is localized; `inf` if none.
+
+    `extent` contains the extent of each set after each bump, in metres.
+
+        >>> import numpy as np
+        >>> from jaxcell import walls
+        >>> walls.bumps_until_localized(np.array([[9.0, 0.8, 2.0], [9.0, 3.0, np.inf]]), 0.5)
+        array([ 2., inf])
+    """
+    localized = is_localized(extent, radius)
+    return np.where(localized.any(axis=1), localized.argmax(axis=1) + 1.0, np.inf)
+
+
+def _in_slices(angle: Lengths, slices: int, remedy: str = "") -> Int[np.ndarray, "*robots"]:
+    """Express angles in radians by whole numbers of slices; raise if an angle has none."""
+    exact = np.asarray(angle) * slices / (2 * math.pi)
+    shift = np.asarray(np.round(exact), int)
+    wrong = np.atleast_1d(np.abs(exact - shift) > 1e-6)
+    if wrong.any():
+        degrees = math.degrees(np.atleast_1d(angle)[wrong][0])
+        raise ValueError(
+            f"angle: expected a multiple of {360 / slices:g} degrees, the width of a slice of "
+            f"headings, got {degrees:g} degrees{remedy}"
+        )
+    return shift

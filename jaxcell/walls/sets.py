@@ -10,8 +10,6 @@ from .boundary import Boundary
 from .chords import Chords
 
 
-# The length by which bounds are moved outward, in metres, far more than any rounding error.
-OUTWARD = 1e-9
 # The largest distance of stretches that are joined, in metres.
 _JOINED = 1e-6
 
@@ -67,17 +65,20 @@ def observe(
     hit = chords.hit[row]
     arcs = chords.arc[:, :, row]
     ends = np.stack([arcs[:, 0] + arcs[:, 1] * begin, arcs[:, 0] + arcs[:, 1] * end])
-    # A run of at most this length does not lead farther along the wall either.
-    boundary = chords.boundary
-    wall = chords.wall[row]
+    # The wall is also met as far along it as the run leads there.
+    boundary, reach, spread = chords.boundary, chords.reach[row], chords.spread[:, row]
+    wall, (back, forth) = chords.wall[row], chords.cosine[:, row]
+    least, most = least[robot] - reach, most[robot] + reach
     beside = [
         ((boundary.point(wall, arc) - boundary.begin[hit]) * boundary.tangent[hit]).sum(axis=1)
         for arc in (begin, end)
     ]
-    most, spread = most[robot] + OUTWARD + chords.displacement, chords.spread[:, row]
-    low = np.maximum((ends - spread).min(axis=(0, 1)), np.min(beside, axis=0) - most) - OUTWARD
-    high = np.minimum((ends + spread).max(axis=(0, 1)), np.max(beside, axis=0) + most) + OUTWARD
-    low, high = np.maximum(low, 0.0), np.minimum(high, boundary.length[hit])
+    backmost = np.min(beside, axis=0) + back * np.where(back < 0, most, least) - reach
+    foremost = np.max(beside, axis=0) + forth * np.where(forth < 0, least, most) + reach
+    low = np.maximum((ends - spread).min(axis=(0, 1)), backmost)
+    high = np.minimum((ends + spread).max(axis=(0, 1)), foremost)
+    low = np.maximum(low - boundary.tolerance, 0.0)
+    high = np.minimum(high + boundary.tolerance, boundary.length[hit])
     reached = WallSet(robot, chords.slice[row], hit, low, high).take(low <= high)
     return _with_corners(boundary, reached).joined()
 
@@ -97,22 +98,23 @@ def _leaving(
 
     Returns, for each part, its robot, the row of its chord, and the arc lengths of its two ends.
     """
-    stretch, row = _overlapping(chords, state)
+    stretch, row = overlapping(chords, state)
     robot, begin, end = state.robot[stretch], state.begin[stretch], state.end[stretch]
-    begin = np.maximum(begin, chords.begin[row] - OUTWARD)
-    end = np.minimum(end, chords.end[row] + OUTWARD)
-    least, most = least[robot] - OUTWARD, most[robot] + OUTWARD
-    near, far = chords.stretch[:, row]
-    constant, slope = chords.clearance[:, row]
+    tolerance, reach = chords.boundary.tolerance, chords.reach[row]
+    begin = np.maximum(begin, chords.begin[row] - tolerance)
+    end = np.minimum(end, chords.end[row] + tolerance)
+    least, most = np.maximum(least[robot] - tolerance, 0.0), most[robot] + tolerance
+    (gentle, steep), (constant, slope) = chords.sine[:, row], chords.clearance[:, row]
     with np.errstate(divide="ignore", invalid="ignore"):
-        above = np.where(least > 0, least / far, -np.inf) - chords.displacement - constant
-        below = most / near + chords.displacement - constant
-        level = np.abs(slope) < 1e-12
+        # An arc may lean away from the robot, so that a longer run begins farther behind its chord.
+        above = np.where(gentle < 0, most, least) * gentle - reach - constant
+        below = np.where(steep < 0, least, most) * steep + reach - constant
+        level = slope == 0
         first = np.where(slope > 0, above / slope, below / slope)
         last = np.where(slope > 0, below / slope, above / slope)
-    possible = ~level | ((above <= OUTWARD) & (below >= -OUTWARD))
-    begin = np.where(level, begin, np.maximum(begin, first - OUTWARD))
-    end = np.where(level, end, np.minimum(end, last + OUTWARD))
+    possible = ~level | ((above <= 0) & (below >= 0))
+    begin = np.where(level, begin, np.maximum(begin, first))
+    end = np.where(level, end, np.minimum(end, last))
     kept = np.flatnonzero(possible & (begin <= end))
     return robot[kept], row[kept], begin[kept], end[kept]
 
@@ -120,8 +122,8 @@ def _leaving(
 def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
     """Add each corner that a set contains on one wall as a place on the adjacent wall."""
     length = boundary.length[state.wall]
-    begins = state.take(state.begin <= 2 * OUTWARD)
-    ends = state.take(state.end >= length - 2 * OUTWARD)
+    begins = state.take(state.begin <= 2 * boundary.tolerance)
+    ends = state.take(state.end >= length - 2 * boundary.tolerance)
     before, after = boundary.preceding[begins.wall], boundary.following[ends.wall]
     corner = boundary.length[before]
     none = np.zeros(after.size)
@@ -133,7 +135,7 @@ def _with_corners(boundary: Boundary, state: WallSet) -> WallSet:
     return WallSet(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _overlapping(
+def overlapping(
     chords: Chords, state: WallSet
 ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
     """List the pairs of a stretch of a set and a row of `chords` that overlap on a wall."""
@@ -168,13 +170,18 @@ def arrivals(chords: Chords, least: float) -> WallSet:
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)
     robot, begin = np.zeros(wall.size, int), np.zeros(wall.size)
     everywhere = WallSet(robot, slice_, wall, begin, boundary.length[wall])
-    robot, row, begin, end = _leaving(chords, everywhere, np.array([least]), np.array([np.inf]))
-    wall = chords.wall[row]
-    begin = np.maximum(begin - OUTWARD, 0.0)
-    end = np.minimum(end + OUTWARD, boundary.length[wall])
+    longest = np.array([boundary.diameter + chords.reach.max()])
+    robot, row, begin, end = _leaving(chords, everywhere, np.array([least]), longest)
+    wall, hit = chords.wall[row], chords.hit[row]
+    starts = [boundary.point(wall, arc) for arc in (begin, end)]
+    corners = boundary.begin[hit], boundary.begin[boundary.following[hit]]
+    run = np.max([np.hypot(*(a - b).T) for a in starts for b in corners], axis=0)
+    begin = np.maximum(begin - boundary.tolerance, 0.0)
+    end = np.minimum(end + boundary.tolerance, boundary.length[wall])
     heading = (chords.slice[row] + chords.slices // 2) % chords.slices
     # A robot that meets a wall comes from its free side.
-    reached = WallSet(robot, heading, wall, begin, end).take(chords.hit[row] != wall)
+    reached = WallSet(robot, heading, wall, begin, end)
+    reached = reached.take((hit != wall) & (run + chords.reach[row] >= least))
     return _with_corners(boundary, reached).joined()
 
 
@@ -193,5 +200,7 @@ def contains(
     arc = (offset * boundary.tangent[wall]).sum(axis=1)
     nearest = boundary.point(wall, np.clip(arc, state.begin, state.end))
     apart = np.linalg.norm(place[robot] - nearest, axis=1)
-    inside = (state.slice == slices[robot]) & (apart <= 10 * OUTWARD)
+    inside = (state.slice == slices[robot]) & (
+        apart <= 10 * boundary.tolerance + boundary.bulge[wall]
+    )
     return np.bincount(robot[inside], minlength=len(place)) > 0

@@ -34,7 +34,7 @@ class Trial:
     run: Float[np.ndarray, "robots bumps"]
     "The true length of the run before each bump, in metres."
     extent: Float[np.ndarray, "robots bumps"]
-    "The diagonal of the box around the possible places after each bump, in metres."
+    "The diagonal of the box around the possible places, in metres; infinite for an empty set."
     held: Bool[np.ndarray, "robots bumps"]
     "True if the set after the bump contains the robot."
     arrived: Bool[np.ndarray, "robots bumps"]

@@ -136,3 +136,15 @@ def test_homing_sequences_are_shortest_of_all(machine, data):
     if 0 <= shorter <= 6:
         for word in itertools.product(range(len(images)), repeat=shorter):
             assert unsettled(start, word)
+
+
+def test_inputs_to_avoid_are_not_taken_where_others_cost_as_little():
+    """Three inputs tell two states apart at once; a fourth does not."""
+    images = np.array([[0, 1], [1, 0], [0, 1], [1, 0]])
+    observations = np.array([[0, 1], [0, 1], [1, 0], [0, 0]])
+    avoid = np.array([[True, False], [True, True], [False, False], [False, False]])
+    plain = adaptive_choice(images, observations, [[0, 1]])
+    assert (plain.choice[plain.roots[0]], plain.upper) == (0, [1])
+    found = adaptive_choice(images, observations, [[0, 1]], avoid=avoid)
+    assert (found.choice[found.roots[0]], found.upper) == (2, [1])
+    assert found.optimal

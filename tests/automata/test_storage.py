@@ -51,7 +51,7 @@ def test_large_arrays_are_read_back(tmp_path):
     }
     storage.write_arrays(tmp_path / "x", {"a": 1}, arrays)
     header, loaded = storage.read_arrays(tmp_path / "x")
-    assert header == {"a": 1}
+    assert header == {"a": 1, "version": 1}
     assert loaded.keys() == arrays.keys()
     for name in arrays:
         np.testing.assert_array_equal(loaded[name], arrays[name])
@@ -166,3 +166,15 @@ def test_inconsistent_filter_files_are_refused(saved, header, change, message):
     storage.write_arrays(other, header, arrays_of(filter) | change)
     with pytest.raises(ValueError, match=rf"other\.filter: .*({message})"):
         Filter.load(other)
+
+
+def test_a_file_that_decompresses_to_too_much_is_refused_unread(tmp_path, monkeypatch):
+    storage.write_arrays(tmp_path / "x", {}, {"zeros": np.zeros(100_000, np.int32)})
+    assert (tmp_path / "x").stat().st_size < 2000
+    monkeypatch.setattr(storage, "LARGEST", 300_000)
+    monkeypatch.setattr(np.lib.format, "read_array", None)
+    with pytest.raises(ValueError, match=r"x: it decompresses to 400,\d+ bytes, more"):
+        storage.read_arrays(tmp_path / "x")
+    monkeypatch.setattr(storage, "LARGEST_HEADER", 100)
+    with pytest.raises(ValueError, match=r"its header has .* bytes, more than 100"):
+        storage.read_arrays(tmp_path / "x")

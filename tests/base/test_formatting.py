@@ -10,7 +10,7 @@ from jaxcell.base.quantities import quantity
 @pytest.mark.parametrize(
     ("value", "kind", "units", "text"),
     [
-        (0, "position", None, "0"),
+        (0, "position", None, "position 0"),
         (-1, "position", None, "none"),
         (-1, "count", None, "-1"),
         (1234567, "count", None, "1,234,567"),
@@ -37,8 +37,8 @@ def test_places_in_cells_have_their_poses():
         for kind in ("cell", "position", "place")
     }
     assert of_kind == {
-        "cell": "0 (0.5 m, 0.5 m, 0°), none",
-        "position": "0 (0.5 m, 0.5 m), none",
+        "cell": "cell 0 (0.5 m, 0.5 m, 0°), none",
+        "position": "position 0 (0.5 m, 0.5 m), none",
         "place": "(0.5, 0.5), none",
     }
 

@@ -1,6 +1,8 @@
 import math
 
+import jax
 import jax.numpy as jnp
+import jax.test_util
 import numpy as np
 import pytest
 import scipy.optimize
@@ -222,3 +224,42 @@ def test_the_stand_in_for_the_complex_room_has_its_cells_and_one_group_per_angle
     for one in policy.limiting:
         assert one.certificate.residual < 1e-10
         assert float(one.value.sum()) == pytest.approx(1, abs=1e-12)
+
+
+def test_traced_angles_and_probabilities_make_the_chain_of_each():
+    cells, error = room(), 90 * DEGREE
+    turns = np.array([[0.8, 0.05, 0.05, 0.05, 0.05], [0.4, 0.3, 0.0, 0.2, 0.1]])
+
+    def chain(bounce, reliability):
+        return noisy_bounce_map(cells, bounce, error, reliability)
+
+    angles, numbers = jnp.array([45.0, 270.0]) * DEGREE, jnp.array([0.8, 1.0])
+    for probability in (numbers, jnp.asarray(turns)):
+        found = jax.jit(jax.vmap(chain))(angles, probability)
+        for k in range(2):
+            one = chain(float(angles[k]), probability[k])
+            np.testing.assert_array_equal(found.image[k], one.image)
+            np.testing.assert_array_equal(found.probability[k], one.probability)
+    same = chain(angles[0], turns[0]), chain(angles[0], 0.8)
+    np.testing.assert_allclose(same[0].probability, same[1].probability, rtol=1e-14)
+
+
+def test_expected_values_have_derivatives_by_the_probabilities_of_turns():
+    cells = room()
+    worth = np.random.default_rng(0).random(cells.size)
+
+    def mean_square(probability):
+        chain = noisy_bounce_map(cells, 135 * DEGREE, 45 * DEGREE, probability)
+        return jnp.mean(chain.pull(worth) ** 2)
+
+    jax.test_util.check_grads(mean_square, (0.7,), order=1, modes=["rev", "fwd"], rtol=1e-7)
+    step = 1e-5 * np.array([0.0, 1.0, -1.0])
+    by_turn = jax.grad(mean_square)(jnp.array([0.6, 0.3, 0.1]))
+    more, less = (mean_square(np.array([0.6, 0.3, 0.1]) + sign * step) for sign in (1, -1))
+    np.testing.assert_allclose(by_turn @ step, (more - less) / 2, rtol=1e-7)
+
+
+@pytest.mark.parametrize("turns", [[0.5, 0.5], [0.5, 0.6, -0.1], [0.5, 0.2, 0.2], [0.0, 0.5, 0.5]])
+def test_wrong_probabilities_of_turns_are_refused(turns):
+    with pytest.raises(ValueError, match="reliability: expected"):
+        noisy_bounce_map(room(), 45 * DEGREE, 45 * DEGREE, np.array(turns))

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import warnings
 
 import jax
 import numpy as np
@@ -125,6 +126,36 @@ def test_images_under_vmap_are_those_of_each_angle():
     expected = bounce_map(cells, 2 * math.pi * shift / 24)
     np.testing.assert_array_equal(batch.image, expected.image)
     np.testing.assert_array_equal(batch.bumped, expected.bumped)
+
+
+@pytest.mark.parametrize(
+    ("cells", "motion"),
+    [
+        (CellSpace.of(CURVED, 1.0, 12), CELL_BY_CELL),
+        (CellSpace.of_grid(np.arange(42).reshape(6, 7) % 5 != 2, 8), ENDPOINT),
+    ],
+)
+def test_traced_angles_have_the_maps_and_groups_of_each_angle(cells, motion):
+    angles = 2 * math.pi * np.arange(-1, cells.directions + 2) / cells.directions
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = jax.jit(jax.vmap(lambda one: _of_angle(cells, one, motion)))(angles)
+        at_once = jax.jit(_of_angle)(cells, angles.reshape(1, -1), motion)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(at_once), strict=True):
+        np.testing.assert_array_equal(one, other[0])
+    for k, angle in enumerate(angles.tolist()):
+        expected = jax.tree.leaves(_of_angle(cells, angle, motion))
+        for one, other in zip(jax.tree.leaves(found), expected, strict=True):
+            # A traced table of groups has zeros for as many groups as there are cells.
+            table = np.zeros_like(one[k])
+            table[tuple(map(slice, other.shape))] = other
+            np.testing.assert_array_equal(one[k], table)
+
+
+def _of_angle(cells, angle, motion):
+    map = bounce_map(cells, angle, motion=motion)
+    groups = bounce_groups(cells, angle, motion=motion)
+    return map, groups, groups.period, group_summary(cells, angle, motion=motion)
 
 
 def test_an_angle_is_a_whole_number_of_directions():

@@ -1,4 +1,5 @@
 import json
+import shlex
 
 import pytest
 
@@ -42,7 +43,7 @@ def test_each_stop_of_the_tour_shows_its_claim(tmp_path, capsys):
 
     said = capsys.readouterr().err
     assert said.count("\n") <= MAX_LINES
-    assert f"view {tmp_path}" in said.splitlines()[-1]
+    assert f"view {shlex.quote(str(tmp_path))}" in said.splitlines()[-1]
     index = (tmp_path / "index.md").read_text()
     for stop in STOPS:
         assert stop.line in said

@@ -101,10 +101,10 @@ def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(
     rows = [line.split("│")[1].strip() for line in said if line.startswith("│")]
     assert rows[:5] == [
         "time that the answer is about",
-        "drifters that the map has in a wrong cell then",
-        "persistent groups",
-        "probability of leaving the map, mean",
-        "probability of leaving off the edge of the grid, mean",
+        "in a wrong cell of the map then, released everywhere",
+        "the same, released in one cell (start, or median of nine)",
+        "rule at the coast",
+        "cells of water",
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]

@@ -34,7 +34,9 @@ def test_files_of_a_command_are_described(results, capsys):
     assert summary["what"] == "the summary of jaxcell localize"
     assert summary["periodic_groups"] == 1
     names = ["filter.jxf", "groups.nc", "localization.nc", "localization.rrd", "summary.json"]
-    assert describe(results)["files"] == names
+    described = describe(results)
+    assert (described["what"], described["files"]) == ("a result", names)
+    assert described["command"].startswith("jaxcell localize ")
     assert main(["info", str(results / "filter.jxf")]) == 0
     assert "a localization filter" in capsys.readouterr().out
     assert run(capsys, "info", results / "filter.jxf")[1]["states"] == 124

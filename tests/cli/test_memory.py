@@ -41,6 +41,18 @@ def test_commands_that_need_too_much_memory_are_refused_before_cells_are_cut(
     assert line.endswith(" m would fit")
 
 
+def test_too_few_addresses_for_jax_are_one_line(capsys, monkeypatch):
+    left = [(10**9, "ulimit -v allows 1.5 GB of addresses")]
+    monkeypatch.setattr(memory, "_addresses", lambda: left)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert main(["groups", str(LAB), "--bounce", "45"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == (
+        "jaxcell groups: JAX reserves about 1.4 GB of addresses, and 1.0 GB are left: "
+        "ulimit -v allows 1.5 GB of addresses"
+    )
+
+
 @pytest.mark.parametrize("place", [0, 1, 4])
 @pytest.mark.parametrize("option", [["--memory", "0.3G"], ["--memory=300M"]])
 def test_a_limit_is_an_option_of_all_commands(capsys, monkeypatch, place, option):
@@ -90,7 +102,7 @@ def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.cli.study_command.MUCH", 1e4)
     _, found, note = run(capsys, "groups", LAB, "--bounce 45")
     assert found["positions"] == 19
-    assert note == "groups needs about 0.0 GB of memory\n"
+    assert note == "groups needs about 0 MB of memory\n"
 
 
 def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_path):
@@ -99,7 +111,7 @@ def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_p
     monkeypatch.setattr("jaxcell.study.bounce.groups.MAX_AT_ONCE", 100)
     assert main([*args, str(tmp_path / "many")]) == 0
     names = {one.name for one in (tmp_path / "many").iterdir()}
-    assert names == {"groups.zarr", "summary.json"}
+    assert names == {"groups.zarr", "result.json", "summary.json"}
     few = xr.open_dataset(tmp_path / "few" / "groups.nc")
     many = xr.open_zarr(tmp_path / "many" / "groups.zarr")
     xr.testing.assert_equal(many.drop_vars("image").load(), few)

@@ -123,9 +123,9 @@ MISSING = [
     "sweep indices none",
     "sweep merge none",
     "sweep status none",
-    "sweep verify none",
     "sweep view none",
     "team none.json --bounces 45",
+    "verify none",
     "view none",
 ]
 

@@ -1,6 +1,7 @@
 """Run every block of code and every command of README and the pages of the site."""
 
 import ast
+import contextlib
 import re
 import runpy
 import shlex
@@ -109,6 +110,16 @@ def as_users_have_it(tmp_path, monkeypatch, few_drifters):
         yield
 
 
+@contextlib.contextmanager
+def without_flags():
+    """JAX uses 32 bits, as in the program of a user who sets nothing; a command turns on 64."""
+    jax.config.update("jax_enable_x64", False)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
 def do(line):
     """Run a command or its substitute; emulated robots run fast."""
     if (instead := substitute(line)) is not None:
@@ -126,7 +137,8 @@ def run(section, capsys):
         if block.title:
             Path(block.title).write_text(block.body)
         elif block.language == "python":
-            exec(block.body, names)
+            with without_flags():
+                exec(block.body, names)
             printed = capsys.readouterr().out
             assert printed
         elif block.language == "text":

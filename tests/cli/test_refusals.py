@@ -16,6 +16,7 @@ from jaxcell.cli import main
 
 FILES = {
     "apart.adjlist": "a b\nc d\n",
+    "deep.gml": "graph [" + "node [ a [" * 3000,
     "apart.txt": "; cell 1\n...#...\n...#...\n",
     "hall.txt": "; cell 1\n............\n" + "....#.......\n" * 3 + "............\n",
     "number.py": "System = 3",
@@ -107,6 +108,8 @@ patrol graph @eight --robots 2 --division shared --emphasis 1 2
     --division: it has an effect only with --robots and without --vertex, --emphasis, ...
 patrol graph apart.adjlist
     apart.adjlist: no walk leads from vertex 'a' to 'c'; expected a connected graph
+patrol graph deep.gml
+    deep.gml: not .gml that networkx reads: maximum recursion depth exceeded...
 patrol graph path.adjlist --speed 1
     --speed: edges of path.adjlist have no lengths, and its vertices no positions
 patrol map @lab_a --robots auto

@@ -1,5 +1,6 @@
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -125,7 +126,7 @@ def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, 
     # Where the machine is busy, Zarr grumbles when it is left.
     assert (
         f"Stopped. Finished chunks are kept in {out}; to continue: "
-        f"jaxcell sweep {path} --out {out} --resume "
+        f"{shlex.join(['jaxcell', 'sweep', str(path), '--out', str(out)])} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in printed
     status, answer, _ = run(capsys, "sweep status", out)

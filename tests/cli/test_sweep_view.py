@@ -1,3 +1,5 @@
+from shlex import quote
+
 import pytest
 from rerun.chunk import RrdReader
 
@@ -47,13 +49,13 @@ def test_sweep_view_writes_an_overview_and_a_member(ran, capsys):
     folder = ran(f'task = "rooms"\n{fixed}\n[grid]\nroom = {{count = 3}}\nbounce = [45, 90]')
     assert main(["sweep", "view", str(folder)]) == 0
     printed = capsys.readouterr()
-    assert f"view --web {folder / 'overview.rrd'}" in printed.err
+    assert f"view --web {quote(str(folder / 'overview.rrd'))}" in printed.err
     assert "/series/count/median" in entities(folder / "overview.rrd")
 
     assert main(["sweep", "view", str(folder), "--select", "bounce=90", "room=2"]) == 0
     printed = capsys.readouterr()
     out = folder / "members" / "room=2,bounce=90.rrd"
-    assert f"view --web {out}" in printed.err
+    assert f"view --web {quote(str(out))}" in printed.err
     assert "In the sweep: room=2,bounce=90" in printed.out
     assert "/map/grid/bounce_90/groups" in entities(out)
 
@@ -123,6 +125,7 @@ def test_members_without_a_result_or_a_study_are_refused(ran, tmp_path, capsys, 
     folder = ran(
         'task = "sweep_stub:stub"\n[fixed]\nfail = 2\n[grid]\nx = {count = 6}', head="chunk = 2"
     )
+    monkeypatch.chdir(tmp_path)
     view = ["sweep", "view", str(folder)]
     assert main([*view, "--select", "x=0"]) == 2
     printed = capsys.readouterr().err

@@ -1,11 +1,15 @@
 """Results of one kind, side by side or one below the other."""
 
 import dataclasses
+import itertools
+import re
 from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
 
+from jaxcell import space
+from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import Result, quantity
 from jaxcell.cli.terminal import show, table
 
@@ -53,14 +57,41 @@ class Robots(Result):
     tour: Annotated[np.ndarray, quantity("robot stop", "its tour", kind="index", listed=True)]
 
 
-@pytest.mark.parametrize(("robots", "aside"), [(2, True), (9, False)])
+@pytest.mark.parametrize(("robots", "aside"), [(1, True), (9, False)])
 def test_a_wide_table_of_few_rows_is_transposed(capsys, monkeypatch, robots, aside):
     monkeypatch.setenv("COLUMNS", "40")
     tour = np.where(np.arange(3) < 2, 1_234_567_890, -1) * np.ones((robots, 1), int)
     show(Robots(np.full(robots, 12_345_678_901), tour), "a patrol")
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    said = capsys.readouterr().out
+    rows = [line for line in said.splitlines() if line.startswith("│")]
     assert any(row.startswith("│ its tour") for row in rows) == aside
     assert not any("-1" in row for row in rows)
+    assert said.count("12,345,678,901") == robots
+
+
+@pytest.mark.parametrize("width", [20, 40, 60, 80, 120])
+def test_tables_of_any_width_keep_their_border_and_their_words(capsys, monkeypatch, width):
+    """Heads, words and numbers of many lengths, drawn at random."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    draw = np.random.default_rng(width)
+    for _ in range(60):
+        columns, rows = draw.integers(1, 9), draw.integers(1, 6)
+        sizes = [draw.integers(1, 12, draw.integers(1, 5)) for _ in range(columns)]
+        heads = [" ".join("x" * size for size in one) for one in sizes]
+        cells = [[f"{n:,}" for n in draw.integers(0, 10**9, columns)] for _ in range(rows)]
+        table("title", heads, cells)
+        said = capsys.readouterr().out
+        lines = said.splitlines()[1:]
+        for number in itertools.chain(*cells):
+            assert any(re.search(rf"(?<![\d,]){number}(?![\d,])", line) for line in lines)
+        for word in " ".join(heads).split():
+            assert word in said
+        if lines[0].startswith("┏"):
+            assert len({len(line) for line in lines}) == 1
+            assert len(lines[0]) <= width
+            assert {line[-1] for line in lines} <= set("┓┃┩│┘")
+        else:
+            assert all(len(line) <= width or " " not in line.strip() for line in lines)
 
 
 def test_words_that_fit_are_not_broken(capsys, monkeypatch):
@@ -69,3 +100,21 @@ def test_words_that_fit_are_not_broken(capsys, monkeypatch):
     said = capsys.readouterr().out
     assert "transmogrification" in said
     assert max(map(len, said.splitlines())) <= 40
+
+
+def test_indices_are_told_from_counts():
+    index, count = quantity("", "a group", kind="index"), quantity("", "groups", kind="count")
+    assert (format_value(3, index), format_value(3, count)) == ("#3", "3")
+    assert format_value(-1, index) == "none"
+    room = space.CellSpace.of_grid(np.ones((2, 3), bool), 8)
+    cell, place = quantity("", "end", kind="cell"), quantity("", "end", kind="position")
+    # Row 0 has positions 0 to 2, and direction 1 of 8 looks to the North-East.
+    assert format_value(6 + 2, cell, room) == "cell 8 (2.5 m, 0.5 m, 45°)"
+    assert format_value(2, place, room) == "position 2 (2.5 m, 0.5 m)"
+    assert format_value(8, cell) == "cell 8"
+    assert format_value(np.arange(40) % 6, place, room).startswith("positions 0, 1, 2, 3")
+
+
+def test_a_result_without_single_numbers_has_no_table_of_seconds(capsys):
+    show(Robots(np.array([1, 2]), np.array([[0], [1]])), "a patrol", seconds=0.239)
+    assert "seconds" not in capsys.readouterr().out

@@ -1,3 +1,4 @@
+import shlex
 import socket
 import subprocess
 import sys
@@ -54,7 +55,7 @@ def test_a_browser_is_opened_at_the_one_address_that_is_printed(
     def start(command, **options):
         started.append(command)
         script = [sys.executable, "-c", SERVER, *command]
-        servers.append(popen(script, stdin=subprocess.PIPE, **options))
+        servers.append(popen(script, **options))
         return servers[-1]
 
     def noted(text):
@@ -111,7 +112,10 @@ def test_a_live_run_is_shown_in_a_window_or_on_a_page(monkeypatch, capsys, displ
     popen = subprocess.Popen
 
     def start(command, **options):
-        return popen([sys.executable, "-c", SERVER, *command], **options)
+        server = popen([sys.executable, "-c", SERVER, *command], **options)
+        # It ends once its page has been asked for.
+        server.stdin.close()
+        return server
 
     monkeypatch.setattr(subprocess, "Popen", start)
     monkeypatch.setattr(view, "has_display", lambda: display)
@@ -137,7 +141,7 @@ def test_without_a_display_other_commands_are_recommended(results, calls, monkey
     assert calls == []
     told = capsys.readouterr().err
     assert "view --web" in told
-    assert f"rerun {results / 'b.rrd'}" in told
+    assert f"rerun {shlex.quote(str(results / 'b.rrd'))}" in told
 
 
 @pytest.mark.parametrize("name", ["nothing", "empty", "text.rrd"])

@@ -30,9 +30,12 @@ def refused(source, message, **choice):
 
 
 def numbers(records=RECORDS, rows=ROWS, columns=COLUMNS):
-    """Two velocities that tell record, row and column, in eighths, which floats hold exactly."""
+    """Two velocities that tell record, row and column, in 64ths, which floats hold exactly.
+
+    None is 0, which could be land.
+    """
     t, j, i = np.indices((records, rows, columns))
-    return (t + j) / 8 - i / 64, i / 32 - (t + 2 * j) / 64
+    return (t + j) / 8 - i / 64 + 1 / 4, i / 32 - (t + 2 * j) / 64
 
 
 def hours(first=0, count=RECORDS, since="2020-01-01", **attributes):
@@ -123,7 +126,7 @@ def oscar_old():
     """A third of a degree, from 20 to 420 degrees East and from the North, at 15 m."""
     lon, lat = np.arange(20, 420.1, 20.0), 80.0 - 20 * np.arange(9)
     i = np.arange(lon.size) % 18  # beyond 380 degrees the first come again
-    u = np.broadcast_to(i / 32 + np.arange(9)[:, None] / 64, (1, 1, 9, lon.size))
+    u = np.broadcast_to((i + 1) / 32 + np.arange(9)[:, None] / 64, (1, 1, 9, lon.size))
     dims = ("time", "depth", "latitude", "longitude")
     about = {"units": "meter/sec", "long_name": "Ocean Surface Zonal Currents"}
     return xr.Dataset(

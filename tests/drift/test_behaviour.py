@@ -5,7 +5,6 @@ from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas, water_and_flow
 
 from jaxcell import markov
-from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.maps import drift_map, flow_map
@@ -143,10 +142,9 @@ def test_an_eddy_that_almost_traps_drifters_has_finite_times():
     steps = np.asarray(behaviour.absorption.value)
     assert 2e12 < steps.max() < 4e12
     assert steps.min() >= 1
-    assert behaviour.absorption.certificate.outcome is Outcome.STALLED
+    assert behaviour.absorption.certificate.residual < 1e-8
     np.testing.assert_allclose(behaviour.probability.leaving, 1, atol=1e-12)
-    with pytest.raises(RuntimeError, match="absorption_times: the residual stayed above"):
-        long_term_behaviour(chain, duration, throw=True)
+    long_term_behaviour(chain, duration, throw=True)
 
 
 def test_bad_durations_and_groups_are_refused():

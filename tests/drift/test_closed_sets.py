@@ -45,6 +45,28 @@ def test_whole_periods_make_a_window_and_small_pieces_are_left_out():
     assert closed.begin.tolist() == [0] * 50 + [1] * 50 + [-1]
 
 
+def test_a_window_shorter_than_the_period_has_the_steps_of_its_hours():
+    water = drift.Water.of(sea(np.zeros((2, 50)), np.zeros((2, 50))))
+    image = np.arange(100, dtype=np.int32)[None]
+    half = mapping.Chain(np.where(image < 50, (image + 1) % 50, image), np.ones((1, 100)))
+    months = mapping.ChainSequence.of([half] * 30)
+    for hours, steps in ((24.0, 1), (72.0, 3), (720.0, 30), (1500.0, 60)):
+        closed = drift.nearly_closed_sets(water, months, 86400.0, 2, hours=hours)
+        assert closed.steps == steps
+
+
+def test_sets_that_lose_half_of_their_drifters_are_left_out():
+    water = drift.Water.of(sea(np.zeros((1, 60)), np.zeros((1, 60))))
+    part = np.arange(60) // 20
+    same = (part[:, None] == part) / 20
+    # Part 0 keeps its drifters; half of those of the others and more leave the map.
+    stays = np.where(part == 0, 0.99, 0.45)
+    chain = mapping.Chain.from_scipy(stays[:, None] * same)
+    closed = drift.nearly_closed_sets(water, chain, 86400.0, 3)
+    np.testing.assert_allclose(closed.leakage, [0.01])
+    assert closed.begin.tolist() == [0] * 20 + [-1] * 40
+
+
 def test_sets_are_numbered_from_layer_to_layer():
     waters = [drift.Water.of(sea(np.zeros((3, 8)), np.zeros((3, 8))))] * 2
     waters[1] = dataclasses.replace(waters[1], depth=5.0)
@@ -59,7 +81,6 @@ def test_sets_are_numbered_from_layer_to_layer():
     assert closed.window_hours == 24
     leaves = 1 - np.repeat([0.999**2 + 0.001**2, 0.99**2 + 0.01**2], 2)
     np.testing.assert_allclose(closed.leakage, leaves)
-    np.testing.assert_allclose(closed.hours, -24 / np.log(1 - leaves))
     lon, lat = waters[0].lon, waters[0].lat
     np.testing.assert_allclose(closed.lat, lat[1, 0])
     assert set(closed.lon[[0, 2]]) <= set(lon[0, 1:3])

@@ -1,12 +1,13 @@
+import dataclasses
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from seas import sea, seas
+from seas import sea
 
+from jaxcell import examples
 from jaxcell.drift.advection import advect, carried
 from jaxcell.drift.flow import Flow, between, crossing_time, in_squares
 from jaxcell.drift.maps import flow_map
@@ -58,40 +59,6 @@ def test_a_place_ashore_or_off_the_grid_is_refused():
         water.cell(-118.5, 33)
     with pytest.raises(ValueError, match="expected a longitude and a latitude"):
         water.cell(0, 91)
-
-
-def nearest(water, origin, x, y):
-    """The nearest cell of the same piece of water by looking at all."""
-    row, column = origin
-    dx, dy = water.dx[row, column], water.dy[row, column]
-    piece = water.piece[water.number[row, column]]
-    away = [
-        (round(math.hypot((c - x) * dx, (r - y) * dy), 6), cell)
-        for cell, (r, c) in enumerate(zip(water.row, water.column, strict=True))
-        if water.piece[cell] == piece
-    ]
-    return min(away)[1]
-
-
-@given(seas())
-def test_landing_is_the_nearest_cell_of_the_same_water(currents):
-    water, flow = Water.of(currents), Flow.of(currents)
-    right, up = np.asarray(flow_map(water, flow, DriftStep(1.0)))
-    x, y = water.column + right, water.row + up
-    found = water.landing(x[None], y[None])[0]
-    gone = water.landing(x[None], y[None], exits=True)[0]
-    rows, columns = water.number.shape
-    for cell in range(water.cells):
-        # Ties go up and to the right where there is water of the same piece.
-        r, c = (math.floor(round(v + 0.5, 9)) for v in (y[cell], x[cell]))
-        inside = 0 <= r < rows and 0 <= c < columns
-        holds = water.number[r, c] if inside else -1
-        if holds >= 0 and water.piece[holds] == water.piece[cell]:
-            expected = holds
-        else:
-            expected = nearest(water, (water.row[cell], water.column[cell]), x[cell], y[cell])
-        assert found[cell] == expected
-        assert gone[cell] == (expected if inside else -1)
 
 
 @pytest.mark.parametrize("angle_deg", [0, 30, 90, -135])
@@ -236,3 +203,31 @@ def test_bad_input_is_refused(call, message):
     nothing = np.zeros((3, 3))
     with pytest.raises(ValueError, match=message):
         call(sea(nothing, nothing))
+
+
+def test_displacements_have_derivatives_by_the_current_and_the_duration():
+    water, flow = examples.gyres()
+
+    def of_current(scale):
+        return dataclasses.replace(flow, rate=scale * flow.rate)
+
+    def shift(scale, duration):
+        step = DriftStep(duration, method="rk4", substeps=3)
+        return flow_map(water, of_current(scale), step)
+
+    def mean_square(*numbers):
+        return (shift(*numbers) ** 2).mean()
+
+    scales, durations = jnp.array([1.3, 0.4]), jnp.array([700.0, 900.0])
+    found = jax.jit(jax.vmap(shift))(scales, durations)
+    for k in range(2):
+        expected = shift(float(scales[k]), float(durations[k]))
+        np.testing.assert_allclose(found[k], expected, atol=1e-14)
+    by_scale, by_duration = jax.grad(mean_square, (0, 1))(1.3, 700.0)
+    more, less = (mean_square(1.3 + step, 700.0) for step in (1e-5, -1e-5))
+    np.testing.assert_allclose(by_scale, (more - less) / 2e-5, rtol=1e-6)
+    more, less = (mean_square(1.3, 700.0 + step) for step in (1e-2, -1e-2))
+    np.testing.assert_allclose(by_duration, (more - less) / 2e-2, rtol=1e-6)
+    # The crossing time is inversely proportional to the current.
+    time, slope = jax.value_and_grad(lambda scale: crossing_time(water, of_current(scale)))(2.0)
+    np.testing.assert_allclose((time, slope), crossing_time(water, flow) / np.array([2, -4]))

@@ -1,12 +1,13 @@
 """Drift maps, against an oracle that maps cell by cell, and by hand."""
 
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from oracles.drifter import SINK, Drifter
+from oracles.drifter import SINK, Current, Drifter
 from seas import double_gyre, sea, seas
 
 from jaxcell import examples
@@ -18,16 +19,16 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 SPREADS, EDGES = ("turned", "all", "sampled"), ("uniform", "exit")
 
 
-def check_rows(currents, cells, duration, **rules):
+def check_rows(currents, current, cells, duration, **rules):
     """Rows of the map are those of the oracle."""
-    water, flow = Water.of(currents), Flow.of(currents).mean()
-    chain = drift_map(water, flow, DriftStep(duration, **rules))
-    oracle = Drifter(currents, water, 0, duration, **rules)
+    chain = drift_map(Water.of(currents), Flow.of(currents).mean(), DriftStep(duration, **rules))
+    assert chain.cells == len(current.squares)
+    oracle = Drifter(current, duration, **rules)
     P, leaving = chain.to_scipy(), np.asarray(chain.leaving)
-    for z in cells(water).tolist():
+    for z in cells(chain.cells).tolist():
         expected = oracle.images(z)
         left = expected.pop(SINK, 0.0)
-        row = np.zeros(water.cells)
+        row = np.zeros(chain.cells)
         row[list(expected)] = list(expected.values())
         np.testing.assert_allclose(P[[z]].toarray()[0], row, atol=1e-9)
         assert leaving[z] == pytest.approx(left, abs=1e-9)
@@ -37,7 +38,7 @@ def check_rows(currents, cells, duration, **rules):
 def test_the_map_of_a_random_sea_is_that_of_single_cells(currents, spread, edge, data):
     rho, samples = data.draw(st.sampled_from([0.0, 0.3, 0.8, 1.0])), data.draw(st.integers(1, 3))
     rules = {"rho": rho, "spread": spread, "edge": edge, "samples": samples}
-    check_rows(currents, lambda water: np.arange(water.cells), 1.0, **rules)
+    check_rows(currents, Current.of(currents), np.arange, 1.0, **rules)
 
 
 def jet():
@@ -54,16 +55,56 @@ def jet():
 @pytest.mark.parametrize("spread", SPREADS)
 @pytest.mark.parametrize("globe", [False, True])
 def test_the_map_of_a_large_sea_is_that_of_single_cells(globe, spread, edge):
-    currents = jet() if globe else open_currents(GYRES).isel(layer=slice(2, 3))
-    assert Water.of(currents).wraps == globe
+    if globe:
+        currents, current = jet(), Current.of(jet(), wraps=True)
+    else:
+        currents, current = open_currents(GYRES).isel(layer=slice(2, 3)), Current.read(GYRES, 2)
     random = np.random.default_rng(0)
     rules = {"rho": 0.7, "spread": spread, "edge": edge}
     check_rows(
         currents,
-        lambda water: random.choice(water.cells, 60, replace=False),
+        current,
+        lambda count: random.choice(count, 60, replace=False),
         1.5e6 if globe else 3400.0,
         **rules,
     )
+
+
+def tide():
+    """Three records of eddies in a sea with islands, from which some drifters leave."""
+    random = np.random.default_rng(5)
+    x, y = np.meshgrid(np.arange(12) / 3, np.arange(10) / 3)
+    east, north = (
+        np.array([0.6 * np.sin(x + a) * np.cos(y + b) for a, b in waves])
+        for waves in random.uniform(0, 6, (2, 3, 2))
+    )
+    return sea(east + 0.2, north, random.random(x.shape) < 0.85)
+
+
+def test_the_map_of_a_tide_is_that_of_a_solver():
+    """Points in 25 places of each cell, for an hour and a half from the middle of an hour on."""
+    currents, start, seconds = tide(), 1800.0, 5400.0
+    current, step = Current.of(currents), dataclasses.replace(METHODS["drifters"], substeps=16)
+    chain = drift_map(Water.of(currents), Flow.of(currents), step.lasting(seconds), start=start)
+    P, leaving = chain.to_scipy().toarray(), np.asarray(chain.leaving)
+    off = (np.arange(5) - 2) / 5
+    row, column = np.array(current.squares).T[:, :, None, None]
+    begin = np.broadcast_arrays(column + off, row + off[:, None])
+    x, y, beyond = (
+        one.reshape(chain.cells, 25)
+        for one in current.solved(*(one.ravel() for one in begin), start, seconds)
+    )
+    # A point so near to an edge may be on either side of it.
+    near = (np.abs(np.stack([x, y]) % 1 - 0.5) < 2e-3).any(axis=0) | (np.abs(beyond) < 0.02)
+    sure, left = np.flatnonzero(~near.any(axis=1)), beyond > 0
+    assert sure.size > 0.7 * chain.cells
+    assert 0.1 < left[sure].mean() < 0.2
+    for z in sure.tolist():
+        expected = np.zeros(chain.cells)
+        for k in np.flatnonzero(~left[z]):
+            expected[current.landing(current.squares[z], x[z, k], y[z, k], False)] += 1 / 25
+        np.testing.assert_allclose(P[z], expected, atol=1e-9)
+        assert leaving[z] == pytest.approx(left[z].mean(), abs=1e-9)
 
 
 def test_a_period_is_the_product_of_its_records():

@@ -198,18 +198,16 @@ def test_reached_cells_are_reached_at_some_phase(tidal_sea):
         np.testing.assert_array_equal(arrivals, met)
 
 
-def test_the_mean_replaces_too_many_phases(monkeypatch):
+def test_too_many_phases_are_refused_unless_requested(monkeypatch):
+    step = drift.METHODS["drifters"].lasting(STEP)
     monkeypatch.setattr(drift.SeaDrift, "largest", 100)
-    sea = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
-    assert sea.phases is None
-    assert sea.remarks[0].startswith(
-        "The current has 160 cells at its 4 phases, and 100 are as many as take minutes; "
-    )
-    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
-    monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
-    monkeypatch.setattr(drift.SeaDrift, "largest", 1000)
-    sea = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
-    assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in sea.remarks[0]
+    with pytest.raises(ValueError, match=r"160 cells at its 4 phases, and above 100 .*mean=True"):
+        drift.SeaDrift.of(strait(), step)
+    assert drift.SeaDrift.of(strait(), step, mean=True).phases is None
+    assert drift.SeaDrift.of(strait(), step, mean=False).phases == 4
+    monkeypatch.setattr("jaxcell.space.estimates.drift", lambda cells: 1e15 if cells else 0)
+    with pytest.raises(MemoryError, match=r"160 cells at its 4 phases; that needs .*mean=True"):
+        drift.SeaDrift.of(strait(), step, mean=False)
 
 
 def test_a_step_is_changed_to_fit_the_period():
@@ -255,9 +253,14 @@ def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
         there[{"time": 3, "y": 10, "x": 12}] = np.nan
         wanted = there.mean("time").where(every.water)
         np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
-    # A file that does not fit is read as its mean, with a note.
+    # A file that does not fit is read as its mean if that is requested.
     monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 30_000)
-    read = study.Drift(file=(tmp_path / "gap.nc",), depths=(0.0,)).currents()
+    request = study.Drift(file=(tmp_path / "gap.nc",), depths=(0.0,))
+    with pytest.raises(ValueError, match=r"GiB at most; .* or --current steady"):
+        request.currents()
+    steady = dataclasses.replace(request, current="steady")
+    read = steady.currents()
+    assert steady.spec(steady.run())["current"] == "steady"
     assert read.attrs["mean_of"] == 5
     assert "the mean of 5 records" in read.attrs["notes"]
     with pytest.raises(ValueError, match="GiB at most"):

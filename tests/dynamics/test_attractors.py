@@ -187,3 +187,15 @@ def test_disagreement_of_finer_cells_is_that_of_a_finer_box():
     assert wrong[0] > 0.06
     # 1,024 points are drawn.
     np.testing.assert_allclose(coarse.trial.wrong, wrong, atol=0.03)
+
+
+def test_a_cycle_begins_with_its_lowest_point_from_any_starts():
+    x = 0.3
+    for _ in range(10_000):
+        x = 3.5 * x * (1 - x)
+    orbit = [x := 3.5 * x * (1 - x) for _ in range(4)]
+    lowest = orbit.index(min(orbit))
+    for seed in range(8):
+        basins = dynamics.basins(lambda x, p: 3.5 * x * (1 - x), Box([0], [1], [64]), seed=seed)
+        begun = basins.orbit[0, :4, 0]
+        np.testing.assert_allclose(begun, orbit[lowest:] + orbit[:lowest], rtol=1e-12)

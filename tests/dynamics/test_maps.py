@@ -96,6 +96,38 @@ def test_points_outside_are_followed_back():
     assert dynamics.images(back, box, follow=1).tolist() == [2, 2, 1, 1]
 
 
+def henon(x, p):
+    return jnp.stack([1 - p["a"] * x[0] ** 2 + x[1], p["b"] * x[0]])
+
+
+def pendulum(x, p):
+    return jnp.stack([x[1], -jnp.sin(x[0]) - p["a"] * x[1] + p["b"]])
+
+
+@pytest.mark.parametrize(
+    ("map", "follow"),
+    [
+        (henon, 0),
+        (henon, 3),
+        (dynamics.flow(pendulum, 0.05, 7), 0),
+        (dynamics.flow(pendulum, 0.05, max_steps=30), 0),
+        (dynamics.flow(pendulum, 0.05, max_steps=30), 2),
+    ],
+)
+def test_images_of_traced_parameters_are_those_of_each(map, follow, monkeypatch):
+    box = Box([-2, -1], [2, 1], cells=[20, 15])
+    params = {"a": np.array([1.4, 0.2, 0.9]), "b": np.array([0.3, 0.8, -0.2])}
+
+    def images(params):
+        return dynamics.images(map, box, params, follow=follow)
+
+    each = [images({name: float(v[k]) for name, v in params.items()}) for k in range(3)]
+    np.testing.assert_array_equal(jax.jit(jax.vmap(images))(params), each)
+    # In chunks, the last of which is shorter.
+    monkeypatch.setattr("jaxcell.dynamics.imaging.CHUNK", 128)
+    np.testing.assert_array_equal(jax.vmap(images)(params), each)
+
+
 def test_half_steps_reveal_coarse_steps():
     box = Box([-2, -2], [2, 2], [64, 64])
 
@@ -127,7 +159,14 @@ def test_bad_maps_are_refused(map, message):
         dynamics.images(map, Box([0, 0], [1, 1], [2, 2]), {})
 
 
-@pytest.mark.parametrize("wrong", [{"dt": 0.0}, {"steps": 0}, {"dt": float("nan")}])
-def test_bad_steps_are_refused(wrong):
-    with pytest.raises(ValueError, match=f"{next(iter(wrong))}: expected a number above 0"):
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"dt": 0.0}, "dt: expected a finite number above 0, got 0.0"),
+        ({"steps": 0}, "steps: expected a whole number from 1, got 0"),
+        ({"dt": float("nan")}, "dt: expected a finite number above 0, got nan"),
+    ],
+)
+def test_bad_steps_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         dynamics.flow(turning, **{"dt": 0.1, "steps": 3, **wrong})

@@ -202,3 +202,49 @@ def test_attractor_across_a_periodic_axis_is_matched():
 def test_parameters_of_unequal_length_are_refused(params):
     with pytest.raises(ValueError, match="params: expected"):
         dynamics.continuation(lambda x, p: x, Box([0], [1], [2]), params)
+
+
+def turned(rate):
+    """The section through a spiral whose radius falls by `exp(-rate)` in a turn of time 2 pi."""
+    fall = rate / (2 * np.pi)
+    return dynamics.section(
+        lambda x, p: jnp.array([-fall * x[0] - x[1], x[0] - fall * x[1]]),
+        lambda x, p: x[1],
+        lift=lambda u, p: jnp.array([u[0], 0.0]),
+        project=lambda x, p: x[:1],
+        dt=0.1,
+    )
+
+
+@pytest.mark.parametrize(
+    ("map", "duration"),
+    [
+        (dynamics.flow(lambda x, p: -0.06 * x, 0.05, 10), 0.5),
+        (turned(0.03), 2 * np.pi),
+        (lambda x, p: jnp.exp(-0.03) * x, None),
+    ],
+    ids=["flow", "section", "map"],
+)
+def test_times_of_slow_decay_are_logarithms_though_cells_stay_where_they_are(map, duration):
+    box, width = Box([0], [1], [30]), 1 / 30
+    most = int(np.log(1 / width) / 0.03) + 1
+    # The sum over n of the share of starts farther than `width * exp(0.03 n)`.
+    truth = most - width * np.expm1(0.03 * most) / np.expm1(0.03)
+    basins = dynamics.basins(map, box)
+    assert (basins.attractors, basins.fraction.tolist()) == (1, [1.0])
+    assert basins.groups > 10
+    assert 0 < basins.mean_steps_error[0] < 0.05 * truth
+    np.testing.assert_allclose(basins.mean_steps, truth, atol=4 * basins.mean_steps_error[0])
+    if duration is None:
+        assert basins.mean_time is None
+    else:
+        np.testing.assert_allclose(basins.mean_time, duration * basins.mean_steps, rtol=1e-4)
+    orbits = dynamics.basins(map, box, by="orbits")
+    np.testing.assert_allclose(orbits.mean_steps, truth, atol=0.5)
+    assert orbits.mean_steps_error == orbits.step[0] == 0
+
+
+def test_mean_of_orbits_that_are_followed_for_too_short_is_unknown():
+    basins = dynamics.basins(lambda x, p: (1 - 1e-5) * x, Box([-1], [1], [31]))
+    # Orbits from afar need more mappings than are followed.
+    assert np.isnan([basins.mean_steps[-1], basins.mean_steps_error[-1]]).all()

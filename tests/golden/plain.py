@@ -34,9 +34,11 @@ _VOLATILE = {
     "jax_version",
     "jaxcell_version",
     "pose",
+    "run_id",
     "seconds",
     "sha256",
     "trace",
+    "versions",
     "voltage_V",
     "where",
 }
@@ -133,6 +135,14 @@ def file(path):
         ".jxf": lambda path: "*",
         ".jsonl": lambda path: "*",
     }
+    if path.name == "result.json":
+        manifest = json.loads(path.read_text())
+        # Files of other runs have another digest in each run.
+        inputs = {
+            name: digest if name.startswith("data/") or "/" not in name else "*"
+            for name, digest in manifest["inputs"].items()
+        }
+        return plain({**manifest, "inputs": inputs, "files": sorted(manifest["files"])})
     return read.get(path.suffix, lambda path: text(path.read_text()))(path)
 
 

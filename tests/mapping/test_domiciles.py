@@ -51,5 +51,5 @@ def test_every_cell_of_a_line_with_a_group_per_cell_has_other_domiciles():
 def test_groups_of_another_chain_are_refused():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))
-    with pytest.raises(ValueError, match="chain of 2 cells, got groups of 1 cells"):
+    with pytest.raises(ValueError, match="chain of 2 cells, got the groups of a chain of 1"):
         transient_groups(chain, other)

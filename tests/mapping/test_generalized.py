@@ -99,12 +99,12 @@ def test_gradient_of_a_step():
         ([[0, 1]], [[0.5, np.nan]], r"probability\[0, 1\] is nan"),
         ([[0, 1]], [[np.inf, 0.5]], "cell 0 sum to .*inf"),
         ([[0, 1], [1, 0]], [[0.5, 0.75], [0.5, 0.75]], "cell 1 sum to .*1.5"),
-        ([[0, 2]], [[1.0, 1.0]], r"image\[0, 1\] is 2; cells are 0 to 1"),
-        ([[0, -1]], [[1.0, 1.0]], r"image\[0, 1\] is -1"),
+        ([[0, 2]], [[1.0, 1.0]], r"image\[0, 1\]: cell 2 does not exist; cells are 0 to 1"),
+        ([[0, -1]], [[1.0, 1.0]], r"image\[0, 1\]: cell -1 does not exist"),
         ([[0, 1]], [[1.0, 1.0, 1.0]], r"got \[1, 2\] and \[1, 3\]"),
         ([0, 1], [1.0, 1.0], "branches, cells"),
         (np.zeros((0, 2), int), np.zeros((0, 2)), "branches, cells"),
-        ([[0.0, 1.0]], [[1.0, 1.0]], "image: expected whole numbers, got float64"),
+        ([[0.0, 1.0]], [[1.0, 1.0]], "image: expected whole numbers of cells, got float64"),
         ([[0, 1]], np.ones((1, 2), np.float32), "probability: expected float64, got float32"),
     ],
 )
@@ -124,3 +124,41 @@ def test_matrix_is_made_once_and_read_only():
     assert chain.to_scipy() is matrix
     with pytest.raises(ValueError, match="read-only"):
         matrix.data[0] = 1.0
+
+
+def test_rows_rounded_to_five_digits_are_mentioned():
+    thirds = np.full((3, 3), 0.33333)
+    with pytest.warns(UserWarning, match=r"3 of 3 cells .* cell 0 to 0.99999\), as rounded"):
+        Chain.from_scipy(thirds)
+    with pytest.warns(UserWarning, match="divide the numbers of each cell by their sum"):
+        Chain.from_scipy(np.array([[0.5, 0.5, 0], [0.333, 0.333, 0.333], [0, 0, 1]]))
+    over = np.array([[0.66667, 0.33334], [0.5, 0.5]])
+    with pytest.raises(ValueError, match="expected at most 1; if they are rounded, divide"):
+        Chain.from_scipy(over)
+    Chain.from_scipy(over / over.sum(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        # A rest that is larger than rounding, or numbers that have all their digits.
+        [0.3, 0.3, 0.3],
+        [0.5, 0.4995, 0.0],
+        [1 / 3, 1 / 3, 1 / 3 - 1e-5],
+        [1 - 1e-9, 0.0, 0.0],
+    ],
+)
+def test_probabilities_of_leaving_are_not_taken_for_rounding(row):
+    assert Chain.from_scipy(np.array([row, [0.0, 1.0, 0.0], [0.0, 0.0, 0.7]])).can_leave[2]
+
+
+def test_memory_of_a_hub_is_foretold(monkeypatch):
+    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**9)
+    cells = 15_000
+    others = np.arange(1, cells)
+    rows = np.concatenate([np.zeros(cells - 1, int), others])
+    columns = np.concatenate([others, np.zeros(cells - 1, int)])
+    share = np.repeat([1 / (cells - 1), 1.0], cells - 1)
+    star = scipy.sparse.csr_array((share, (rows, columns)), shape=(cells, cells))
+    with pytest.raises(MemoryError, match=r"the 14999 images of cell 0 .* 5\.\d GB .* mean is 2"):
+        Chain.from_scipy(star)

@@ -9,8 +9,9 @@ from random_chains import arrival_law, complete, matrices, random_chain, with_si
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival, mean_product
+from jaxcell.markov.arrival import Distinct, first_arrival, mean_product
 from jaxcell.markov.hitting import hitting_times
+from jaxcell.markov.mean_arrival import mean_first_arrival
 from jaxcell.markov.passage import first_passage
 
 

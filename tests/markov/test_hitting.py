@@ -2,7 +2,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, dense_solution, matrices, open_line, reachable
+from random_chains import (
+    birth_and_death,
+    dense_solution,
+    matrices,
+    open_line,
+    reachable,
+    steps_on_open_line,
+)
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -108,7 +115,7 @@ def test_groups_of_another_chain_are_refused():
 def test_stalled_solve_is_reported(monkeypatch):
     chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
-    monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=0, factored=10, products=50))
     result = absorption_times(chain, groups, throw=False)
     assert result.certificate.outcome is Outcome.STALLED
     assert result.certificate.iterations == 50
@@ -120,9 +127,9 @@ def test_stalled_solve_is_reported(monkeypatch):
 def test_residual_bounds_the_relative_error(monkeypatch):
     chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
-    truth = np.asarray(absorption_times(chain, groups).value)
+    truth = steps_on_open_line(60).astype(float)
     for products in (500, 2000, 5000):
-        monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=products))
+        monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=0, factored=10, products=products))
         result = absorption_times(chain, groups, throw=False)
         error = np.abs(result.value - truth) / truth
         assert 0 < error.max() <= result.certificate.residual
@@ -148,7 +155,7 @@ def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
     # Every path leaves from the same cell, where the odds are 3 to 7.
     expected = np.array([[0.3], [0.7]])
     np.testing.assert_allclose(result.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
-    assert result.certificate.residual < 1e-12
+    assert result.certificate.residual < 1e-11
 
 
 def test_single_end_is_reached_with_probability_1(monkeypatch):

@@ -8,7 +8,8 @@ from hypothesis import given, strategies as st
 from random_chains import complete, random_chain
 
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
+from jaxcell.markov.arrival import Distinct, first_arrival
+from jaxcell.markov.mean_arrival import mean_first_arrival
 from jaxcell.markov.simulation import alias, simulate_arrival
 from jaxcell.markov.walks import sample_walks
 

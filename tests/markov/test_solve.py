@@ -20,6 +20,11 @@ def random_chain(cells, branches, seed):
     return scipy.sparse.csr_array((share.ravel(), (rows, image.ravel())), shape=(cells, cells))
 
 
+def leaving(step):
+    """Return the probability of leaving a matrix from each row."""
+    return 1 - step @ np.ones(step.shape[0])
+
+
 def wandering(n):
     """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
     row, column = np.divmod(np.arange(n * n), n)
@@ -50,7 +55,7 @@ COMPLETE = dataclasses.replace(ROUGH, complete=100)
 METHODS = {
     "products": (PRODUCTS, 0.8 * random_chain(60, 4, 1), 101, 50_000, 1e-12),
     "factors": (FACTOR, 0.8 * random_chain(60, 4, 1), 1, 1, 1e-12),
-    "components": (Limits(), nearly_triangular(), 0, 0, 1e-12),
+    "components": (Limits(small=0), nearly_triangular(), 0, 0, 1e-12),
     "two levels": (TWO_LEVELS, wandering(20), 2, 99, 1e-10),
     "factors after two levels": (COMPLETE, wandering(10), 1, 1, 1e-12),
     # Without the cycle, a single product and a factorisation would solve it.
@@ -64,7 +69,7 @@ def test_solution_by_each_method_equals_dense(method, adjoint, monkeypatch):
     limits, step, least, most, error = METHODS[method]
     monkeypatch.setattr(solve, "LIMITS", limits)
     right = np.random.default_rng(2).random((step.shape[0], 2))
-    result, products = solve_transient(step, right, adjoint=adjoint)
+    result, products, _ = solve_transient(step, leaving(step), right, adjoint=adjoint)
     np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=error)
     assert least <= products <= most
 
@@ -97,15 +102,15 @@ def test_slow_chain_is_factored_and_fast_chain_is_not():
     _, products = solve_stationary(fast, np.zeros(300, np.int32))
     assert products % solve.LIMITS.trial != 0
     line = scipy.sparse.csr_array(open_line(400))
-    result, products = solve_transient(line, np.ones((400, 1)))
+    result, products, _ = solve_transient(line, leaving(line), np.ones((400, 1)))
     assert products == solve.LIMITS.trial
     np.testing.assert_allclose(result[:, 0], steps_on_open_line(400), rtol=1e-9)
 
 
 def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
-    monkeypatch.setattr(solve, "LIMITS", Limits(factored=10))
+    monkeypatch.setattr(solve, "LIMITS", Limits(small=0, factored=10))
     line = scipy.sparse.csr_array(open_line(20))
-    result, products = solve_transient(line, np.ones((20, 1)))
+    result, products, _ = solve_transient(line, leaving(line), np.ones((20, 1)))
     np.testing.assert_allclose(result[:, 0], steps_on_open_line(20), rtol=1e-9)
     assert products > solve.LIMITS.worthwhile
 
@@ -113,11 +118,11 @@ def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
 def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", ROUGH)
     step = wandering(10)
-    result, products = solve_transient(step, np.ones((100, 1)))
+    result, products, _ = solve_transient(step, leaving(step), np.ones((100, 1)))
     np.testing.assert_allclose(result, dense_solution(step, np.ones((100, 1))), rtol=1e-10)
     assert products > 100
     monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(ROUGH, products=50))
-    short, products = solve_transient(step, np.ones((100, 1)))
+    short, products, _ = solve_transient(step, leaving(step), np.ones((100, 1)))
     assert products <= 51
     assert (short < result).any()
 
@@ -136,8 +141,8 @@ def test_two_levels_find_stationary_distribution(monkeypatch):
 
 def test_solution_without_right_hand_side_is_0():
     none = scipy.sparse.csr_array((3, 3))
-    result, products = solve_transient(none, np.zeros((3, 2)))
-    assert (result.tolist(), products) == ([[0, 0]] * 3, 0)
+    result, products, error = solve_transient(none, np.ones(3), np.zeros((3, 2)))
+    assert (result.tolist(), products, error) == ([[0, 0]] * 3, 0, 0)
 
 
 @st.composite
@@ -168,10 +173,11 @@ def test_parts_with_runs_equal_dense(matrix, seed):
         return
     taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
     gain = draw.random((inside.sum(), 2))
-    result, _ = taken.expect(gain)
-    np.testing.assert_allclose(result, dense_solution(step, gain), rtol=1e-10)
+    result = taken.expect(gain).value
+    right = np.column_stack([gain, np.ones(len(gain))])
+    np.testing.assert_allclose(result, dense_solution(step, right), rtol=1e-10)
     start = draw.random(inside.sum())
-    visits, _ = taken.visits(start)
+    visits, _, _ = taken.visits(start)
     expected = dense_solution(step, start, adjoint=True)
     np.testing.assert_allclose(visits, expected[taken.branching], rtol=1e-10, atol=1e-14)
     certain = (step == 1).any(axis=1)

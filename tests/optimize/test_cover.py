@@ -41,9 +41,9 @@ def smallest_by_trial(sets):
 
 
 # More elements than a word has bits.
-@given(families(12, 200), st.integers(0, 4))
-def test_greedy_cover_is_that_of_the_algorithm(sets, choice):
-    cover = greedy_cover(sets, choice)
+@given(families(12, 200), st.integers(0, 4), st.sampled_from("CF"))
+def test_greedy_cover_is_that_of_the_algorithm(sets, choice, order):
+    cover = greedy_cover(np.asarray(sets, order=order), choice)
     chosen, gained = cover_by_sets(sets, choice)
     assert cover.chosen.tolist() == chosen
     assert cover.gained.tolist() == gained

@@ -222,3 +222,14 @@ def test_a_robot_may_be_lost_if_the_filter_is_of_another_map(localized):
     lost = changed(localized, "run.path", put(-1, 0))
     assert not failing(lost.checks())
     assert lost.checks()["states_without_the_robot"][0] == 1
+
+
+def test_a_library_that_fails_to_write_is_an_error_of_the_disk(tmp_path, monkeypatch):
+    def fail(self, path, **_):
+        path.write_bytes(b"half")
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    with pytest.raises(OSError, match=r"one.nc: it cannot be written, the disk may be full"):
+        save_dataset(xr.Dataset(), tmp_path / "one.nc")
+    assert not any(tmp_path.iterdir())

@@ -57,6 +57,25 @@ def test_numbers_over_positions_lie_on_the_squares_of_the_room(visits):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
 
 
+@pytest.mark.parametrize(("groups", "named"), [(10, 10), (14, 14), (30, 13)])
+def test_each_color_is_one_group_or_is_said_to_be_several(groups, named):
+    room = space.CellSpace.of_grid(np.ones((1, 60), bool), 1)
+    group = np.minimum(np.arange(60), groups - 1)[::-1].copy()
+    ax = Visits(room, np.zeros(1), np.zeros((1, 60)), group, np.zeros(1, int), 0).plot("group")
+    image, legend = ax.images[0], ax.get_legend()
+    seen = [tuple(color) for color in image.cmap(image.norm(image.get_array()[0]))]
+    labels = [text.get_text() for text in legend.get_texts()]
+    shown = [patch.get_facecolor() for patch in legend.get_patches()]
+    assert len(set(shown)) == len(shown)
+    assert len(labels) == named + (groups > named)
+    more = {color for color, number in zip(seen, group, strict=True) if str(number) not in labels}
+    assert len(more) == (groups > named)
+    if more:
+        assert dict(zip(labels, shown, strict=True))[f"{groups - named} more"] in more
+    for label, color in zip(labels[:named], shown, strict=False):
+        assert {str(n) for n, one in zip(group, seen, strict=True) if one == color} == {label}
+
+
 def test_labels_of_equal_number_have_equal_colours_and_a_legend(visits):
     ax = record.plot(visits, "group")
     squares = drawn(ax).compressed()

@@ -154,7 +154,8 @@ def looks(tmp_path_factory, few_drifters):
     @functools.cache
     def look(family):
         if family in COMMANDS:
-            words = COMMANDS[family].format(data=DATA, room=room, sea=sea).split()
+            places = {"data": DATA, "room": room, "sea": sea}
+            words = [word.format(**places) for word in COMMANDS[family].split()]
             assert main([*words, "--out", str(out / family)]) == (family == "no_plan")
         else:
             (out / family).mkdir()

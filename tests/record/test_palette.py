@@ -121,4 +121,26 @@ def test_classes_of_groups():
 
 
 def test_colors_of_cycles():
-    assert [cycle_color(c)[0] for c in (2, 3, 8, 9)] == ["orange", "sky blue", "pink", "orange"]
+    names = [cycle_color(c)[0] for c in (2, 3, 8, 9)]
+    assert names == ["orange", "sky blue", "pink", "dark orange"]
+
+
+@pytest.mark.parametrize(
+    "colors",
+    [
+        [color for _, color in palette.ROBOTS],
+        palette.RANKED,
+        [palette.angle_color(number) for number in range(18)],
+        [cycle_color(number)[1] for number in range(2, 23)],
+    ],
+)
+def test_colors_can_be_told_apart(colors):
+    assert len(colors) >= 14
+    assert min(distance(*pair, "normal") for pair in itertools.combinations(colors, 2)) > 10
+
+
+def test_robots_that_share_a_color_are_named_together():
+    assert palette.robots_alike(0, 5) == "robot 0"
+    count = len(palette.ROBOTS)
+    assert palette.robots_alike(1, count + 2) == f"robot 1, {count + 1}"
+    assert palette.robot_color(1) == palette.robot_color(count + 1)

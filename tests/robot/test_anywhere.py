@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcell import robot, space, walls
+from jaxcell.robot.anywhere import SetFollower
 from jaxcell.robot.bump_turn import estimate_bump_turn
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.direct import DirectBody
@@ -120,3 +121,60 @@ def test_a_run_that_is_too_short_for_an_estimate_is_refused(settings, tmp_path):
     run = log_of(settings, tmp_path / "run.jsonl", 0.0, bumps=2)
     with pytest.raises(ValueError, match="expected a longer run"):
         estimate_bump_turn(run, settings)
+
+
+def runs_in_rectangle(width, height, start, heading, turn, count):
+    """The lengths of the straight runs of a point in a rectangle that turns at each bump."""
+    place, lengths = np.array(start), []
+    for _ in range(count):
+        ahead = np.array([math.cos(heading), math.sin(heading)])
+        bounds = np.where(ahead > 0, (width, height), 0.0)
+        lengths.append(float(((bounds - place) / ahead).min()))
+        place = np.clip(place + lengths[-1] * ahead, 0.0, (width, height))
+        heading += turn
+    return lengths
+
+
+def test_a_robot_in_another_room_is_localized_only_without_confirmation():
+    filter = walls.WallFilter.of(HALL, errors=walls.Errors(run=0.02, distance=0.03))
+    angle = math.radians(130)
+    known = {0: 0, 20: 0}
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        width, height = rng.uniform(2, 6, 2)
+        start = rng.uniform((0, 0), (width, height))
+        lengths = runs_in_rectangle(width, height, start, rng.uniform(0, math.tau), angle, 40)
+        events = tuple({"event": "observation", "run": run, "turn": angle} for run in lengths)
+        log = robot.LoggedRun({}, events, True)
+        for confirm in known:
+            settings = robot.AnywhereSettings(filter, (angle,), 0.5, confirm=confirm)
+            follower = SetFollower(settings)
+            for _ in follower.follow(log):
+                if follower.result is not None:
+                    break
+            known[confirm] += follower.result == "localized"
+    assert known[0] > 4
+    assert known[20] == 0
+
+
+def test_a_robot_in_its_room_is_localized_after_the_confirmation():
+    room = space.Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
+    angle = math.radians(130)
+    errors = walls.Errors(run=0.001, distance=0.001)
+    filter = walls.WallFilter.of(room, headings=None, errors=errors)
+    lengths = runs_in_rectangle(5, 3, (1.0, 2.0), 0.3, angle, 60)
+    events = tuple({"event": "observation", "run": run, "turn": angle} for run in lengths)
+    counts = {}
+    for confirm in (0, 7):
+        settings = robot.AnywhereSettings(filter, (angle,), 4.0, confirm=confirm)
+        follower = SetFollower(settings)
+        for _ in follower.follow(robot.LoggedRun({}, events, True)):
+            if follower.result is not None:
+                break
+        assert follower.result == "localized"
+        counts[confirm] = follower.bumps
+    assert counts[7] >= counts[0] + 7
+    outcome = follower.outcome()
+    assert outcome.reason.endswith(
+        f" after {counts[0]} bumps, and {counts[7] - counts[0]} more agreed"
+    )

@@ -70,7 +70,8 @@ def test_a_filter_of_another_map_is_refuted_with_its_observations(open_world):
     assert refuted >= 2
 
 
-def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(logged):
+@pytest.mark.parametrize("confirm", [0, 9])
+def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(confirm, logged):
     filter, start = bounce_filter(LAB_A, 135), 148
     word, cells = orbit(LAB_A, 135, start, 200)
     run = filter.run(word)
@@ -79,13 +80,18 @@ def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(logged):
     assert known < run.localized_at - 5
     for until, end in (("known", known), ("cycle", run.localized_at)):
         walker, _ = walker_in(LAB_A, start)
-        follower = functools.partial(FilterFollower, filter, until)
+        follower = functools.partial(FilterFollower, filter, until, confirm=confirm)
         outcome, kept = logged(walker, follower, [math.radians(135)])
         assert outcome.result == "localized"
-        assert outcome.observations == word[:end]
-        assert outcome.cells == (cells[end - 1],)
-        # A replay does not need to know the end of the run, which old logs do not contain.
-        assert replay_follower(kept, FilterFollower(filter)) == outcome
+        assert outcome.observations == word[: end + confirm]
+        assert outcome.cells == (cells[end + confirm - 1],)
+        agreed = [event["agreed"] for event in kept.events if "agreed" in event]
+        assert agreed == [*range(confirm + 1)]
+        if confirm:
+            assert outcome.reason.endswith(f" after {end} observations, and {confirm} more agreed")
+        else:
+            # A replay does not need to know the end of the run, which old logs do not contain.
+            assert replay_follower(kept, FilterFollower(filter, confirm=0)) == outcome
 
 
 def test_the_limit_ends_a_run():
@@ -139,7 +145,8 @@ def localizing():
 )
 def test_a_policy_localizes_a_robot_to_its_true_configuration(cell, driver, localizing, logged):
     walker, body = walker_in(LAB_A, cell, robot=driver)
-    outcome, kept = logged(walker, lambda: PolicyFollower(localizing.policy), BOUNCES)
+    follower = functools.partial(PolicyFollower, localizing.policy, confirm=0)
+    outcome, kept = logged(walker, follower, BOUNCES)
     assert outcome.result == "localized"
     run = localizing.drive(cell)
     assert outcome.observations == run.word

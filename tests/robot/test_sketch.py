@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from wheels import body_in, bounce_filter, map_cells, orbit
 
 from jaxcell.automata import fewest_bytes
+from jaxcell.automata.filter import CONFIRM
 from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.emulator import Line
@@ -56,7 +57,11 @@ def localize(cells, cell, task, *, known: bool = True, machine=None, **fields):
         strides=task.strides if known else None,
         direction=direction or 0,
     )
-    follower = task.follower("cycle") if task.kind == "filter" else task.follower()
+    # Neither policies nor the smallest machines are confirmed.
+    if task.kind == "policy":
+        follower = task.follower(confirm=0)
+    else:
+        follower = task.follower("cycle", confirm=CONFIRM if machine is None else 0)
     host = run_follower(walker, follower, task.bounces, limit=200)
     assert run.observed == host.observations
     # The smallest machine of a policy has other colours.

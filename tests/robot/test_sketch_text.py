@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from arduino import BOUNCE, ROOM_TASK, policy_task
 
-from jaxcell.automata import Filter
+from jaxcell.automata import Filter, MooreMachine
 from jaxcell.robot.sketch import PROGRAM_BYTES, bounce_sketch, filter_sketch, policy_sketch
 
 
@@ -72,3 +72,19 @@ def test_the_comment_of_a_sketch_is_complete():
         assert "$" not in text
         assert max(map(len, comment.splitlines())) <= 100
     assert "facing 90 degrees" in filter_sketch(ROOM_TASK, direction=1)
+
+
+def test_a_sketch_says_whether_its_answer_is_confirmed():
+    def comment(text):
+        return " ".join(text[: text.index("*/")].replace("\n *", " ").split())
+
+    assert "30 further observations have not refuted the map" in comment(filter_sketch(ROOM_TASK))
+    machine = MooreMachine.of(ROOM_TASK.filter)
+    for text in (
+        filter_sketch(ROOM_TASK, confirm=0),
+        filter_sketch(ROOM_TASK, machine=machine),
+        policy_sketch(policy_task()),
+    ):
+        assert "No further observation confirms the answer" in comment(text)
+        assert "const uint32_t CONFIRM = 0;" in text
+    assert "localized and" not in comment(BOUNCE)

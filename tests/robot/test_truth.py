@@ -93,7 +93,7 @@ def test_a_filter_localizes_to_the_true_cell(name):
     (cell,) = starts_in(cells, 1)
     walker, body = walker_in(cells, cell, robot=robot_for(name))
     outcome = run_follower(
-        walker, FilterFollower(filter, "cycle"), [math.radians(bounce)], limit=300
+        walker, FilterFollower(filter, "cycle", confirm=0), [math.radians(bounce)], limit=300
     )
     observed, visited = orbit(cells, bounce, cell, len(outcome.observations))
     assert outcome.observations == observed

@@ -1,10 +1,13 @@
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.base.bundled import bundled
+from jaxcell.space import CellSpace, Motion, Workspace, free_steps, nearest_cell
 
 
 BOX = [(0, 0), (4, 0), (4, 3), (0, 3)]
@@ -104,3 +107,43 @@ def test_free_space_lies_to_the_left_of_the_walls():
     left = middle + 1e-6 * np.stack([-along[:, 1], along[:, 0]], axis=1)
     assert shapely.contains_xy(cells.workspace.free_space, *(left * 0.5).T).all()
     assert {tuple(e) for e in end} == {tuple(s) for s in start} == {tuple(b) for b in before}
+
+
+@pytest.mark.parametrize("name", ["complex", "depot", "cafe", "slanted"])
+@pytest.mark.parametrize("shift", [(448211.25, 4411876.75), (448211.37, 4411876.91)])
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+def test_a_map_far_from_the_origin_has_the_same_cells_and_steps(name, shift, collision):
+    near = Workspace.load(bundled(name))
+    rings = [ring + np.array(shift) for ring in (near.boundary, *near.obstacles)]
+    far = Workspace(rings[0], rings[1:], near.robot_radius)
+    side, directions = near.cell, near.directions
+    cells, moved = (CellSpace.of(room, side, directions) for room in (near, far))
+    assert np.array_equal(cells.free, moved.free)
+    motion = Motion(collision=collision)
+    steps = [free_steps(room, motion) for room in (cells, moved)]
+    assert np.array_equal(*steps)
+
+
+@pytest.mark.parametrize("transformed", [jax.jit, jax.vmap])
+def test_centres_and_cells_are_the_same_in_a_compiled_program(transformed):
+    rng = np.random.default_rng(0)
+    cells = CellSpace.of_grid(rng.random((7, 9)) < 0.8, 12, cell=0.3, origin=(-1.1, 0.7))
+    z = np.arange(cells.size)
+    centres = cells.centre(z)
+    for found, expected in zip(transformed(cells.centre)(z), centres, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-14)
+    x, y, theta = centres
+    near = x + 0.1, y - 0.1, theta + 0.2
+    np.testing.assert_array_equal(transformed(cells.index)(*near), z)
+    far = x - 0.5, y + 9.0, theta
+    np.testing.assert_array_equal(
+        transformed(lambda *place: nearest_cell(cells, *place))(*far), nearest_cell(cells, *far)
+    )
+
+
+def test_traced_cells_that_do_not_exist_and_points_off_the_map_have_no_centre_and_no_cell():
+    cells = CellSpace.of_grid(np.array([[1, 0, 1]], bool), 4)
+    assert np.isnan(jax.jit(cells.centre)(np.array([-1, cells.size]))).all()
+    off = jnp.array([1.5, -0.5, 3.5, jnp.nan, 0.5, 1e300])
+    assert jax.vmap(lambda x: cells.index(x, 0.5))(off).tolist() == [-1, -1, -1, -1, 0, -1]
+    assert jax.jit(lambda theta: cells.index(0.5, 0.5, theta))(jnp.nan) == -1

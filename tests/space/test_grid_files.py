@@ -261,6 +261,8 @@ def test_negated_shades_are_read(tmp_path, negate):
     negate=st.booleans(),
 )
 def test_pixels_below_the_threshold_are_free(tmp_path_factory, shades, free, negate):
+    # Grey that savers write for unknown has tests of its own.
+    shades = np.where(np.isin(shades, [127, 128, 205]), 129, shades).astype(np.uint8)
     expected = (shades / 255.0 if negate else (255 - shades.astype(float)) / 255.0) < free
     changes = {"free_thresh": free, "occupied_thresh": 1.0, "negate": int(negate)}
     path = save_map(tmp_path_factory.mktemp("maps"), shades, **changes)

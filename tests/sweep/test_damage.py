@@ -2,6 +2,8 @@
 
 import random
 import shutil
+import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -43,12 +45,12 @@ def assert_whole_again(out, sound):
     assert (out / "spec.toml").read_bytes() == (sound / "spec.toml").read_bytes()
     with open_sweep(out) as result, open_sweep(sound) as expected:
         xr.testing.assert_identical(result.load(), expected.load())
-    assert verify_sweep(out).damaged == ()
+    assert verify_sweep(out, mend=True).damaged == ()
 
 
 def test_a_sound_sweep_is_whole_and_no_task_runs(out, sound, monkeypatch):
     monkeypatch.setattr(sweep_stub, "stub", None)
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert (report.chunks, report.damaged, report.recomputed, report.whole) == (20, (), 0, True)
     assert tree(out) == tree(sound)
 
@@ -63,8 +65,11 @@ def test_fifty_flipped_bits_anywhere_are_found_and_mended(sound, tmp_path):
         shutil.copytree(sound, out)
         place = rng.randrange(bits(path))
         flip(out / path.relative_to(sound), place)
-        report = verify_sweep(out)
-        assert report.damaged, (path, place)
+        flipped = tree(out)
+        seen = verify_sweep(out)
+        assert tree(out) == flipped
+        report = verify_sweep(out, mend=True)
+        assert report.damaged == seen.damaged != (), (path, place)
         assert report.whole
         if report.damaged != ("sweep.journal, spec",):
             assert_whole_again(out, sound)
@@ -87,9 +92,9 @@ def test_damaged_chunks_are_named_and_computed_again(out, sound):
         damage_chunk(out, number)
     (out / "sweep.zarr" / "x" / "c" / "0").unlink()
     (out / "spec.toml").unlink()
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert report.damaged == ("chunk 3", "chunk 4", "chunk 17", "spec.toml", "sweep.zarr/x/c/0")
-    assert (report.recomputed, report.whole, report.status.complete) == (5, True, True)
+    assert (report.recomputed, report.whole, report.done) == (5, True, 20)
     assert_whole_again(out, sound)
 
 
@@ -97,7 +102,7 @@ def test_a_chunk_whose_number_is_damaged_is_computed_again(out, sound):
     record = records(out)[Kind.CHUNK, 7]
     flip(out / "sweep.journal", (record.start - 20) * 8)
     assert sweep_status(out).damaged == 1
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert [line.split(", byte")[0] for line in report.damaged] == ["sweep.journal"]
     assert report.whole
     assert_whole_again(out, sound)
@@ -106,7 +111,7 @@ def test_a_chunk_whose_number_is_damaged_is_computed_again(out, sound):
 def test_a_damaged_result_is_written_again_without_the_task(out, sound, monkeypatch):
     monkeypatch.setattr(sweep_stub, "stub", None)
     shutil.rmtree(out / "sweep.zarr")
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert len(report.damaged) == report.recomputed == len(tree(sound))
     assert_whole_again(out, sound)
 
@@ -114,9 +119,9 @@ def test_a_damaged_result_is_written_again_without_the_task(out, sound, monkeypa
 def test_damaged_variables_are_written_again(out, sound):
     record = records(out)[Kind.FRAME, 0]
     flip(out / "sweep.journal", record.start * 8 + 3)
-    with pytest.raises(ValueError, match=r"variables cannot be read; to mend it: jaxcell sweep"):
+    with pytest.raises(ValueError, match=r"variables cannot be read; to mend it: jaxcell verify"):
         sweep_status(out)
-    assert verify_sweep(out).damaged == ("sweep.journal, frame",)
+    assert verify_sweep(out, mend=True).damaged == ("sweep.journal, frame",)
     assert_whole_again(out, sound)
 
 
@@ -124,11 +129,11 @@ def test_a_damaged_specification_is_taken_from_its_copy(out, sound):
     flip(out / "sweep.journal", records(out)[Kind.SPEC, 0].start * 8 + 3)
     with pytest.raises(ValueError, match=r"specification cannot be read; to mend it"):
         sweep_status(out)
-    assert verify_sweep(out).whole
+    assert verify_sweep(out, mend=True).whole
     with open_sweep(out) as result, open_sweep(sound) as expected:
         assert "were damaged" in result.attrs["resumed_anyway"]
         xr.testing.assert_equal(result, expected)
-    assert verify_sweep(out).damaged == ()
+    assert verify_sweep(out, mend=True).damaged == ()
 
 
 def test_a_lost_end_of_the_journal_is_computed_again(out, sound):
@@ -151,7 +156,7 @@ def test_a_resume_computes_damaged_chunks(out, sound):
 def test_a_resume_writes_lost_files_of_the_result(out, sound):
     (out / "sweep.zarr" / "value" / "c" / "0" / "0").unlink()
     assert sweep_status(out).damaged == 1
-    with pytest.raises(ValueError, match=r"damaged: value/c/0/0; to mend it: jaxcell sweep verify"):
+    with pytest.raises(ValueError, match=r"damaged: value/c/0/0; to mend it: jaxcell verify"):
         open_sweep(out)
     # In the same place as before: otherwise the journal changes, and the result is made again.
     spec = Spec.load(shutil.copy(out / "spec.toml", out.parent))
@@ -164,8 +169,8 @@ def test_damage_is_not_mended_with_other_versions(out, sound, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
         with pytest.raises(ValueError, match=r"damaged \(chunk 3\), and made with .* 9\.9 here"):
-            verify_sweep(out)
-    assert verify_sweep(out).damaged == ("chunk 3",)
+            verify_sweep(out, mend=True)
+    assert verify_sweep(out, mend=True).damaged == ("chunk 3",)
     assert_whole_again(out, sound)
 
 
@@ -174,23 +179,41 @@ def test_verify_leaves_chunks_that_were_never_done(stub_spec, tmp_path):
     run_sweep(spec, out, chunks=[0, 1, 2])
     damage_chunk(out, 0)
     damage_chunk(out, 1)
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert report.damaged == ("chunk 0", "chunk 1")
     assert report.whole
-    assert (report.status.done, len(report.status.failures)) == (2, 1)
+    assert (report.done, len(sweep_status(out).failures)) == (2, 1)
 
 
-def test_the_command_reports_damage(out, capsys):
+def test_the_command_reports_damage_and_mends_it_on_request(out, capsys, monkeypatch):
     for number in (4, 7):
         damage_chunk(out, number)
-    status, report, _ = run(capsys, "sweep verify", out)
+    expected = {"folder": str(out), "checked": 20, "damaged": ["chunk 4", "chunk 7"]}
+    with monkeypatch.context() as patch:
+        patch.setattr(sweep_stub, "stub", None)
+        status, report, _ = run(capsys, "verify", out)
+    assert status == 1
+    (found,) = report["results"]
+    assert all("jaxcell verify --mend" in way for way in found.pop("ways"))
+    assert found == {**expected, "mended": 0, "whole": False}
+    status, report, _ = run(capsys, "verify --mend", out)
     assert status == 0
-    assert report == {
-        **{"out": str(out), "chunks": 20, "damaged": ["chunk 4", "chunk 7"]},
-        **{"recomputed": 2, "done": 20, "whole": True},
-    }
-    assert main(["sweep", "verify", str(out)]) == 0
-    assert main(["sweep", "verify", str(out / "none")]) == 2
+    (found,) = report["results"]
+    found.pop("ways", None)
+    assert found == {**expected, "mended": 2, "whole": True}
+    assert main(["verify", str(out)]) == 0
+    assert main(["verify", str(out / "none")]) == 2
+
+
+def test_a_lost_first_record_is_mended_from_the_copy(out, sound):
+    path, first = out / "sweep.journal", records(out)[Kind.SPEC, 0]
+    path.write_bytes(path.read_bytes()[first.end :])
+    with pytest.raises(ValueError, match=r"specification cannot be read; to mend it: jaxcell ver"):
+        sweep_status(out)
+    assert verify_sweep(out).damaged == ("sweep.journal, spec",)
+    assert verify_sweep(out, mend=True).whole
+    with open_sweep(out) as result, open_sweep(sound) as expected:
+        xr.testing.assert_equal(result, expected)
 
 
 def test_chunks_that_cannot_be_computed_again_are_reported(out, monkeypatch):
@@ -199,9 +222,63 @@ def test_chunks_that_cannot_be_computed_again_are_reported(out, monkeypatch):
 
     damage_chunk(out, 4)
     monkeypatch.setattr(sweep_stub, "stub", broken)
-    report = verify_sweep(out)
+    report = verify_sweep(out, mend=True)
     assert (report.damaged, report.recomputed, report.whole) == (("chunk 4",), 0, False)
     # No wrong number is left.
     with open_sweep(out) as dataset:
         assert dataset.status.values[0, 20:25].tolist() == [2] * 5
         assert np.isnan(dataset.value.values[0, 20:25]).all()
+
+
+def test_a_newer_journal_is_refused_and_kept(out, sound):
+    """A journal of a newer version is neither damaged nor cut, whatever is asked of it."""
+    fields = struct.pack("<4sBBQQI", b"\xf5Rec", 9, 0, 0, 4, zlib.crc32(b"new."))
+    with (out / "sweep.journal").open("ab") as file:
+        file.write(fields + struct.pack("<I", zlib.crc32(fields)) + b"new.")
+    content = (out / "sweep.journal").read_bytes()
+    spec = Spec.load(out / "spec.toml")
+    for use in (
+        sweep_status,
+        open_sweep,
+        verify_sweep,
+        lambda out: verify_sweep(out, mend=True),
+        lambda out: run_sweep(spec, out, resume=True),
+    ):
+        with pytest.raises(ValueError, match=r"unknown kind 9; a newer jaxcell wrote it"):
+            use(out)
+        assert (out / "sweep.journal").read_bytes() == content
+
+
+def test_a_refused_resume_changes_nothing(out, tmp_path):
+    with (out / "sweep.journal").open("ab") as file:
+        file.write(b"\xf5Rec and the begin of a record")
+    content = (out / "sweep.journal").read_bytes()
+    (tmp_path / "other.toml").write_text('task = "sweep_stub:stub"\nseed = 4\n[grid]\nx = [1.0]\n')
+    with pytest.raises(ValueError, match="not the specification"):
+        run_sweep(Spec.load(tmp_path / "other.toml"), out, resume=True)
+    assert (out / "sweep.journal").read_bytes() == content
+
+
+def test_a_folder_with_a_short_name_is_reported_as_damaged(out, monkeypatch):
+    monkeypatch.chdir(out)
+    flip(out / "sweep.journal", records(out)[Kind.FRAME, 0].start * 8 + 3)
+    with pytest.raises(ValueError, match=r"damaged: .*; to mend it: jaxcell verify --mend \."):
+        sweep_status(".")
+
+
+def test_resumes_with_a_failing_member_do_not_enlarge_the_journal(stub_spec, tmp_path, monkeypatch):
+    stub = sweep_stub.stub
+
+    def failing(batch, fixed, seed):
+        if 5 in batch["x"]:
+            raise RuntimeError("no")
+        return stub(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", failing)
+    spec, out = stub_spec(), tmp_path / "out"
+    run_sweep(spec, out)
+    first = (out / "sweep.journal").stat().st_size
+    for _ in range(5):
+        run_sweep(spec, out, resume=True)
+    assert (out / "sweep.journal").stat().st_size <= 1.2 * first
+    assert len(sweep_status(out).failures) == 2

@@ -166,17 +166,17 @@ def test_the_result_lists_changes_of_a_sweep_resumed_anyway(begun, tmp_path, cap
     assert [line.partition(":")[0] for line in message] == ["1.txt", "2.txt"]
     # The files are those of the last run now.
     assert run_sweep(begun, "out", resume=True).complete
-    assert verify_sweep("out").damaged == ()
+    assert verify_sweep("out", mend=True).damaged == ()
 
 
 def test_a_missing_task_is_refused_only_if_chunks_have_to_be_computed(begun, tmp_path, monkeypatch):
     (tmp_path / "user_task.py").unlink()
     monkeypatch.delitem(sys.modules, "user_task")
     importlib.invalidate_caches()
-    assert verify_sweep("out").damaged == ()
+    assert verify_sweep("out", mend=True).damaged == ()
     damage_chunk(tmp_path / "out", 0)
     with pytest.raises(ValueError, match=r"task user_task:task: .* there, no such file here"):
-        verify_sweep("out")
+        verify_sweep("out", mend=True)
 
 
 def test_files_that_members_read_are_digested(tmp_path, monkeypatch):

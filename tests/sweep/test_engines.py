@@ -2,6 +2,7 @@ import os
 import re
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import dask
@@ -112,6 +113,45 @@ def test_a_job_that_hangs_takes_no_other_with_it():
     outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 5.0)(take)}
     assert outcomes[1] == Failed("TimeoutError: it was not done after 5 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
+
+
+@pytest.mark.usefixtures("forked")
+def test_the_processes_of_a_job_end_with_its_worker(tmp_path):
+    take, _ = jobs_of(1, hang=0, starts=str(tmp_path / "number"))
+    ((_, outcome),) = engine_named("processes", 1, 5.0)(take)
+    assert isinstance(outcome, Failed)
+    started = int((tmp_path / "number").read_text())
+    wait_until(lambda: not is_running(started))
+
+
+def test_a_worker_that_never_says_a_word_counts_as_dead(monkeypatch):
+    silent = [sys.executable, "-c", "import signal; signal.pause()"]
+    stand_in = types.SimpleNamespace(
+        Popen=lambda _, **options: subprocess.Popen(silent, start_new_session=True), DEVNULL=None
+    )
+    monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess", stand_in)
+    monkeypatch.setattr("jaxcell.sweep.workers.process.START_SECONDS", 0.01)
+    take, _ = jobs_of(1)
+    ((_, outcome),) = engine_named("processes", 1)(take)
+    assert outcome == Failed("its worker died each of 3 times: out of memory?")
+
+
+def test_a_sweep_says_that_its_cluster_has_no_workers(stub_spec, tmp_path):
+    spec, out = stub_spec(text="[grid]\nx = {count = 4}"), tmp_path / "out"
+    waits = []
+    with LocalCluster(**{**ONE_WORKER, "n_workers": 0}) as cluster:
+
+        def look(progress):
+            if progress.waiting and not waits:
+                cluster.scale(1)
+            if progress.waiting != (waits[-1:] or [""])[0]:
+                waits.append(progress.waiting)
+                assert sweep_status(out).waiting == progress.waiting
+
+        address = cluster.scheduler_address.replace("tcp://", "dask://")
+        assert run_sweep(spec, out, engine=address, progress=look).complete
+    assert waits[0].startswith("a worker: the cluster has none;")
+    assert waits[1:] == [""]
 
 
 def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
@@ -248,7 +288,9 @@ def test_killed_sweeps_of_workers_are_resumed(stub_spec, tmp_path, engine, kills
 
 
 def test_workers_of_a_killed_run_end(stub_spec, tmp_path, calls):
-    spec = stub_spec(f'seconds = 0.05\nfolder = "{calls}"', text="[grid]\nx = {count = 8000}")
+    number = tmp_path / "number"
+    text = f'seconds = 0.05\nfolder = "{calls}"\nstarts = "{number}"'
+    spec = stub_spec(text, text="[grid]\nx = {count = 8000}")
     program = (
         "import sys; from jaxcell.sweep import *\n"
         "if __name__ == '__main__':\n"
@@ -266,6 +308,7 @@ def test_workers_of_a_killed_run_end(stub_spec, tmp_path, calls):
         process.kill()
         process.wait()
     workers = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
+    workers.add(int(number.read_text()))
     wait_until(lambda: not any(map(is_running, workers)))
     assert sweep_status(tmp_path / "out").running is None
 

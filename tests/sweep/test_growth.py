@@ -52,7 +52,7 @@ def test_a_sweep_grows(stub_spec, tmp_path, task, how):
     assert (tmp_path / "out" / "spec.toml").read_bytes() == large.text
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["lock", "spec.toml", "sweep.journal", "sweep.zarr"]
-    assert verify_sweep(tmp_path / "out").damaged == ()
+    assert verify_sweep(tmp_path / "out", mend=True).damaged == ()
     with pytest.raises(ValueError, match=r"small\.toml: not the spec.*: \w+\.[xy]: "):
         run_sweep(small, tmp_path / "out", resume=True)
 

@@ -56,7 +56,7 @@ def test_maps_are_found_relative_to_the_specification(study, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path / "elsewhere")
     damage_chunk(out, 1)
     (out / "sweep.zarr" / "bounce" / "c" / "0").unlink()
-    assert verify_sweep(out).whole
+    assert verify_sweep(out, mend=True).whole
     assert sweep_status(out).complete
     copy = (study / "maps" / "lab_a.json").read_bytes()
     (study / "maps" / "lab_a.json").write_bytes(copy + b"\n")

@@ -1,5 +1,6 @@
 """Shards: parts of a sweep by jobs of an array, and their merged result."""
 
+import shlex
 import shutil
 
 import pytest
@@ -91,18 +92,17 @@ def test_other_texts_are_refused_as_shards(text):
 
 
 def test_commands_run_and_merge_shards(spec_file, tmp_path, capsys):
-    spec, out = str(spec_file(head="chunk = 4", text="[grid]\nx = {count = 10}")), tmp_path / "out"
+    spec, out = spec_file(head="chunk = 4", text="[grid]\nx = {count = 10}"), tmp_path / "out"
+    merge = f"sweep merge {shlex.quote(str(out))}"
     assert Spec.load(spec).chunk_count == 3
     for number in (1, 2):
         status, found, note = run(capsys, "sweep", spec, "--out", out, "--shard", f"{number}/2")
         assert (status, found["out"]) == (0, str(out / "shards" / f"{number}-of-2"))
         assert f"This shard is {3 - number} of the 3 chunks\n" in note
-        assert f"sweep merge {out}" in note
+        assert merge in note
     assert main(["sweep", "status", str(out)]) == 2
-    message = (
-        f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
-    )
+    message = f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell {merge}"
     assert message in capsys.readouterr().err
     assert run(capsys, "sweep merge", out)[1]["done"] == 3
-    assert main(["sweep", spec, "--shard", "3/2"]) == 2
+    assert main(["sweep", str(spec), "--shard", "3/2"]) == 2
     assert "--shard: expected i/n" in capsys.readouterr().err

@@ -19,7 +19,7 @@ from jaxcell.bounce import (
     plan,
     team_trajectory,
 )
-from jaxcell.mapping import SimpleMap
+from jaxcell.mapping import Chain, SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
@@ -231,14 +231,28 @@ def test_altered_patrols_of_a_map_do_not_agree():
     fewer = dataclasses.replace(caught, probability=0.999 * capture)
     seen = changed(visible, tuple(np.argwhere(~visible)[0]), True)
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
+    back = dataclasses.replace(policies[0], chain=Chain.from_scipy(np.eye(cells.positions)))
+    other_way = (back, policies[1])
+    # An obstacle is between cells 4 and 5.
+    through = Graph(changed(graph.edges, 0, (4, 5)), xy=graph.xy)
     other = dataclasses.replace(attack, simulated=attack.simulated - 0.5)
+    late = dataclasses.replace(attack, exact=0.999 * attack.exact)
     check(
         verify.compare_patrolled_map,
         right,
         ({"captures": fewer}, "capture of some cells"),
-        ({"visible": seen}, "cells that are seen", "capture of some cells"),
+        ({"visible": seen}, "cells that are seen"),
         ({"policies": slow}, "commute times of the robots"),
+        ({"policies": other_way}, "probabilities of steps"),
+        (
+            {"graph": through},
+            "capture of some cells",
+            "steps through walls",
+            "probabilities of steps",
+            "commute times of the robots",
+        ),
         ({"attack": other}, "capture of the target"),
+        ({"attack": late}, "capture of some cells"),
     )
 
 

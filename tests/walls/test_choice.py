@@ -63,7 +63,7 @@ def test_the_angle_with_the_smaller_expected_set_is_chosen():
 
 def brute_force(filter, state, angles, aim, ahead):
     """Compute the size after each angle, for all numbers of steps that may be counted."""
-    place, heading, _ = walls.draw_places(filter, state, 1, 400, np.random.default_rng(9))
+    place, heading, _ = walls.draw_places(filter, state, 1, 20_000, np.random.default_rng(9))
     sizes = []
     for angle in angles:
         turned = filter.turn(state, angle)
@@ -93,12 +93,22 @@ def test_chosen_angles_are_as_good_as_each_fixed_angle_and_better_two_bumps_ahea
         for ahead in (1, 2):
             rng = np.random.default_rng(run)
             best = walls.choose_angles(
-                filter, state, 1, angles, rng, aim=aim, ahead=ahead, draws=60 // ahead**2
+                filter, state, 1, angles, rng, aim=aim, ahead=ahead, draws=60
             )
             chosen[ahead, 1:] += sizes[:, best[0]]
     for ahead in (1, 2):
-        assert chosen[ahead, ahead] <= fixed[ahead].min() + 1e-6
+        # Turns by 135 and 225 degrees are equally good, apart from the error of 20,000 draws.
+        assert chosen[ahead, ahead] <= 1.005 * fixed[ahead].min()
     assert chosen[2, 2] < chosen[1, 2]
+
+
+def test_robots_do_not_repeat_an_angle_after_which_they_know_no_more():
+    boxes = [[(1, 2), (2.5, 2), (2.5, 3), (1, 3)], [(4, 4.2), (4.6, 4.2), (4.6, 5), (4, 5)]]
+    room = space.Workspace([(0, 0), (6, 0), (6, 6), (0, 6)], boxes)
+    filter = walls.WallFilter.of(room, headings=8)
+    angles = np.radians([45.0, 90.0]).tolist()
+    trial = walls.drive_anywhere(room, filter, angles, robots=20, bumps=20, headings=8, seed=0)
+    assert (trial.extent[:, -1] < 0.25).mean() > 0.8
 
 
 def homing_to_the_end_of_the_hall(**errors):
@@ -163,7 +173,7 @@ def test_a_goal_away_from_all_walls_is_refused():
     ],
 )
 def test_places_that_look_alike_are_counted(room, headings, places):
-    assert walls.alike_places(room, headings) == places
+    assert walls.alike_places(room, headings) == (places,)
 
 
 def test_two_rooms_of_one_shape_look_alike():
@@ -172,8 +182,8 @@ def test_two_rooms_of_one_shape_look_alike():
     bounds = [(0, 0), (10, 0), (10, 7), (0, 7)]
     room = space.Workspace(bounds, [between])
     assert room.pieces == 2
-    assert walls.alike_places(room) == 4
-    assert walls.alike_places(space.Workspace(bounds, [between, twin])) < 4
+    assert walls.alike_places(room) == (4, 4)
+    assert max(walls.alike_places(space.Workspace(bounds, [between, twin]))) < 4
 
 
 def test_the_set_in_a_symmetric_room_is_symmetric():

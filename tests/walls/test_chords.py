@@ -2,13 +2,9 @@ import numpy as np
 import pytest
 import shapely
 
+from experiments.chapter_2.file_rays import FileRays, rings_of
 from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
-
-
-@pytest.fixture(scope="module", params=["lab_a", "complex", "cafe"])
-def boundary(request):
-    return walls.Boundary.of(space.Workspace.load(bundled(request.param)))
 
 
 def test_walls_enclose_the_free_space():
@@ -21,36 +17,45 @@ def test_walls_enclose_the_free_space():
     assert shapely.contains_xy(room.free_space, inside).all()
 
 
+@pytest.mark.parametrize("name", ["lab_a", "complex", "cafe"])
 @pytest.mark.parametrize(
     ("slices", "known", "displacement"), [(16, True, 0.0), (90, False, 0.0), (90, False, 0.03)]
 )
-def test_every_run_is_within_the_bounds_of_a_chord(boundary, slices, known, displacement):
-    rng = np.random.default_rng(1)
+def test_every_run_is_within_the_bounds_of_a_chord(name, slices, known, displacement):
+    """Runs are from wall to wall through random places, by the polygons of the file."""
+    rings, radius = rings_of(bundled(name))
+    boundary = walls.Boundary.of(space.Workspace(rings[0], rings[1:], robot_radius=radius))
     chords = walls.Chords.of(boundary, slices, known=known, displacement=displacement)
-    wall = rng.integers(len(boundary.length), size=3000)
-    arc = rng.uniform(0, boundary.length[wall])
-    slice_ = rng.integers(slices, size=wall.size)
-    heading = (slice_ + (0.0 if known else rng.uniform(size=wall.size))) * 2 * np.pi / slices
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    leaves = (ahead * boundary.normal[wall]).sum(axis=1) > 1e-9
-    wall, arc, slice_, heading = (part[leaves] for part in (wall, arc, slice_, heading))
-    place = boundary.point(wall, arc) + 1e-9 * boundary.normal[wall]
-    hit, end, run = walls.run_to_wall(boundary, place, heading)
-    group = slice_ * len(boundary.length) + wall
-    first, last = np.searchsorted(chords.group, [group, group + 1])
-    held = np.zeros(wall.size, bool)
-    for robot in range(wall.size):
-        rows = slice(first[robot], last[robot])
-        at = arc[robot]
-        here = (chords.begin[rows] <= at + 1e-9) & (at <= chords.end[rows] + 1e-9)
-        here &= chords.hit[rows] == hit[robot]
-        far = chords.clearance[0, rows] + chords.clearance[1, rows] * at
-        near, most = chords.stretch[:, rows]
-        here &= (far - displacement) * near <= run[robot] + 1e-7
-        with np.errstate(invalid="ignore"):
-            here &= ~(run[robot] > (far + displacement) * most + 1e-7)
-        ends = chords.arc[:, 0, rows] + chords.arc[:, 1, rows] * at
-        here &= ends.min(axis=0) - 1e-7 <= end[robot]
-        here &= end[robot] <= ends.max(axis=0) + 1e-7
-        held[robot] = here.any()
-    assert held.all()
+    room, rng, robots = FileRays(rings, radius), np.random.default_rng(1), 1000
+    middle, slides = room.anywhere(robots, rng), np.zeros(robots, bool)
+    slice_ = rng.integers(slices, size=robots)
+    heading = (slice_ + (0.0 if known else rng.uniform(size=robots))) * 2 * np.pi / slices
+    back, start = room.run(middle, heading + np.pi, slides)
+    ahead, end = room.run(middle, heading, slides)
+    # Some runs begin a little off the wall.
+    run = back + ahead - np.minimum(back, rng.choice([0.0, displacement], robots))
+    assert all(
+        any_row_allows(chords, *one, 1e-8 + 0.003 * radius)
+        for one in zip(slice_, start, end, run, strict=True)
+    )
+
+
+def any_row_allows(chords, slice_, start, end, run, near):
+    """Check whether a row of `chords` allows a run from one place to another."""
+    boundary, wall = chords.boundary, np.arange(len(chords.boundary.length))
+    arcs = [((at - boundary.begin) * boundary.tangent).sum(axis=1) for at in (start, end)]
+    off = [
+        np.linalg.norm(at - boundary.point(wall, np.clip(arc, 0, boundary.length)), axis=1)
+        for at, arc in zip((start, end), arcs, strict=True)
+    ]
+    rows = np.flatnonzero((chords.slice == slice_) & (off[0][chords.wall] <= near))
+    rows = rows[off[1][chords.hit[rows]] <= near]
+    at, reach = arcs[0][chords.wall[rows]], chords.reach[rows]
+    allowed = (chords.begin[rows] - near <= at) & (at <= chords.end[rows] + near)
+    far = chords.clearance[0, rows] + chords.clearance[1, rows] * at
+    gentle, steep = chords.sine[:, rows]
+    allowed &= (run * gentle - reach <= far) & (far <= run * steep + reach)
+    ends, spread = chords.arc[:, 0, rows] + chords.arc[:, 1, rows] * at, chords.spread[:, rows]
+    arc = arcs[1][chords.hit[rows]]
+    allowed &= (ends - spread).min(axis=0) - near <= arc
+    return (allowed & (arc <= (ends + spread).max(axis=0) + near)).any()

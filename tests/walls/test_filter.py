@@ -257,7 +257,7 @@ def test_a_run_longer_than_the_room_refutes_the_map():
     ("change", "message"),
     [
         ({"headings": 7}, "headings: expected an even number from 2, got 7"),
-        ({"slices": 0}, "slices: expected an even number from 2, got 0"),
+        ({"slices": 0}, "slices: expected an even number from 4, got 0"),
         (
             {"headings": 16, "errors": walls.Errors(turn=0.01)},
             "slices: expected a multiple of 16 headings, got 360",

@@ -7,6 +7,7 @@ sorted cells are small and compress well.
 import contextlib
 import json
 import os
+import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,23 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
+from ...base.documents import Fields
+from ...base.memory import check
 from ...base.paths import replacing
+from ...base.results import LARGEST_HEADER, current_run
 
 
 _HEADER = "header"
+_VERSION = 1
 # The first bytes of files of earlier versions, which were not `.npz` files.
 _OLD = b"jaxcell\0"
+LARGEST = 2**30
+"""The largest number of bytes that a file may decompress to: the largest filters take a tenth of
+it, and the computer of a robot has little memory."""
+
+
+class _TooLargeError(Exception):
+    pass
 
 
 def write_arrays(
@@ -31,6 +43,8 @@ def write_arrays(
 
     Equal contents give equal bytes.
     """
+    run = {} if current_run() is None else {"run_id": current_run()}
+    header = {"version": _VERSION, **run, **header}
     text = json.dumps(header, sort_keys=True).encode()
     stored: dict[str, Any] = {_HEADER: np.frombuffer(text, np.uint8)}
     stored |= {name: np.diff(arrays[name], prepend=np.int32(0)) for name in sorted(arrays)}
@@ -95,13 +109,26 @@ def _read(
             )
         file.seek(0)
         try:
+            with zipfile.ZipFile(file) as parts:
+                size = sum(part.file_size for part in parts.infolist())
+                head = parts.getinfo(f"{_HEADER}.npy").file_size
+            if head > LARGEST_HEADER:
+                raise _TooLargeError(f"its header has {head:,} bytes, more than {LARGEST_HEADER:,}")
+            if size > LARGEST:
+                raise _TooLargeError(f"it decompresses to {size:,} bytes, more than {LARGEST:,}")
+            check(size, str(path), "expected a smaller file")
             with np.lib.npyio.NpzFile(file) as stored:
                 arrays = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
             header = json.loads(arrays.pop(_HEADER).tobytes())
+        except MemoryError:
+            raise
+        except _TooLargeError as error:
+            raise ValueError(f"{path}: {error}") from None
         # The exceptions of zipfile and NumPy for a damaged file are not documented.
         except Exception as error:
-            text = f"{path}: not a jaxcell file, truncated or altered: {error}"
+            text = f"{path}: not a jaxcell file, truncated or altered: {str(error)[:200]}"
             raise ValueError(text) from error
     if not isinstance(header, dict):
         raise ValueError(f"{path}: its header: expected a JSON object")
+    Fields(header, f"{path}: ").check_version(_VERSION)
     return header, arrays

@@ -17,7 +17,7 @@ Observations: TypeAlias = Annotated[
 ]
 Candidates: TypeAlias = Annotated[
     Int[np.ndarray, "candidates"],
-    quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+    quantity("candidate", "where the robot may be at the end", kind="cell", listed=True),
 ]
 
 
@@ -54,14 +54,14 @@ class Localization(Result):
 
     observations: Observations
     path: Annotated[
-        Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="index")
+        Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="cell")
     ]
     states: Annotated[
         Int[np.ndarray, "steps+1"], quantity("time", "state of the filter", kind="index")
     ]
     candidates: Candidates
 
-    @derived("", "cell at the start", kind="index")
+    @derived("", "start", kind="cell")
     def start(self) -> int:
         return int(self.path[0])
 
@@ -77,7 +77,7 @@ class Localization(Result):
     def bumps(self) -> int:
         return int((self.observations == 1).sum())
 
-    @derived("", "cell at the end", kind="index")
+    @derived("", "end", kind="cell")
     def end(self) -> int:
         return int(self.path[-1])
 

@@ -14,9 +14,10 @@ from jaxtyping import Bool, Float, Int
 
 from ...automata import Filter, Policy
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ...space.cells import TOLERANCE
+from ...space.occupancy import TOLERANCE
 from ...space.segments import displacement
 from ...space.strides import stride_legs
+from ...space.touching import free_space_in_cells
 from ..joint import squares_of
 
 
@@ -40,6 +41,7 @@ class OffCentre:
     cells: CellSpace
     motion: Motion
     free: shapely.Geometry
+    "The free space in cells, enlarged by their tolerance, so that a step may graze a corner."
     step: Float[np.ndarray, "directions 2"]
     "The displacement by a step in each direction, in cells."
     path: Float[np.ndarray, "directions corners 2"]
@@ -71,7 +73,9 @@ class OffCentre:
         )
         rng = np.random.default_rng(seed)
         path = walker_path(cells, motion) if walker else np.stack([0 * steps, steps], axis=1)
-        robots = cls(cells, motion, _free_space(cells), steps, path, *_draw(cells, count, rng))
+        free = free_space_in_cells(cells).buffer(TOLERANCE, join_style="mitre")
+        shapely.prepare(free)
+        robots = cls(cells, motion, free, steps, path, *_draw(cells, count, rng))
         while (inside := ~robots._is_free(robots.offset + robots.square)).any():
             again = _draw(cells, int(inside.sum()), rng)
             robots.offset[inside], robots.square[inside], robots.direction[inside] = again
@@ -90,7 +94,7 @@ class OffCentre:
         # The step leads from the centre of a cell into the cell where the robot is next.
         square = self.square + np.floor(np.round(step + 0.5, 9)).astype(int)
         able = self._is_free(self.offset + square)
-        paths = self._metres(point[:, None] + self.path[self.direction])
+        paths = point[:, None] + self.path[self.direction]
         able &= shapely.covers(self.free, self.motion.rule.part(paths))
         self.square = np.where(able[:, None], square, self.square)
         return ~able
@@ -99,11 +103,8 @@ class OffCentre:
         """Turn each robot to the left by a number of directions."""
         self.direction = (self.direction + shift) % self.cells.directions
 
-    def _metres(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
-        return points * self.cells.cell + np.array(self.cells.origin)
-
     def _is_free(self, points: Float[np.ndarray, "robots 2"]) -> Bool[np.ndarray, "robots"]:
-        return np.asarray(shapely.contains_xy(self.free, self._metres(points)))
+        return np.asarray(shapely.contains_xy(self.free, points))
 
 
 def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
@@ -151,10 +152,7 @@ def policy_shares(
     at its last bump is not among the cells that the policy considers possible at this bump.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
-    # Next bumps are listed in the order of this key; the last key belongs to no robot.
-    width = int(policy.steps.max()) + OBSERVATIONS + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
-    keys = np.append(owner * width + policy.steps, policy.turn.size * width)
     longest = np.zeros(policy.turn.size, np.int64)
     np.maximum.at(longest, owner, policy.steps)
     ends = np.diff(policy.first) == 0
@@ -164,11 +162,10 @@ def policy_shares(
     for _ in range(OBSERVATIONS):
         bumped = robots.advance()
         runs = ~lost & ~ends[state]
-        key = state * width + steps
-        next_bump = np.searchsorted(keys, key)
-        lost |= runs & np.where(bumped, keys[next_bump] != key, steps >= longest[state])
+        after = policy.next_states(state, steps)
+        lost |= runs & np.where(bumped, after < 0, steps >= longest[state])
         known = runs & bumped & ~lost
-        state[known] = policy.target[next_bump[known]]
+        state[known] = after[known]
         cell[known] = robots.cell[known]
         steps = np.where(bumped, 0, steps + 1)
         angle = policy.turn[state]
@@ -193,15 +190,3 @@ def _draw(
     """Draw the offset in the square, the square, and the direction of each robot."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
     return rng.uniform(size=(count, 2)), squares_of(cells).T[position], direction
-
-
-def _free_space(cells: CellSpace) -> shapely.Geometry:
-    """Enlarge the free space by the tolerance of the cells, so that a step may graze a corner."""
-    if cells.workspace is None:
-        x, y = np.array(cells.origin)[:, None] + cells.cell * squares_of(cells)
-        free = shapely.union_all(shapely.box(x, y, x + cells.cell, y + cells.cell))
-    else:
-        free = cells.workspace.free_space
-    free = free.buffer(TOLERANCE * cells.cell, join_style="mitre")
-    shapely.prepare(free)
-    return free

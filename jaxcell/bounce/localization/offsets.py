@@ -12,7 +12,7 @@ Offsets on lines, such as the centre of a cell, belong to no class.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -27,13 +27,16 @@ from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..joint import squares_of
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
-from .result import LocalizationFilter, RunOnMap
+from .other_rooms import MOST_CELLS, filter_agreement
+from .result import Evidence, LocalizationFilter
 
 
 LIMIT = 64
 # With more lines than this number, random offsets are drawn to count the classes.
 _LINES = 200
 _THIN = 1e-9
+# The number of offsets at which robots start in other rooms.
+_OTHER_OFFSETS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,17 +66,8 @@ class Offsets:
         lines = _lines(walker_path(cells, motion))
         few = len(lines) <= _LINES
         drawn = _faces(lines) if few else np.random.default_rng(0).uniform(size=(4 * limit, 2))
-        robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
-        direction, position = np.divmod(np.arange(cells.size), cells.positions)
         classes: dict[bytes, tuple] = {}
-        for offset in drawn:
-            robots = dataclasses.replace(
-                robots,
-                offset=np.tile(offset, (cells.size, 1)),
-                square=squares_of(cells).T[position],
-                direction=direction,
-            )
-            bumped = robots.advance()
+        for offset, bumped in zip(drawn, _bumps(cells, motion, drawn), strict=True):
             classes.setdefault(np.packbits(bumped).tobytes(), (offset, bumped))
             if len(classes) > limit:
                 break
@@ -104,10 +98,11 @@ class Offsets:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class OffsetLocalized(LocalizationFilter):
+class OffsetLocalized(Evidence, LocalizationFilter):
     """A filter for robots that start anywhere in the cells of a map with walls along the grid.
 
-    Cell `z` of class `c` is the configuration `c * cells.size + z`.
+    Cell `z` of class `c` is the configuration `c * cells.size + z`. From the offsets of a class no
+    path passes through a corner, so no starts are counted that touch one.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot at any offset in its cell"
@@ -131,7 +126,12 @@ class OffsetLocalized(LocalizationFilter):
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
-    lost_share, wrong_share = RunOnMap.lost_share, RunOnMap.wrong_share
+    @functools.cached_property
+    def agreement(self) -> Mapping[int, float]:
+        if self.cells.size > MOST_CELLS:
+            return {}
+        motion = self.offsets.motion
+        return filter_agreement(self.filter, self.cells, self.bounce, motion, _map_at_some_offsets)
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
         """Build the filter whose states contain cells of the map instead of configurations."""
@@ -144,6 +144,31 @@ class OffsetLocalized(LocalizationFilter):
             offsets=np.searchsorted(owner, np.arange(len(filter.transition) + 1)),
             metadata=metadata or {},
         )
+
+
+def _bumps(
+    cells: CellSpace, motion: Motion, offsets: Float[np.ndarray, "offsets 2"]
+) -> Iterator[Bool[np.ndarray, "cells"]]:
+    """Compute, for each offset, a mask of the cells where a robot bumps."""
+    robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
+    direction, position = np.divmod(np.arange(cells.size), cells.positions)
+    for offset in offsets:
+        robots = dataclasses.replace(
+            robots,
+            offset=np.tile(offset, (cells.size, 1)),
+            square=squares_of(cells).T[position],
+            direction=direction,
+        )
+        yield robots.advance()
+
+
+def _map_at_some_offsets(
+    cells: CellSpace, bounce: float, *, motion: Motion = CELL_BY_CELL
+) -> SimpleMap:
+    """Compute the map of robots at a few random offsets within their cells."""
+    offsets = np.random.default_rng(0).uniform(size=(_OTHER_OFFSETS, 2))
+    bumped = np.array([*_bumps(cells, motion, offsets)])
+    return Offsets(cells, motion, offsets, bumped).bounce_map(bounce)
 
 
 def _lines(path: Float[np.ndarray, "directions corners 2"]) -> list[tuple[float, float, float]]:

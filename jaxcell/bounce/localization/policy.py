@@ -4,16 +4,21 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
+from ...automata.filter import CONFIRM
+from ...automata.policy import Onward
 from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
+from ...space.touching import touching_steps
 from ..dynamics import Bounces, bounce_shift, check_cell
 from ..plans.roadmap import Roadmap
+from .corners import policy_touches, touching_runs
 from .localize import Localization, drive_until_localized
 from .off_centre import Shares, policy_shares
+from .other_rooms import MOST_CELLS, policy_agreement
 from .result import RunOnMap, States
 
 
@@ -68,12 +73,20 @@ class LocalizationPolicy(States):
 
     @property
     def answered(self) -> bool:
+        return self._unanswered_share == 0
+
+    @functools.cached_property
+    def _unanswered_share(self) -> float:
+        """The share of the starts from which several cells, or places, are possible at the end."""
         if self.goal == "class":
-            return True
-        ends = [self.policy.cells(state) for state in self.policy.ends.tolist()]
-        if self.goal == "position":
-            ends = [np.unique(one % self.cells.positions) for one in ends]
-        return all(one.size == 1 for one in ends)
+            return 0.0
+        unanswered = np.zeros(self.end_state.max() + 1, bool)
+        for state in np.unique(self.end_state).tolist():
+            cells = self.policy.cells(state)
+            if self.goal == "position":
+                cells = np.unique(cells % self.cells.positions)
+            unanswered[state] = cells.size > 1
+        return float(unanswered[self.end_state].mean())
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -81,8 +94,9 @@ class LocalizationPolicy(States):
         if not self.answered:
             what = "place" if self.goal == "position" else "cell"
             remarks.append(
-                f"No choice of these angles brings every robot down to one {what}: they leave up "
-                f"to {self.largest_uncertainty:,} cells that cannot be told apart."
+                f"No choice of these angles brings every robot down to one {what}: from "
+                f"{self._unanswered_share:.2%} of the starts, up to {self.largest_uncertainty:,} "
+                "cells remain possible."
             )
         if not self.optimal:
             how = "at worst" if self.aim == "worst" else "in the mean"
@@ -211,7 +225,8 @@ def localization_policy(
     """Find the policy for the angle at each bump that localizes a robot in the fewest bumps.
 
     A robot that knows neither its place nor its heading counts the steps to its first bump. Then it
-    turns at each bump by the angle that the policy chooses for its observations so far. The length
+    turns at each bump by the angle that the policy chooses for its observations so far; of angles
+    that need equally many bumps, by one after which fewer robots touch a corner. The length
     of the next run excludes the possible cells whose next run has another length. Two possible
     cells never merge into one, because cells from which a robot runs straight to the same wall are
     at different distances from it. Therefore the bumps that are still needed depend on the set of
@@ -246,8 +261,17 @@ def localization_policy(
     images, lengths = roadmap.wall[roadmap.turned], roadmap.length[roadmap.turned]
     roots = [roadmap.wall[roadmap.length == t] for t in range(int(roadmap.length.max()) + 1)]
     place = roadmap.wall_cell % cells.positions if goal == "position" else None
-    decisions = adaptive_choice(images, lengths, roots, place=place, aim=aim, limit=limit)
-    policy = _policy(cells, roadmap, decisions, metadata or {})
+    touches = touching_steps(cells, motion).ravel()
+    decisions = adaptive_choice(
+        images,
+        lengths,
+        roots,
+        place=place,
+        aim=aim,
+        limit=limit,
+        avoid=touching_runs(roadmap, touches)[roadmap.turned],
+    )
+    policy = _going_on(_policy(cells, roadmap, decisions, metadata or {}), cells, roadmap, touches)
     bumps, ends = _all_runs(roadmap, policy, images, lengths)
     shape = cells.directions, cells.positions
     return LocalizationPolicy(
@@ -285,6 +309,29 @@ def _policy(
     )
 
 
+def _going_on(
+    policy: Policy, cells: CellSpace, roadmap: Roadmap, touches: Bool[np.ndarray, "cells"]
+) -> Policy:
+    """Choose the angle by which a robot turns after the end of a policy, to confirm its place.
+
+    The more headings a robot has in turn, the more its observations tell: a robot that turns round
+    drives back and forth along one line. Among angles with equally many headings, the one after
+    which fewest robots touch a corner is chosen.
+    """
+    shifts = bounce_shift(roadmap.bounces, cells.directions)
+    headings = cells.directions // np.gcd(shifts, cells.directions)
+    candidates = []
+    for turn in np.flatnonzero(headings == headings.max()).tolist():
+        turned = roadmap.turned[turn]
+        onward = Onward(turn, roadmap.wall_cell, roadmap.length[turned], roadmap.wall[turned])
+        candidates.append(dataclasses.replace(policy, onward=onward))
+    if len(candidates) == 1 or not touches.any():
+        return candidates[0]
+    return min(
+        candidates, key=lambda one: policy_touches(one, roadmap, touches, CONFIRM).sum().item()
+    )
+
+
 def _all_runs(
     roadmap: Roadmap,
     policy: Policy,
@@ -295,15 +342,11 @@ def _all_runs(
 
     After a turn by angle `a` at wall `w`, wall `images[a, w]` is `lengths[a, w]` steps ahead.
     """
-    # Next bumps are listed in the order of this key.
-    width = int(roadmap.length.max()) + 1
-    owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
-    keys = owner * width + policy.steps
     wall, steps = roadmap.wall.copy(), roadmap.length
     state, bumps = np.zeros(roadmap.size, np.int64), np.zeros(roadmap.size, np.int32)
     left = np.arange(roadmap.size)
     while left.size:
-        state[left] = policy.target[np.searchsorted(keys, state[left] * width + steps)]
+        state[left] = policy.next_states(state[left], steps)
         bumps[left] += 1
         left = left[policy.turn[state[left]] >= 0]
         turn = policy.turn[state[left]]
@@ -325,6 +368,17 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
         """Drive a simulated robot from a cell until a policy has localized it."""
         fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
+
+    @functools.cached_property
+    def agreement(self) -> Mapping[int, float]:
+        if self.cells.size > MOST_CELLS:
+            return {}
+        return policy_agreement(self.policy, self.cells, self.bounces, self.motion)
+
+    @functools.cached_property
+    def touching(self) -> Bool[np.ndarray, "cells"]:
+        touches = touching_steps(self.cells, self.motion).ravel()
+        return policy_touches(self.policy, self.roadmap, touches, CONFIRM)
 
     @functools.cached_property
     def off_centre(self) -> Shares:

@@ -2,18 +2,26 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from ...automata import Filter, Policy, Smallest, minimize
+from ...automata.filter import CONFIRM
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
-from ..dynamics import bounce_shift, candidate_poses, robots_over_time
+from ...space.touching import touching_steps
+from ..dynamics import bounce_map, bounce_shift, candidate_poses, robots_over_time
 from ..group_results import BounceGroups
+from .corners import filter_touches
 from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
+from .other_rooms import MOST_CELLS, ROOMS, filter_agreement
+
+
+# The share of robots in other rooms that may be localized without a remark.
+_RARE = 1e-3
 
 
 class States(Result):
@@ -133,10 +141,64 @@ class LocalizationFilter(States):
         }
 
 
-class RunOnMap(Result):
-    """The run of a simulated robot on a map, with the cells where the robot may be."""
+class Evidence(Result):
+    """The shares of robots in other rooms, and off the centres of cells, that are localized."""
 
     cells: CellSpace
+
+    @functools.cached_property
+    def off_centre(self) -> Shares:
+        """The shares of robots, started anywhere in the cells, that are not located."""
+        raise NotImplementedError
+
+    @functools.cached_property
+    def agreement(self) -> Mapping[int, float]:
+        """The shares of robots in random other rooms that count as localized.
+
+        The keys are numbers of further observations that confirm the place of a robot. Without
+        keys, the map has too many cells.
+        """
+        raise NotImplementedError
+
+    @property
+    def evidence(self) -> dict[str, Any]:
+        """The fields of a file of a robot that say how sure its answers are."""
+        shares = {str(confirm): share for confirm, share in self.agreement.items()}
+        return {"other_room_shares": shares, "other_rooms": ROOMS}
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        remarks = list(super().remarks)
+        if not self.agreement:
+            remarks.append(
+                "How many robots in other rooms are localized is not computed for more than "
+                f"{MOST_CELLS:,} cells."
+            )
+        elif self.agreement[CONFIRM] > _RARE:
+            rare = (confirm for confirm, share in self.agreement.items() if share <= _RARE)
+            enough = next(rare, max(self.agreement))
+            remarks.append(
+                f"Of robots in {ROOMS} random other rooms, {100 * self.agreement[CONFIRM]:.2g} % "
+                f"are localized after {CONFIRM} further observations, and "
+                f"{100 * self.agreement[enough]:.2g} % with `robot run --confirm {enough}`."
+            )
+        return tuple(remarks)
+
+    @derived("", "robots in other rooms that are localized", kind="share")
+    def other_room_share(self) -> float | None:
+        return self.agreement.get(CONFIRM)
+
+    lost_share = from_part(
+        "off_centre.lost", "", "off-centre starts that the filter loses", kind="share"
+    )
+    wrong_share = from_part(
+        "off_centre.wrong", "", "off-centre starts that are localized wrongly", kind="share"
+    )
+
+
+class RunOnMap(Evidence):
+    """The run of a simulated robot on a map, with the cells where the robot may be."""
+
     run: Localization
     may_lose: ClassVar[bool] = False
     "True if the possible cells may exclude the true cell, as with a filter of another map."
@@ -149,28 +211,36 @@ class RunOnMap(Result):
         raise NotImplementedError
 
     @functools.cached_property
-    def off_centre(self) -> Shares:
-        """The shares of robots, started anywhere in the cells, that are not located."""
+    def touching(self) -> Bool[np.ndarray, "cells"]:
+        """A mask of the starts from which a robot touches a wall before it is localized."""
         raise NotImplementedError
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        if not any(self.off_centre):
-            return super().remarks
-        lost, wrong = (f"{100 * share:.3g} %" for share in self.off_centre)
-        return (
-            *super().remarks,
-            f"This assumes a start at the centre of a cell. Of {STARTS:,} robots that start "
-            f"anywhere in the cells it loses {lost} within {OBSERVATIONS} observations and places "
-            f"{wrong} wrongly; `--anywhere` loses none.",
-        )
+    def evidence(self) -> dict[str, Any]:
+        return {**super().evidence, "touching_starts": self.touching_starts}
 
-    lost_share = from_part(
-        "off_centre.lost", "", "off-centre starts that the filter loses", kind="share"
-    )
-    wrong_share = from_part(
-        "off_centre.wrong", "", "off-centre starts that are localized wrongly", kind="share"
-    )
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        remarks = list(super().remarks)
+        if any(self.off_centre):
+            lost, wrong = (f"{100 * share:.3g} %" for share in self.off_centre)
+            remarks.append(
+                f"This assumes a start at the centre of a cell. Of {STARTS:,} robots that start "
+                f"anywhere in the cells it loses {lost} within {OBSERVATIONS} observations and "
+                f"places {wrong} wrongly; `--anywhere` loses none."
+            )
+        if self.touching_starts:
+            remarks.append(
+                f"From {self.touching_starts:,} of {self.cells.size:,} starts a robot touches a "
+                "corner or a wall that it passes, before it is localized and confirmed; a real "
+                "robot may bump there, which refutes the map. Another cell size, angle or radius "
+                "may avoid it."
+            )
+        return tuple(remarks)
+
+    @derived("", "starts from which a robot touches a corner", kind="count")
+    def touching_starts(self) -> int:
+        return int(self.touching.sum())
 
     def _pose(self, cell: int) -> str:
         x, y, theta = map(float, self.cells.centre(cell))
@@ -236,6 +306,19 @@ class Localized(RunOnMap, LocalizationFilter):
                 raise ValueError(
                     f"run: {name}[{i}] is {what} {values[i]}; {what}s are 0 to {count - 1}"
                 )
+
+    @functools.cached_property
+    def agreement(self) -> Mapping[int, float]:
+        if self.cells.size > MOST_CELLS:
+            return {}
+        return filter_agreement(self.filter, self.cells, self.bounce, self.motion)
+
+    @functools.cached_property
+    def touching(self) -> Bool[np.ndarray, "cells"]:
+        touches = touching_steps(self.cells, self.motion).ravel()
+        mapped = bounce_map(self.cells, self.bounce, motion=self.motion)
+        image, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
+        return filter_touches(self.filter, image, bumped, touches, CONFIRM)
 
     @functools.cached_property
     def off_centre(self) -> Shares:

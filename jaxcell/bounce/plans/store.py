@@ -10,13 +10,14 @@ import zarr
 from jaxtyping import Int
 
 from ... import __version__
+from ...base.documents import check_version
 from ...base.paths import replacing
 from ...space import CellSpace
 from .roadmap import Roadmap, describe_space
 from .routes import Routes, block_size
 
 
-_FORMAT = "jaxcell-plans"
+_FORMAT, _VERSION = "jaxcell-plans", 1
 _ROUTES = ("entry_index", "wall_index")
 _VARIABLES = {
     "wall": (("cell",), "index of the wall that the cell runs to"),
@@ -45,6 +46,7 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
     chunk = min(block_size(roadmap), entries)
     attributes = {
         "format": _FORMAT,
+        "version": _VERSION,
         "title": "Cheapest plans of a bouncing robot between all pairs of cells",
         "source": "jaxcell; Alam 2018, Alg. 3.2",
         "jaxcell_version": __version__,
@@ -95,6 +97,7 @@ def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
         raise ValueError(f"{path}: expected a Zarr store of plans: {_line(error)}") from None
     if about.get("format") != _FORMAT:
         raise ValueError(f"{path}: expected a store of plans; its format is not {_FORMAT!r}")
+    check_version(about.get("version", 1), _VERSION, f"{path}: ")
     try:
         space = dict(about["space"])
         for name, expected in describe_space(cells).items():

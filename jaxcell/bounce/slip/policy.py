@@ -27,7 +27,7 @@ class SlipPolicy:
     @property
     def sure(self) -> bool:
         """True if a robot with this policy is certain to arrive."""
-        return self.certificate.residual <= self.certificate.tolerance
+        return self.certificate.converged
 
 
 def slip_policy(

@@ -52,12 +52,12 @@ class Slipped(Result):
     credible: Annotated[
         _Times, quantity("time", "cells of the credible set, 95 %", "cells", kind="count")
     ]
-    likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="index")]
+    likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="cell")]
     smoothed: Annotated[
         _Shares,
         quantity("time position", "probability of each position, by the whole run", kind="share"),
     ]
-    path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
+    path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="cell")]
     candidates: Candidates
     candidate_probability: Annotated[
         Float[np.ndarray, "candidates"], quantity("candidate", "probability", kind="share")
@@ -81,13 +81,13 @@ class Slipped(Result):
 
     fine_cells = from_part("hidden.cells", "", "fine cells", kind="count")
 
-    @derived("", "cell at the start", kind="index")
+    @derived("", "start", kind="cell")
     def start(self) -> int:
         return int(self.truth[0])
 
     word, bumps = Localization.word, Localization.bumps
 
-    @derived("", "cell at the end", kind="index")
+    @derived("", "end", kind="cell")
     def end(self) -> int:
         return int(self.truth[-1])
 

@@ -48,12 +48,31 @@ class Emulation:
             return int(self.cells.index(*self.robot.pose))
         return None
 
-    def describe(self, outcome: RunOutcome) -> dict[str, Any]:
+    def describe(
+        self, outcome: RunOutcome, cells: CellSpace | None = None, back: float = 0.0
+    ) -> dict[str, Any]:
+        """Describe the end of a run.
+
+        `cells` are the cells of the task, or `None` if the robot is on another map and the map of
+        the task is not found, so that no cell of the task is the true one. `back` is the largest
+        distance in metres from a wall to a robot that has bumped into it.
+        """
         x, y, theta = self.robot.pose
-        among = self.end in outcome.cells if outcome.cells else None
-        if isinstance(outcome, AnywhereOutcome) and outcome.place is not None:
-            # A body that touches a wall presses its bumper in.
-            among = math.dist((x, y), outcome.place) <= outcome.extent / 2 + _TOUCH
+        among = None
+        if outcome.result == "stopped":
+            # The robot may have left the cell of its last observation.
+            pass
+        elif isinstance(outcome, AnywhereOutcome):
+            if outcome.result == "refuted":
+                among = False
+            elif outcome.place is not None and outcome.extent is not None:
+                # A body that touches a wall presses its bumper in.
+                reach = outcome.extent / 2 + max(back, _TOUCH)
+                among = math.dist((x, y), outcome.place) <= reach
+        elif outcome.cells:
+            among = False
+            with contextlib.suppress(ValueError):
+                among = cells is not None and int(cells.index(x, y, theta)) in outcome.cells
         return {
             "start": self.start,
             "end": self.end,
@@ -91,7 +110,7 @@ def _start_pose(
 ) -> tuple[float, float, float]:
     """Return the pose `start` or, without it, a random pose with a heading that the task allows."""
     if start is not None:
-        return pose_at(workspace, start, "--start")
+        return pose_at(workspace, start, "--start", task.headings)
     x, y = places_anywhere(workspace, 1, rng)[0].tolist()
     if task.headings is None:
         return x, y, float(rng.uniform(0, math.tau))

@@ -1,10 +1,13 @@
-"""The outcome of a run: computed from its log, and printed."""
+"""The outcome of a run: computed from its log, printed, and described in the folder of the run."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
+from ...base.documents import Fields
 from ...base.formatting import configuration
-from ...base.paths import digest
+from ...base.paths import digest, name_in_results
+from ...base.results import Manifest
 from ...robot.anywhere import replay_anywhere
 from ...robot.followers import replay_follower
 from ...robot.outcome import RunOutcome
@@ -15,10 +18,15 @@ from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
 from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.team import replay_member
+from ..output import Printing, option_words
 from ..terminal import table
 from .emulation import Emulation
 
 
+LOG, RECORDING, SUMMARY = "run.jsonl", "run.rrd", "summary.json"
+"""The names of the files of a run in its folder."""
+_FILES = (LOG, RECORDING, SUMMARY)
+_COMMANDS = {"RobotRun": ("robot", "run"), "RobotReplay": ("robot", "replay")}
 _SIDES = ("East", "North", "West", "South")
 
 
@@ -35,6 +43,10 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
     if summary.get("obstacles"):
         met = [f"{_SIDES[side]} of position {at}" for at, side in summary["obstacles"][:8]]
         rows.append(("in the way", "\n".join(met)))
+    if summary.get("other_room_share") is not None:
+        share, rooms = summary["other_room_share"], summary["other_rooms"]
+        found = f"{100 * share:.2g} % of robots in {rooms or 'some'} random rooms"
+        rows.append(("as sure elsewhere", found))
     if emulation is None:
         rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
     else:
@@ -48,6 +60,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
                 for z in cells[:8]
             )
             rows.append(("may be at", "\n".join(places)))
+        if truth["truth_is_a_candidate"] is not None:
             among = "yes" if truth["truth_is_a_candidate"] else "NO"
             rows.append(("the truth is among them", among))
     table(title, ("", ""), rows)
@@ -59,7 +72,7 @@ def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
 
 
 def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
-    kind = run.header["kind"]
+    kind, confirm = run.header["kind"], confirmed_by(run)
     if kind == "plan":
         return plan_outcome(run.header["actions"], run.observations)
     if kind == "team":
@@ -69,11 +82,32 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
         raise ValueError(f"the log is of another {kind} than {path}")
     match load_task(path, run.header["robot"] if kind == "patrol" else None):
         case FilterTask() as task:
-            return replay_follower(run, task.follower(run.header.get("until", "known")))
+            until = run.header.get("until", "known")
+            return replay_follower(run, task.follower(until, confirm=confirm))
         case PolicyTask() | BeliefTask() as task:
-            return replay_follower(run, task.follower())
+            return replay_follower(run, task.follower(confirm=confirm))
         case AnywhereTask() as task:
-            return replay_anywhere(run, task.settings)
+            return replay_anywhere(run, dataclasses.replace(task.settings, confirm=confirm))
         case PatrolTask() as task:
             return replay_patrol(run, task)
     raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")
+
+
+def describe(options: Printing, out: Path, *inputs: Path | None) -> None:
+    """Write the manifest of the files of a run in `out`, which a command made from `inputs`."""
+    names = {field.name for field in dataclasses.fields(options)} - {"out", "json"}
+    chosen = {
+        name: name_in_results(value) if isinstance(value, Path) else value
+        for name in sorted(names)
+        if (value := getattr(options, name)) is not None
+    }
+    known = {name_in_results(path): digest(path) for path in inputs if path and path.is_file()}
+    words = [*_COMMANDS[type(options).__name__], *option_words(options, names, name_in_results)]
+    manifest = Manifest.of(out, words, chosen, known)
+    own = {name: value for name, value in manifest.files.items() if name in _FILES}
+    dataclasses.replace(manifest, files=own).write(out)
+
+
+def confirmed_by(run: LoggedRun) -> int:
+    """Read the number of observations that confirm a robot; 0 in logs of earlier versions."""
+    return Fields(run.header, "").whole("confirm", 0, 2**31) if "confirm" in run.header else 0

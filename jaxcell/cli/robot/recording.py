@@ -62,6 +62,11 @@ def cells_of(task: AnyTask) -> CellSpace | None:
     return None
 
 
+def own_cells(task: AnyTask, emulated: CellSpace) -> CellSpace | None:
+    """Return the cells of a task: those of its emulation if the map is the same, or its own."""
+    return emulated if _is_map(emulated, _about(task)) else cells_of(task)
+
+
 def _is_map(cells: CellSpace, about: Mapping[str, Any]) -> bool:
     assert cells.workspace is not None
     expected = {

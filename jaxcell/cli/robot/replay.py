@@ -21,8 +21,10 @@ class RobotReplay(Printing):
     """Folder for run.rrd, a recording of the run. This needs Rerun, which a robot may not have."""
 
     def run(self) -> int:
+        from ...base.paths import digest
+        from ...base.results import Manifest
         from ...robot import load_task, read_log
-        from .outcome import replayed, show
+        from .outcome import LOG, RECORDING, describe, replayed, show
         from .recording import recording_of
 
         run = read_log(self.log)
@@ -33,12 +35,19 @@ class RobotReplay(Printing):
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
         if self.out is not None:
+            before = Manifest.read(self.out)
+            if before is not None:
+                if before.files.get(LOG) != digest(self.log):
+                    raise ValueError(f"--out {self.out}: it has the files of another run")
+                if damaged := set(before.damage(self.out)) - {RECORDING}:
+                    raise ValueError(f"--out {self.out}: damaged: {', '.join(sorted(damaged))}")
             path = Path(run.header["file"]) if self.file is None else self.file
             task, pose = load_task(path, run.header.get("robot")), run.header.get("pose")
-            with recording_of(task, self.out / "run.rrd", start=pose) as recording:
+            with recording_of(task, self.out / RECORDING, start=pose) as recording:
                 for event in run.events:
                     fields = {name: value for name, value in event.items() if name != "event"}
                     recording.event(event["event"], fields)
+            describe(self, self.out, self.log, path)
         summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
         self.report(summary, lambda: show(self.log.name, summary))
         return 0

@@ -64,11 +64,16 @@ def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
     """Return the command that resumes a stopped run in a new folder."""
     assert options.out is not None
     resumed = dataclasses.replace(
-        options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
+        options,
+        heading=None,
+        confirm=None,
+        start=start,
+        resume=log,
+        out=_new_directory(options.out, log.name),
     )
     names = {field.name for field in dataclasses.fields(resumed)} - {"file"}
-    command = own_command("jaxcell"), "robot", "run", str(options.file)
-    return shlex.join([*command, *option_words(resumed, names)])
+    command = own_command("robot", "run", options.file)
+    return f"{command} {shlex.join(option_words(resumed, names))}"
 
 
 def _new_directory(out: Path, log: str) -> Path:

@@ -74,6 +74,10 @@ class RobotRun(Printing):
     until: Literal["known", "cycle"] = "known"
     """Condition that ends the run of a filter: a knowledge cycle, which the filter cannot leave
     (cycle); or such a cycle or a single possible configuration, whichever is first (known)."""
+    confirm: Annotated[int | None, Limit(ge=0), Only(resume=False)] = None
+    """Number of further observations that must agree with the map before the robot is localized, by
+    default 30; for a robot that starts anywhere, number of further bumps, by default 20. A filter
+    leaves one configuration on a wrong map, too, unless further observations refute it."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20
@@ -98,6 +102,10 @@ class RobotRun(Printing):
 
     def run(self) -> int:
         check(self)
+        from .outcome import describe
         from .running import run_robot
 
-        return run_robot(self)
+        code = run_robot(self)
+        if self.out is not None:
+            describe(self, self.out, self.file, self.simulate, self.calibration, self.resume)
+        return code

@@ -1,9 +1,12 @@
-from collections.abc import Callable
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
+from ...automata.filter import CONFIRM
 from ...robot import CrossLook, camera, pictures
 from ...robot.anywhere import run_anywhere
-from ...robot.followers import run_follower
+from ...robot.followers import Follower, run_follower
 from ...robot.outcome import RunOutcome
 from ...robot.patrol import Patrol, run_patrol
 from ...robot.plan import run_plan
@@ -15,10 +18,20 @@ from ...robot.team import MemberTask, run_member
 from ...robot.walker import Walker
 from ...study.map_study import cell_at
 from .emulation import Emulation, seen_from
+from .outcome import confirmed_by
 from .run import RobotRun
 
 
 Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
+
+
+# The kinds of tasks for which options have an effect.
+_KINDS = {
+    "intruder": ("patrol",),
+    "camera": ("patrol",),
+    "until": ("filter",),
+    "confirm": ("filter", "policy", "belief", "anywhere"),
+}
 
 
 def runner_of(
@@ -30,26 +43,30 @@ def runner_of(
 ) -> Runner:
     """Return the log's header, and a function that runs the task with the robot's controller."""
     header, limit = {**task.header, "direction": direction}, options.limit
-    for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
-        if getattr(options, name) not in (None, "known") and task.kind != kind:
-            raise ValueError(f"--{name}: it has an effect only for a {kind}")
+    for name, kinds in _KINDS.items():
+        if getattr(options, name) not in (None, "known") and task.kind not in kinds:
+            raise ValueError(f"--{name}: it has an effect only for a {' or '.join(kinds)}")
+    confirm = CONFIRM if options.confirm is None else options.confirm
+    if before is not None and "confirm" in before.header:
+        confirm = confirmed_by(before)
     match task:
         case FilterTask():
-            until = options.until
-            return header | {"until": until}, lambda walker, log: run_follower(
-                walker, task.follower(until), task.bounces, log=log, limit=limit
-            )
+            header |= {"until": options.until}
+            follower = functools.partial(task.follower, options.until, confirm=confirm)
+            return _followed(header, task.bounces, follower, limit)
         case PolicyTask() | BeliefTask():
-            return header, lambda walker, log: run_follower(
-                walker, task.follower(), task.bounces, log=log, limit=limit
-            )
+            follower = functools.partial(task.follower, confirm=confirm)
+            return _followed(header, task.bounces, follower, limit)
         case AnywhereTask():
             if before is not None:
                 raise ValueError(
                     "--resume: a robot that starts anywhere cannot resume a run; start another run"
                 )
-            return header, lambda walker, log: run_anywhere(
-                walker, task.settings, log=log, limit=limit
+            anywhere = task.settings
+            if options.confirm is not None:
+                anywhere = dataclasses.replace(anywhere, confirm=options.confirm)
+            return header | {"confirm": anywhere.confirm}, lambda walker, log: run_anywhere(
+                walker, anywhere, log=log, limit=limit
             )
         case PlanTask():
             return header, lambda walker, log: run_plan(walker, task.actions, log=log)
@@ -74,6 +91,17 @@ def runner_of(
         look = _cross_look(options.camera)
     header |= {"patrol": patrol.settings}
     return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
+
+
+def _followed(
+    header: dict[str, Any],
+    bounces: Sequence[float],
+    follower: Callable[[], Follower],
+    limit: int,
+) -> Runner:
+    return header | {"confirm": follower().confirm}, lambda walker, log: run_follower(
+        walker, follower(), bounces, log=log, limit=limit
+    )
 
 
 def patrol_start(task: PatrolTask, start: str | None, emulation: Emulation | None = None) -> int:

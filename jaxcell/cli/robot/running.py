@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -21,16 +22,17 @@ from ...robot.emulation.simulated import SimulatedCreate
 from ...robot.outcome import RunOutcome
 from ...robot.run_log import LoggedRun, why_stopped
 from ...robot.tasks.anywhere_task import AnywhereTask
-from ...robot.tasks.files import AnyTask
+from ...robot.tasks.files import AnyTask, FilterTask, PolicyTask, other_rooms
 from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.walker import Drivable
 from ..output import write_text
 from ..terminal import note, note_results, say, status
 from ..view import shown_live
 from .emulation import Emulation, emulate
+from .evidence import note_evidence
 from .heading import check_heading, direction_at
-from .outcome import replayed, show
-from .recording import cells_of, recording_of
+from .outcome import LOG, RECORDING, SUMMARY, replayed, show
+from .recording import cells_of, own_cells, recording_of
 from .resume import (
     Place,
     Standing,
@@ -46,14 +48,12 @@ from .runners import patrol_start, runner_of
 
 Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
 
-_LOG, _RECORDING = "run.jsonl", "run.rrd"
-
 
 def run_robot(options: RobotRun) -> int:
     out = options.out
-    if out is not None and (out / _LOG).exists():
+    if out is not None and (out / LOG).exists():
         raise FileExistsError(
-            f"--out {out}: it has the {_LOG} of another run, and no log is replaced; "
+            f"--out {out}: it has the {LOG} of another run, and no log is replaced; "
             "expected another folder"
         )
     task = load_task(options.file, options.robot)
@@ -84,6 +84,8 @@ class _Run:
         options, task, emulation = self.options, self.task, self.emulation
         calibration = self._calibration()
         header, follow = runner_of(task, options, emulation, self.direction, before)
+        if isinstance(task, FilterTask | PolicyTask):
+            note_evidence(task, options, emulation)
         pose = None if emulation is None else emulation.pose
         resumed = None
         if before is not None and options.resume is not None:
@@ -92,8 +94,15 @@ class _Run:
                 "sha256": digest(options.resume),
                 "observations": len(before.observations),
             }
-            pose = before.header.get("pose")
-            note(f"The robot must stand {place_in_words(self._place(before))}")
+            pose, at = before.header.get("pose"), self._place(before)
+            if self.direction is not None and emulation is not None:
+                turned = round(at[2] * task.directions / math.tau)
+                known, true = (
+                    (self.direction + turned),
+                    emulation.start // emulation.cells.positions,
+                )
+                _check_start(options, known % task.directions, true, task.directions)
+            note(f"The robot must stand {place_in_words(at)}")
             if options.simulate is None and not options.json and sys.stdin.isatty():
                 input("Press Enter when it stands there: ")
         # Import before the connection to the robot, because the imports take seconds.
@@ -103,7 +112,7 @@ class _Run:
         recording = None
         if has_module("rerun") and (options.out or viewer):
             recording = recording_of(
-                task, place / _RECORDING, start=pose, emulation=emulation, viewer=viewer
+                task, place / RECORDING, start=pose, emulation=emulation, viewer=viewer
             )
         header |= {
             "pose": pose,
@@ -123,26 +132,27 @@ class _Run:
                         listener(name, fields)
 
                 doing = f"running {options.file.name}"
-                with RunLog(place / _LOG, header) as log, status(doing):
+                with RunLog(place / LOG, header) as log, status(doing):
                     log.on_event = tell
                     outcome = follow(walker, log)
         except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
-            outcome, code = _stopped(error, place / _LOG)
+            outcome, code = _stopped(error, place / LOG)
             note(f"jaxcell robot run: {outcome.reason}")
             resumable = outcome.result == "stopped" and outcome.observations
             if options.out is not None and resumable and not isinstance(task, AnywhereTask):
-                log_file, start = options.out / _LOG, None
+                log_file, start = options.out / LOG, None
                 if emulation is not None:
                     places = map(self._place, (before, read_log(log_file)))
                     start = start_after(emulation.pose, *places)
                 note(f"To resume:\n{resume_command(options, log_file, start)}")
-        self._report(outcome)
+        lost = self._report(outcome, header.get("confirm", 0))
         if code is not None:
             return code
-        return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
+        done = outcome.result in ("localized", "arrived", "patrolled", "reported")
+        return 0 if done and not lost else 1
 
-    def _report(self, outcome: RunOutcome) -> None:
-        """Print the summary of a run, and write it to `out`."""
+    def _report(self, outcome: RunOutcome, confirm: int) -> bool:
+        """Print the summary of a run, write it to `out`, and return whether the truth is lost."""
         options = self.options
         summary = {
             "command": "jaxcell robot run",
@@ -150,10 +160,18 @@ class _Run:
             "port": options.port if options.ros is None else f"ROS 2, {options.ros}",
             **dataclasses.asdict(outcome),
         }
+        if outcome.result == "localized" and isinstance(self.task, FilterTask | PolicyTask):
+            summary |= other_rooms(self.task, confirm)
+        truth: dict[str, Any] = {}
         if self.emulation is not None:
-            summary["emulated"] = self.emulation.describe(outcome)
+            task = self.task
+            back = 0.0
+            if isinstance(task, AnywhereTask):
+                back = task.settings.filter.errors.displacement
+            cells = own_cells(task, self.emulation.cells)
+            truth = summary["emulated"] = self.emulation.describe(outcome, cells, back)
         if options.out is not None:
-            write_text(options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+            write_text(options.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
         if options.json:
             say(json.dumps(summary))
         else:
@@ -161,10 +179,12 @@ class _Run:
             if options.out is not None:
                 note_results(options.out)
         if options.out is not None and not has_module("rerun"):
+            replayed = options.out / LOG, "--file", options.file.name, "--out", options.out
             note(
-                f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
-                f"{options.out / _LOG} --file {options.file.name} --out {options.out}"
+                "No recording is written without Rerun. Elsewhere: "
+                + shlex.join(map(str, ("jaxcell", "robot", "replay", *replayed)))
             )
+        return truth.get("truth_is_a_candidate") is False
 
     def _place(self, run: LoggedRun | None) -> Place:
         """Return the place of the robot after a logged run, or at its start if there was none."""
@@ -247,7 +267,25 @@ def _direction(
         direction = task.start_direction
     if direction is None:
         check_heading(task)
+    elif before is None and options.start is not None:
+        if isinstance(task, PatrolTask):
+            cells, start = task.cells, patrol_start(task, options.start, emulation)
+        else:
+            assert emulation is not None
+            cells, start = emulation.cells, emulation.start
+        _check_start(options, direction, start // cells.positions, task.directions)
     return direction
+
+
+def _check_start(options: RobotRun, known: int, true: int, directions: int) -> None:
+    """Raise if the direction that the robot knows is not the direction of the option `--start`."""
+    if known != true:
+        option = "--start" if options.heading is None else "--heading"
+        knows, looks = (360 / directions * direction for direction in (known, true))
+        raise ValueError(
+            f"{option}: the robot knows that its heading is {knows:g} degrees, but at --start "
+            f"{options.start} it looks to {looks:g} degrees; expected equal headings"
+        )
 
 
 def _stopped(error: BaseException, log: Path) -> tuple[RunOutcome, int]:

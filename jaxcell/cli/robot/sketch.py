@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from ... import automata
-from ...study.parameters import Degrees, Metres, Needed, Only, check
+from ...study.parameters import Degrees, Limit, Metres, Needed, Only, check
 from ..output import write_text
 from ..terminal import note, progress
 
@@ -34,6 +34,11 @@ class RobotSketch:
     smallest: Annotated[bool, Only(file=True, minimal=False)] = False
     """Run the smallest machine with the same outputs for all observations that can occur. Most
     observations that are impossible on the map go undetected."""
+    confirm: Annotated[int | None, Limit(ge=0, le=1_000_000), Only(file=True, smallest=False)] = (
+        None
+    )
+    """Number of further observations that must agree with the map before the robot is localized, by
+    default 30. The sketch of a policy cannot confirm its answer."""
     flash: Annotated[int | None, Only(file=True)] = None
     """Flash memory of the board in bytes; by default 32256, as on an Uno."""
     out: Path | None = None
@@ -59,6 +64,7 @@ class RobotSketch:
         return 0
 
     def _filter(self, path: Path) -> str:
+        from ...automata.filter import CONFIRM
         from ...robot.sketch import FLASH, filter_sketch, policy_sketch
         from ...robot.tasks.files import FilterTask, PolicyTask, load_task
         from .heading import check_heading, direction_at
@@ -70,6 +76,8 @@ class RobotSketch:
             )
         if self.minimal and isinstance(task, PolicyTask):
             raise ValueError("--minimal: a policy has no equal states to merge")
+        if self.confirm is not None and isinstance(task, PolicyTask):
+            raise ValueError("--confirm: the sketch of a policy cannot confirm its answer")
         if self.minimal and isinstance(task, FilterTask):
             task = dataclasses.replace(task, filter=automata.minimize(task.filter))
         direction = None
@@ -92,4 +100,10 @@ class RobotSketch:
             note(f"{found.states} states, {found.claim}")
         if isinstance(task, PolicyTask):
             return policy_sketch(task, direction=direction, flash=flash, machine=machine)
-        return filter_sketch(task, direction=direction, flash=flash, machine=machine)
+        return filter_sketch(
+            task,
+            direction=direction,
+            flash=flash,
+            machine=machine,
+            confirm=CONFIRM if self.confirm is None else self.confirm,
+        )

@@ -13,6 +13,7 @@ import tyro
 
 from ... import sweep
 from ...base.paths import replacing
+from ...base.process import library_writes
 from ...study.parameters import Only, check
 from ...sweep.storage.damage import reading
 from ..output import Printing, option_words
@@ -101,6 +102,7 @@ class Sweep(Printing):
                 replacing(out / "sweep.nc") as temporary,
                 sweep.open_sweep(out) as dataset,
                 reading(out),
+                library_writes("sweep.nc"),
             ):
                 dataset.to_netcdf(temporary)
         show_status(out, state, self.json, seconds=round(seconds, 3))
@@ -108,7 +110,7 @@ class Sweep(Printing):
             note(f"Stopped: more than {self.max_failures:,} members failed")
         if chunks is not None:
             note(f"This shard is {len(chunks):,} of the {state.chunks:,} chunks")
-            note(f"After all shards: {own_command('jaxcell')} sweep merge {whole}")
+            note(f"After all shards: {own_command('sweep', 'merge', whole)}")
             return 1 if state.failures else 0
         if not state.complete:
             note("To compute the rest: the same command with --resume")
@@ -167,6 +169,7 @@ def show_status(folder: Path, state: "sweep.SweepStatus", as_json: bool, **more:
             "failures": failures,
             "members_per_second": state.rate,
             "seconds_left": state.left,
+            "waiting": state.waiting,
         }
         print(json.dumps({**summary, **more}))
         return
@@ -179,6 +182,8 @@ def show_status(folder: Path, state: "sweep.SweepStatus", as_json: bool, **more:
         rows.append(("chunks damaged", f"{state.damaged:,}"))
     if state.running is not None:
         rows.append(("at work", state.running))
+    if state.waiting:
+        rows.append(("waits for", state.waiting))
     if state.rate is not None and state.left is not None:
         rows.append(("members per second", f"{state.rate:,.3g}"))
         rows.append(("time left", duration(state.left)))
@@ -189,7 +194,7 @@ def show_status(folder: Path, state: "sweep.SweepStatus", as_json: bool, **more:
         others = "... and others: " * (len(state.failures) > _MAX_FAILURES)
         note(f"{others}{folder / 'failures.json'} has their tracebacks")
     if state.damaged:
-        note(f"To repair the damage: {own_command('jaxcell')} sweep verify {folder}")
+        note(f"To repair the damage: {own_command('verify', '--mend', folder)}")
     if (folder / "sweep.zarr").is_dir():
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
@@ -206,6 +211,8 @@ def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
 
         def show(now: "sweep.Progress") -> None:
             rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
+            if now.waiting:
+                note(f"The sweep waits for {now.waiting}")
             say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
         yield show

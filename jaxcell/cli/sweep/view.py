@@ -199,6 +199,6 @@ def _open(recording: Path) -> int:
         return View(results=recording).run()
     note(
         f"The recording is {recording}; to look at it in a browser on this machine: "
-        f"{own_command('jaxcell')} view --web {recording}"
+        f"{own_command('view', '--web', recording)}"
     )
     return 0

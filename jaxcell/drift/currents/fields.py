@@ -38,6 +38,8 @@ class Field:
     land: Bool[np.ndarray, "layers y x"]
     "True on land and sea bed. A grid square that is neither land nor water is sea without data."
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+    "The notes on decisions about values of the file on which the answer depends."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,9 +109,9 @@ class FieldReader:
         if layers.s_levels is not None:  # a record at all levels, and arrays of the interpolation
             levels = sizes | {"time": 1, "layer": len(layers.s_levels.s)}
             self.file.check_size(self.names, levels, arrays=10)
-        notes = self._notes()
+        notes, doubts = self._notes(), []
         u, v = np.zeros(shape), np.zeros(shape)
-        count, dry = np.zeros(shape[1:], int), np.zeros(shape[1:], bool)
+        count, dry, still = (np.zeros(shape[1:], kind) for kind in (int, bool, int))
         moving = np.zeros((records, len(layers.depth)), bool)
         is_water, moves, moves_unmasked = (np.zeros(shape[2:], bool) for _ in range(3))
         for k, record in enumerate(map(int, self.records)):
@@ -125,6 +127,7 @@ class FieldReader:
             x, y, deep = self._on_layers(x, y, record)
             present = np.isfinite(x) & np.isfinite(y)
             count += present
+            still += (x == 0) & (y == 0)
             dry |= deep
             moving[k] = present.any(axis=(1, 2))
             if mean:
@@ -145,26 +148,69 @@ class FieldReader:
                 fill_gaps(values, present, self.times, gaps)
         if gaps.any():
             filled = "left out of the mean" if mean else "interpolated in time"
-            notes.append(
-                f"{int(gaps.sum())} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the "
-                f"{records} records, and are water: their gaps are {filled}"
+            doubts.append(
+                f"{int(gaps.sum()):,} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of "
+                f"the {records} records, and are water: their gaps are {filled}"
             )
-        water = always | gaps
+        seen, water = count > 0, always | gaps
+        if moves.any():
+            ashore, bed, why = self._stored_as_zero(seen & (still == count), water)
+            seen, water, dry = seen & ~(ashore | bed), water & ~(ashore | bed), dry | bed
+            doubts += why
         kept = self._with_water(water, moving)
         if not kept.all():
             omitted = ", ".join(f"{depth:g}" for depth in layers.depth[~kept])
             notes.append(f"left out, as no cell has water there: {omitted} m")
-        if sometimes := int(((count > 0) & ~water).sum()):
-            notes.append(
-                f"{sometimes} cells have a velocity at some of the {records} records only, and are "
-                "not water"
+        if sometimes := int((seen & ~water).sum()):
+            doubts.append(
+                f"{sometimes:,} cells have a velocity at some of the {records} records only, and "
+                "are not water"
             )
-        if still := int((water & ((u == 0) & (v == 0)).all(axis=0)).sum()):
-            notes.append(f"{still} water cells have a velocity of exactly 0: land without a mask?")
         u, v = (np.where(water, values, np.nan)[:, kept] for values in (u, v))
-        land, why = self._land(count > 0, dry, water)
-        notes += why
-        return Field(layers.depth[kept], u, v, water[kept], land[kept], tuple(notes))
+        land, why = self._land(seen, dry, water)
+        doubts += why
+        return Field(
+            layers.depth[kept], u, v, water[kept], land[kept], (*notes, *doubts), tuple(doubts)
+        )
+
+    def _stored_as_zero(self, zero: _Mask, water: _Mask) -> tuple[_Mask, _Mask, list[str]]:
+        """Mark land and sea bed among the squares whose velocity is exactly 0 at all records.
+
+        In a file without a mask, such squares are land if the depth of the sea bed or the coastline
+        says so. They are sea bed below squares that move, if the file has a velocity everywhere.
+        """
+        none = np.zeros_like(zero)
+        if not (zero := zero & water).any():
+            return none, none, []
+        moving_above = np.cumsum(water & ~zero, axis=0) > 0
+        still_below = np.logical_and.accumulate(zero[::-1])[::-1]
+        if self.mask is not None:
+            ashore, bed, by = none, none, self.mask.name
+        else:
+            land, by = self._coast(np.asarray(zero.any(axis=0)))
+            ashore, bed = zero & land, moving_above & still_below & water.all()
+        rest = zero & ~(ashore | bed)
+        counts = {
+            f"are land by {by}, and count as land": ashore,
+            "lie below others that move, and count as sea bed": bed & ~ashore,
+            f"are water by {by}, and count as water that drifters never leave": rest,
+        }
+        return (
+            ashore,
+            bed,
+            [
+                f"{count:,} squares have a velocity of exactly 0 at all records; they {what}"
+                for what, squares in counts.items()
+                if (count := int(squares.sum()))
+            ],
+        )
+
+    def _coast(self, chosen: Bool[np.ndarray, "y x"]) -> tuple[Bool[np.ndarray, "y x"], str]:
+        """Mark land among the `chosen` squares of a file without a mask; name what decides."""
+        if (dry := ~(self.bed > 0)).any() and not dry.all():
+            return dry, "the depth of the sea bed"
+        coast = self.coast or read_land()
+        return coast.within(self.grid, chosen), coast.name
 
     def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
         """Mark the squares of land and of the sea bed, and return notes on their number.
@@ -185,11 +231,8 @@ class FieldReader:
             land, by = np.zeros(self.grid.lon.shape, bool), ""
         elif self.mask is not None:
             land, by = ~self.mask.water, self.mask.name
-        elif (dry := ~(self.bed > 0)).any() and not dry.all():
-            land, by = dry, "the depth of the sea bed"
         else:
-            coast = self.coast or read_land()
-            land, by = coast.within(self.grid, unknown.any(axis=0)), coast.name
+            land, by = self._coast(unknown.any(axis=0))
         land = ~water & (bed | self.grid.closed[:, None] | (unknown & land))
         gaps = ~(water | land)
         if not gaps.any():

@@ -2,16 +2,19 @@
 
 import dataclasses
 import os
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
+from ...base.doubts import Doubt
 from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
+from .holes import fill_holes
 from .land import read_land
 from .netcdf import OceanFile
 from .sources import Source, open_source, source_name
@@ -88,7 +91,9 @@ def open_currents(
     - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts have errors of some kilometres.
-    - `gaps`: `"open"` for the rules above, or `"land"` if all squares without a velocity are land.
+    - `gaps`: `"open"` for the rules above; `"land"` if all squares without a velocity are land; or
+        `"fill"` to fill holes of up to nine squares, which the water encloses, with the velocity
+        around them.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -116,8 +121,8 @@ def open_currents(
     """
     if not 0 <= windage <= 1:
         raise ValueError(f"windage: expected a share from 0 to 1, got {windage}")
-    if gaps not in ("open", "land"):
-        raise ValueError(f"gaps: expected 'open' or 'land', got {gaps!r}")
+    if gaps not in ("open", "land", "fill"):
+        raise ValueError(f"gaps: expected 'open', 'land' or 'fill', got {gaps!r}")
     coast = None if land is None else read_land(land)
     with open_source(path, grid) as file:
         file, velocity = choose_velocity(file, variables)
@@ -131,6 +136,8 @@ def open_currents(
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
         field = FieldReader(file, velocity, cells, records, chosen, layers, coast, gaps).read(mean)
+        if gaps == "fill":
+            field = fill_holes(field)
         _check_positions(file, axes.lon, cells, field)
         shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [
@@ -157,6 +164,8 @@ def open_currents(
         "mean_of": len(records) if mean else 1,
         "coastline": "" if land is None else os.fspath(land),
     }
+    for doubt in field.doubts:
+        warnings.warn(f"{source_name(path)}: {doubt}", Doubt, stacklevel=2)
     field = dataclasses.replace(field, u=u, v=v)
     return _dataset(field, cells, chosen[:1] if mean else chosen, attributes)
 

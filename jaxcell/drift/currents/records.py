@@ -1,14 +1,16 @@
 """Records of several files as one dataset; each record is read from its file when it is used."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from ...base.doubts import Doubt
 from .axes.dimensions import axis_kind
 from .axes.times import read_times, time_variable
 from .netcdf import OceanFile
@@ -17,12 +19,18 @@ from .netcdf import OceanFile
 class _Records(BackendArray):
     """A variable of several files, joined along an axis."""
 
-    def __init__(self, parts: Sequence[xr.Variable], axis: int) -> None:
-        self.parts, self.axis = parts, axis
-        self.first = np.cumsum([0, *(part.shape[axis] for part in parts)])
+    def __init__(
+        self,
+        parts: Sequence[xr.Variable],
+        axis: int,
+        number: Int[np.ndarray, " records"],
+        place: Int[np.ndarray, " records"],
+    ) -> None:
+        """Join the records with the indices `place` in the `parts` with the indices `number`."""
+        self.parts, self.axis, self.number, self.place = parts, axis, number, place
         self.dtype = np.result_type(*(part.dtype for part in parts))
         shape = parts[0].shape
-        self.shape = (*shape[:axis], int(self.first[-1]), *shape[axis + 1 :])
+        self.shape = (*shape[:axis], number.size, *shape[axis + 1 :])
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         support = indexing.IndexingSupport.OUTER
@@ -32,9 +40,8 @@ class _Records(BackendArray):
         chosen = np.arange(self.shape[self.axis])[key[self.axis]]
         read = []
         for record in np.atleast_1d(chosen):
-            number = int(np.searchsorted(self.first, record, side="right")) - 1
-            place = (*key[: self.axis], int(record - self.first[number]), *key[self.axis + 1 :])
-            part = self.parts[number]
+            place = (*key[: self.axis], int(self.place[record]), *key[self.axis + 1 :])
+            part = self.parts[self.number[record]]
             read.append(part.isel(dict(zip(part.dims, place, strict=True))).values)
         if chosen.ndim == 0:
             return read[0]
@@ -45,8 +52,9 @@ class _Records(BackendArray):
 def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
     """Join files: sort records by time, and take other variables from the first file that has them.
 
-    Times become dates, because the files may count times from different dates. Variables that some
-    records lack are left out.
+    A record in several files, such as of forecasts that overlap, is taken from the file that begins
+    last. Times become dates, because the files may count times from different dates. Variables that
+    some records lack are left out.
     """
     joined = OceanFile(name, xr.Dataset())
     fixed: dict[str, xr.Variable] = {}
@@ -69,11 +77,14 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
         raise joined.error("time", f"expected one dimension and calendar, got {', '.join(dates)}")
     [(dim, of_files)] = dates.items()
     times = np.unique(np.concatenate(of_files))
-    whole = {}
+    whole, doubts = {}, set()
     for name, parts in moving.items():
-        variable = _joined(joined, name, dim, parts)
+        variable, doubt = _joined(joined, name, dim, parts)
         if variable.sizes[dim] == times.size:
             whole[name] = variable
+            doubts.add(doubt)
+    for doubt in doubts - {""}:
+        warnings.warn(f"{joined.name}: {doubt}", Doubt, stacklevel=2)
     if not whole:
         raise joined.error(
             "time",
@@ -93,17 +104,13 @@ def _joined(
     name: str,
     dim: str,
     parts: list[tuple[Shaped[np.ndarray, " _records"], xr.Variable]],
-) -> xr.Variable:
-    """Join the parts of a variable, each with its times, in chronological order."""
-    parts = sorted(parts, key=lambda part: part[0][0])
-    times = np.concatenate([part[0] for part in parts])
-    again = times[1:] <= times[:-1]
-    if again.any():
-        k = int(again.argmax())
-        raise file.error(
-            name,
-            f"expected records in order from file to file, got {times[k + 1]} after {times[k]}",
-        )
+) -> tuple[xr.Variable, str]:
+    """Join the parts of a variable, each with its times, in chronological order.
+
+    **Returns:** the variable, and a doubt if parts with different beginnings overlap, or "".
+    """
+    # Of parts that begin together the longest comes last, and its records are used.
+    parts = sorted(parts, key=lambda part: (part[0][0], part[0].size))
     variables = [part[1] for part in parts]
     first = variables[0]
     for other in variables:
@@ -111,6 +118,33 @@ def _joined(
             raise file.error(
                 name, f"expected one shape, got {dict(first.sizes)} and {dict(other.sizes)}"
             )
+    times = np.unique(np.concatenate([part[0] for part in parts]))
+    number, place = np.full(times.size, -1), np.zeros(times.size, int)
+    begin, doubt = None, ""
+    for k, (own, variable) in enumerate(parts):
+        at = np.searchsorted(times, own)
+        if (odd := np.diff(at) != 1).any():
+            i = int(odd.argmax())
+            between = own[i + 1] if at[i + 1] <= at[i] else times[at[i] + 1]
+            raise file.error(
+                name,
+                f"expected records in order from file to file, got {between} after {own[i]}",
+            )
+        if (again := number[at] >= 0).any() and own[0] == begin:
+            last = int(np.flatnonzero(again)[-1])
+            before = variables[number[at[last]]].isel({dim: int(place[at[last]])})
+            if not before.equals(variable.isel({dim: last})):
+                raise file.error(
+                    name,
+                    f"two files that begin at {begin} have different values at {own[last]}; "
+                    "expected files of one model run, or runs that begin one after the other",
+                )
+        elif again.any():
+            doubt = (
+                f"records until {own[again][-1]} are in more than one file; those of the file that "
+                "begins last are used"
+            )
+        number[at], place[at], begin = k, np.arange(at.size), own[0]
     axis = first.dims.index(dim)
-    data = indexing.LazilyIndexedArray(_Records(variables, axis))
-    return xr.Variable(first.dims, data, first.attrs)
+    data = indexing.LazilyIndexedArray(_Records(variables, axis, number, place))
+    return xr.Variable(first.dims, data, first.attrs), doubt

@@ -40,7 +40,7 @@ def source_name(source: Source) -> str:
     """Return the name of a source in results: its file names, without folders."""
     if isinstance(source, xr.Dataset):
         return Path(str(source.encoding.get("source", "dataset"))).name
-    return _joined([Path(path).name for path in _paths(source)])
+    return _joined([Path(path).name for path in paths_of(source)])
 
 
 def _joined(names: Sequence[str]) -> str:
@@ -49,7 +49,7 @@ def _joined(names: Sequence[str]) -> str:
     return f"{names[0]} to {names[-1]} ({len(names)} files)"
 
 
-def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
+def paths_of(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
     """List the paths of a source; the matches of a pattern are sorted by name."""
     several = [source] if isinstance(source, str | os.PathLike) else source
     paths = [path for pattern in several for path in existing(pattern)]
@@ -63,7 +63,7 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
         # The names of scalar coordinates, such as a depth, are written to attributes as in a file.
         variables, attributes = xr.conventions.encode_dataset_coordinates(source)
         return OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes))
-    files = [_opened_alone(path, stack) for path in _paths(source)]
+    files = [_opened_alone(path, stack) for path in paths_of(source)]
     if len(files) == 1:
         return files[0]
     clashing = _clashing_positions(files)

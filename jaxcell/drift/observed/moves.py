@@ -122,7 +122,7 @@ def boxes(
         >>> import numpy as np
         >>> from jaxcell import drift
         >>> lon, none = np.array([179.5, -179.5, -178.5]), np.zeros(3)
-        >>> seen = drift.Trajectories.of(lon, none + 0.5, np.arange(3.0), none.astype(int))
+        >>> seen = drift.Trajectories.of(lon, none + 0.5, 86400 * np.arange(3.0), none.astype(int))
         >>> water = drift.boxes(seen, 1.0)
         >>> water.cells, water.lon.tolist()
         (3, [[179.5, -179.5, -178.5]])
@@ -203,9 +203,9 @@ def count_moves(
         >>> import numpy as np
         >>> from jaxcell import drift
         >>> lon, number = np.array([0.5, 1.5, 2.5, 0.5, 0.5]), np.repeat([0, 1], [3, 2])
-        >>> time = 3600.0 * np.array([0, 1, 2, 0, 1])
+        >>> time = 86400.0 * np.array([0, 1, 2, 0, 1])
         >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
-        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 3600.0)
+        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 86400.0)
         >>> moves.begin.tolist(), moves.end.tolist(), moves.chain.to_scipy().toarray().tolist()
         ([0, 1, 0], [1, -1, 0], [[0.5, 0.5], [0.0, 0.0]])
     """
@@ -258,9 +258,9 @@ def bootstrap(
         >>> import numpy as np
         >>> from jaxcell import drift
         >>> lon = np.stack([np.full(100, 0.5), 0.5 + (np.arange(100) < 60)], axis=1).ravel()
-        >>> time, number = np.tile([0.0, 60.0], 100), np.arange(100).repeat(2)
+        >>> time, number = np.tile([0.0, 86400.0], 100), np.arange(100).repeat(2)
         >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
-        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 60.0)
+        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 86400.0)
         >>> leaving = drift.bootstrap(moves, lambda chain: chain.leaving[0])
         >>> round(float(leaving.value), 3), round(float(leaving.error), 2)
         (0.6, 0.05)

@@ -137,7 +137,7 @@ class ObservedDrift(SeaLayers):
     def estimates_name(self) -> np.ndarray:
         sets = self.nearly_closed_sets
         ranks = [] if sets is None else sets.rank.tolist()
-        of_sets = [f"{name} of set {k}" for name in ("leakage", "hours") for k in ranks]
+        of_sets = [f"leakage of set {k}" for k in ranks]
         return np.array([*_OF_ALL[:-1], f"{_OF_ALL[-1]} {self.when}", *of_sets])
 
     estimates_value = _of_all("value", "value")
@@ -174,8 +174,8 @@ def _answers(
 ) -> Float[np.ndarray, "answers"]:
     """Compute the estimates from a chain whose steps last `lag` seconds, as one array.
 
-    The array has what `_OF_ALL` names; the leakages of the sets, and their hours; and for each cell
-    whether it is persistent, its absorption time, and its share of the drifters after `after`."""
+    The array has what `_OF_ALL` names; the leakages of the sets; and for each cell whether it is
+    persistent, its absorption time, and its share of the drifters after `after`."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600
@@ -185,22 +185,15 @@ def _answers(
         later = push_on_host(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
     median = np.median(hours[~persistent]) if not persistent.all() else 0.0
     whole = [groups.count, persistent.sum(), median, max(0.0, round(1 - later.sum(), 12))]
-    of_sets = () if sets is None else _leakage(chain, sets, lag)
-    return np.concatenate([whole, *of_sets, persistent, hours, later.clip(0)])
+    of_sets = np.zeros(0) if sets is None else _leakage(chain, sets)
+    return np.concatenate([whole, of_sets, persistent, hours, later.clip(0)])
 
 
-def _leakage(
-    chain: Chain, sets: ClosedSets, lag: float
-) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
-    """Compute the leakage of nearly closed sets from a chain of resampled drifters.
-
-    **Returns:** the leakage of each set, and the hours until a share 1/e of the drifters is left in
-    it.
-    """
+def _leakage(chain: Chain, sets: ClosedSets) -> Float[np.ndarray, "sets"]:
+    """Compute the leakage of nearly closed sets from a chain of resampled drifters."""
     (water,), (closed,) = sets.waters, sets.layers
     inside = closed.begin == np.arange(closed.count)[:, None]
     begin = inside * water.sides.prod(axis=0)
     begin /= begin.sum(axis=1, keepdims=True)
-    later = np.stack([push_on_host(chain, share, closed.steps) for share in begin])
-    leakage = (1 - (later * inside).sum(axis=1)).clip(0)
-    return leakage, dataclasses.replace(closed, leakage=leakage).time * (lag / 3600)
+    later = [push_on_host(chain, share, closed.steps) for share in begin]
+    return np.array([1 - after[at].sum() for after, at in zip(later, inside, strict=True)]).clip(0)

@@ -3,19 +3,25 @@
 import dataclasses
 import os
 import re
+import warnings
 from pathlib import Path
 
+import cftime
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from ...base.doubts import Doubt
 from ...base.paths import replacing
+from ...base.process import library_writes
 from ..currents.axes.times import SECONDS
+from ..currents.component import FASTEST_CURRENT
 from ..currents.conventions import Role, find
 from ..currents.netcdf import OceanFile
 from ..currents.parquet import write_parquet
-from ..currents.sources import Source, open_source, source_name
+from ..currents.sources import Source, open_source, paths_of, source_name
 from ..currents.sphere import wrapped
+from .possible import possible_observations
 
 
 _ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
@@ -81,7 +87,12 @@ class Trajectories:
         since: str = "",
         drogued: Bool[np.ndarray, "observations"] | None = None,
     ) -> "Trajectories":
-        """Sort observations, and leave out invalid and repeated observations.
+        """Sort observations, and leave out invalid, repeated and impossible observations.
+
+        An observation is impossible if the drifter would have to move at more than 10 m/s between
+        it and the longest possible part of the track, beyond an error of 1 km of its position, or
+        if it rests at exactly 0 N 0 E, as the fixes of a receiver without satellites do. A warning
+        of the class `jaxcell.base.doubts.Doubt` says how many there are.
 
         **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
         with gaps.
@@ -90,11 +101,26 @@ class Trajectories:
         order = known[np.lexsort((time[known], drifter[known]))]
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
-        _, number = np.unique(drifter[new], return_inverse=True)
-        number = number.astype(np.int64)
         drogued = None if drogued is None else drogued[order][new]
-        places = wrapped(lon[new]), lat[new], time[new], number
-        return cls(*places, source, since, drogued)
+        lon, lat, time, drifter = wrapped(lon[new]), lat[new], time[new], drifter[new]
+        possible = possible_observations(lon, lat, time, drifter)
+        if not possible.all():
+            first = int(possible.argmin())
+            doubt = (
+                f"{source}: {np.sum(~possible):,} of {possible.size:,} observations are left out, "
+                f"which drifters could reach only at more than {FASTEST_CURRENT:g} m/s, or which "
+                f"rest at exactly 0 N 0 E; the first is at {lat[first]:g} N, {lon[first]:g} E"
+            )
+            warnings.warn(doubt, Doubt, stacklevel=2)
+        number = np.unique(drifter, return_inverse=True)[1].astype(np.int64)
+        return cls(lon, lat, time, number, source, since, drogued)._selected(possible)
+
+    def _selected(self, chosen: Bool[np.ndarray, "observations"]) -> "Trajectories":
+        """Select observations, and number their drifters from 0."""
+        fields = self.lon[chosen], self.lat[chosen], self.time[chosen]
+        number = np.unique(self.drifter[chosen], return_inverse=True)[1].astype(np.int64)
+        drogued = None if self.drogued is None else self.drogued[chosen]
+        return Trajectories(*fields, number, self.source, self.since, drogued)
 
     def with_drogue(self, kept: bool) -> "Trajectories":
         """Select the observations of drifters with their drogue if `kept`, else of those without.
@@ -111,8 +137,7 @@ class Trajectories:
             raise ValueError(
                 f"{self.source}: no drifter {'had' if kept else 'had lost'} its drogue"
             )
-        fields = self.lon[chosen], self.lat[chosen], self.time[chosen], self.drifter[chosen]
-        return Trajectories.of(*fields, self.source, self.since, self.drogued[chosen])
+        return self._selected(chosen)
 
     def dataset(self) -> xr.Dataset:
         """Return a dataset in the CF convention for trajectories, as a contiguous ragged array.
@@ -168,7 +193,8 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
             owner = seen.drifter, {"cf_role": "trajectory_id"}
             write_parquet(temporary, {**columns, "particle_id": owner})
         else:
-            seen.dataset().to_netcdf(temporary, engine="netcdf4")
+            with library_writes(os.path.basename(path)):
+                seen.dataset().to_netcdf(temporary, engine="netcdf4")
 
 
 def open_trajectories(path: Source) -> Trajectories:
@@ -176,7 +202,8 @@ def open_trajectories(path: Source) -> Trajectories:
 
     A file has a matrix of drifters by observations, with common or separate times; or the
     concatenated observations of the drifters, with the number of observations per drifter (a ragged
-    array); or the drifter of each observation.
+    array); or the drifter of each observation. Several files are read one by one; drifters of
+    different files are different drifters, even if their labels are equal.
 
     **Arguments:**
 
@@ -199,7 +226,30 @@ def open_trajectories(path: Source) -> Trajectories:
         >>> seen.drifters, seen.lon.round(6).tolist(), seen.time.tolist()
         (2, [4.0, 4.1, 4.2, 5.0, 5.1], [0.0, 3600.0, 7200.0, 0.0, 3600.0])
     """
-    with open_source(path) as file:
+    sources = [path] if isinstance(path, xr.Dataset) else paths_of(path)
+    parts = [_observations(source) for source in sources]
+    columns = [part for part, _ in parts]
+    first = 0
+    for column in columns:
+        column["drifter"] = column["drifter"] + first
+        first = int(column["drifter"].max(initial=first - 1)) + 1
+    dates = [since for _, since in parts]
+    since = dates[0] if all(dates) else ""
+    if since:
+        for column, date in zip(columns, dates, strict=True):
+            column["time"] = column["time"] + _seconds_between(since, date)
+    name, known = source_name(path), [column for column in columns if "drogued" in column]
+    if 0 < len(known) < len(columns):
+        some = f"{len(known)} of {len(columns)} files"
+        warnings.warn(f"{name}: the drogue is known in {some}, and not used", Doubt, stacklevel=2)
+    fields = set.intersection(*(set(column) for column in columns))
+    joined = {field: np.concatenate([column[field] for column in columns]) for field in fields}
+    return Trajectories.of(**joined, source=name, since=since)
+
+
+def _observations(source: str | xr.Dataset) -> tuple[dict[str, np.ndarray], str]:
+    """Read the observations of one file, and the date from which it counts seconds, or ""."""
+    with open_source(source) as file:
         read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
         lon, time = read["lon"], read["time"]
         drifter = _drifters(file, lon, time)
@@ -223,7 +273,15 @@ def open_trajectories(path: Source) -> Trajectories:
         flat = {role: array.transpose(*lon.dims).values.ravel() for role, array in full.items()}
         dated = re.search(r" since (.+)", str(time.attrs.get("units", "")))
         since = "1970-01-01" if time.dtype.kind == "M" else dated[1].strip() if dated else ""
-        return Trajectories.of(**flat, source=source_name(path), since=since)
+        return flat, since
+
+
+def _seconds_between(first: str, second: str) -> float:
+    """Return the seconds from one date of units of time to another."""
+    if first == second:
+        return 0.0
+    dates = [cftime.num2date(0, f"seconds since {date}") for date in (first, second)]
+    return float((dates[1] - dates[0]).total_seconds())
 
 
 def _field(file: OceanFile, role: Role) -> str:

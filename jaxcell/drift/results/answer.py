@@ -22,8 +22,9 @@ _NAMED_SHARE = 0.005
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
     """Summarize the results of the first layer in a few lines."""
-    lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
-    lines += [_groups(drift), _reach(drift), _diffusion(drift)]
+    lines = [_beyond(drift), _whole_steps(drift)]
+    lines += [_gathering(drift), _leaving(drift), _certainty(drift)]
+    lines += [_diffusion(drift), _forever(drift), _reach(drift)]
     return tuple(line for line in lines if line is not None)
 
 
@@ -44,6 +45,18 @@ def _beyond(drift: "SeaDrift") -> str | None:
     return f"{begins}, as if the current repeated itself after them{period}."
 
 
+def _whole_steps(drift: "SeaDrift") -> str | None:
+    """Explain why the answer is not for the time asked for; `None` if it is."""
+    wanted, hours = drift.until, drift.asked_hours
+    if wanted is None or in_time(hours) == in_time(wanted):
+        return None
+    steps, step = round(3600 * hours / drift.step), in_time(drift.step / 3600)
+    return (
+        f"The answer is for {in_time(hours)}, not {in_time(wanted)}: {steps:,} whole steps of "
+        f"{step}; --duration sets the step."
+    )
+
+
 def _gathering(drift: "SeaDrift") -> str:
     """Describe the shares of drifters in nearly closed sets and off the map at `asked_hours`."""
     surface = drift.layers[0]
@@ -54,14 +67,13 @@ def _gathering(drift: "SeaDrift") -> str:
     if sets is None or not sets.layers[0].count:
         return f"{where} {share.sum():.0%} are on the map, and {gone}."
     label, parts = sets.labels[0], []
-    shown = min(sets.layers[0].count, _NAMED)
-    leakage = 1 - (1 - sets.leakage) ** (24 / sets.window_hours)
+    shown, window = min(sets.layers[0].count, _NAMED), in_time(sets.window_hours)
     for number in range(shown):
         place = _place(float(sets.lon[number]), float(sets.lat[number]))
         held = float(share[label == number].sum())
         parts.append(
-            f"{held:.0%} in set {sets.rank[number]} around {place} (which loses "
-            f"{leakage[number]:.1%} a day)"
+            f"{held:.0%} in set {sets.rank[number]} around {place} (of its own drifters "
+            f"{sets.leakage[number]:.1%} are outside it after {window})"
         )
     listed = "; ".join(parts)
     elsewhere = share.sum() - share[(label >= 0) & (label < shown)].sum()
@@ -69,7 +81,7 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Describe the shares of drifters that left the map, as simulated and as the chain predicts."""
+    """Describe the shares that left the map of drifters that are released in all cells."""
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
         f"{1 - of.replay.share(hour, cells).sum():.0%} after {in_time(hour)}"
@@ -80,32 +92,42 @@ def _leaving(drift: "SeaDrift") -> str:
     times += [
         f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
     ]
-    ways = zip(drift.exit, drift.layers[0].mean_by_way, strict=True)
-    out = [f"{name} {share:.0%}" for name, share in ways if share >= _NAMED_SHARE]
-    end = f"; in the end by the map: {', '.join(out)}" if out else ""
-    return f"What leaves the map: {', '.join(times)}{end}."
+    return f"What leaves the map: {', '.join(times)}."
 
 
 def _certainty(drift: "SeaDrift") -> str:
     """Describe the difference between the distributions of the map and of simulated drifters."""
-    of = drift.layers[0].compared
-    trios = zip(of.hours.tolist(), of.total_variation, of.noise, strict=True)
-    times = [
-        f"{wrong:.0%} after {in_time(hour)} (by chance {noise:.1%})" for hour, wrong, noise in trios
-    ]
-    test = drift.markov_test
-    sets = (
-        "" if test is None else f"; shares that stay in a set are wrong by up to {test.apart:.0%}"
+    surface, test = drift.layers[0], drift.markov_test
+    of, by = surface.compared, surface.by_release
+
+    def wrong(variation: np.ndarray, noise: np.ndarray) -> str:
+        trios = zip(of.hours.tolist(), variation, noise, strict=True)
+        return ", ".join(
+            f"{share:.0%} after {in_time(hour)} (by chance {chance:.1%})"
+            for hour, share, chance in trios
+        )
+
+    one = wrong(*(np.median(shares, axis=0) for shares in (by.total_variation, by.noise)))
+    where = (
+        "at the start" if drift.start is not None else f"in one of {by.cells.size} cells, median"
     )
-    return f"How sure: the map has drifters in a wrong cell, {', '.join(times)}{sets}."
+    sets = (
+        ""
+        if test is None or not test.hours.size
+        else f"; shares that stay in a set are wrong by up to {test.apart:.0%}"
+    )
+    return (
+        f"How sure: the map has drifters in a wrong cell: released {where}, {one}; released "
+        f"everywhere, {wrong(of.total_variation, of.noise)}{sets}."
+    )
 
 
-def _groups(drift: "SeaDrift") -> str:
-    """Describe how the number of groups and the time to reach them depend on a step's duration."""
+def _forever(drift: "SeaDrift") -> str:
+    """Describe groups, times to reach them and ways out, without a limit of time."""
     surface = drift.layers[0]
     count = surface.persistent_groups
-    text = f"{count:,} persistent group{'s' * (count != 1)}"
-    if drift.until is None and surface.transient_hours.size:
+    text = f"{_always(drift)}: {count:,} persistent group{'s' * (count != 1)}"
+    if surface.transient_hours.size:
         text += f", {in_time(surface.median_hours)} to a group or off the map (median)"
     duration, groups = drift.sensitivity_duration, drift.sensitivity_groups
     if duration is not None and groups is not None and drift.sensitivity_median_hours is not None:
@@ -117,20 +139,31 @@ def _groups(drift: "SeaDrift") -> str:
             if not np.isclose(seconds, drift.step)
         ]
         text += f" by a step of {in_time(drift.step / 3600)}; {'; '.join(other)}"
-    return f"{text}."
+    ways = zip(drift.exit, surface.mean_by_way, strict=True)
+    out = [f"{name} {share:.0%}" for name, share in ways if share >= _NAMED_SHARE]
+    return f"{text}; ways out of the map: {', '.join(out)}." if out else f"{text}."
+
+
+def _always(drift: "SeaDrift") -> str:
+    """Describe the current without a limit of time."""
+    steady = drift.layers[0].by.period is None
+    return f"If the {'mean current lasts' if steady else 'records repeat'} forever"
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Describe the shares of cells that 1, 2, 5, ... drifters may visit; `None` for large maps."""
+    """Describe the shares of cells that 1, 2, ... drifters can ever reach; `None` if unknown."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size
     counts = [count for count in _FEW if curve.covered[min(count, last) - 1] < curve.covered[-1]]
     shares = [
-        f"{count:,} reach{'es' * (count == 1)} {curve.covered[count - 1] / cells:.0%}"
+        f"from {count:,} cell{'s' * (count != 1)} {curve.covered[count - 1] / cells:.0%}"
         for count in [*counts[:4], last]
     ]
-    return f"Drifters to drop: {', '.join(shares)} of the cells."
+    return (
+        f"{_always(drift)}, drifters can ever reach, with any probability and after any time: "
+        f"{', '.join(shares)} of the cells."
+    )
 
 
 def _diffusion(drift: "SeaDrift") -> str | None:

@@ -5,17 +5,16 @@ import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from ...base.certificate import Outcome
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
 from ...mapping import Chain
 from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
+from ...markov.hitting import absorption
 from ...markov.transient import Transient
 from ..behaviour import LongTermBehaviour
 from ..maps import EXITS
@@ -74,45 +73,45 @@ class Ends(Result):
     def multiple_domicile_cells(self) -> int:
         return self.transient_hours.size - self.single_domicile_cells
 
-    @_time("", "time to a group or off the map, transient cells, mean")
+    @_time("", "in the long run: time to a group or off the map, mean")
     def mean_hours(self) -> float:
         return float(self.transient_hours.mean()) if self.transient_hours.size else 0.0
 
-    @_time("", "time to a group or off the map, transient cells, median")
+    @_time("", "in the long run: time to a group or off the map, median")
     def median_hours(self) -> float:
         return float(np.median(self.transient_hours)) if self.transient_hours.size else 0.0
 
-    @_time("", "time to a group or off the map, transient cells, longest")
+    @_time("", "in the long run: time to a group or off the map, longest")
     def longest_hours(self) -> float:
         return float(self.transient_hours.max(initial=0.0))
 
     @derived("", "whether these times are certified", kind="flag")
     def times_certified(self) -> bool:
         solves = [layer.behaviour.absorption.certificate for layer in self._layers]
-        return all(solve.outcome is Outcome.CONVERGED for solve in solves)
+        return all(solve.converged for solve in solves)
 
     @derived("", "cells that take almost forever", kind="count")
     def almost_for_ever_cells(self) -> int:
         return sum(int(layer.almost_forever.sum()) for layer in self._layers)
 
-    @_probability("", "probability of leaving the map, mean")
+    @_probability("", "in the long run: share that leaves the map")
     def mean_leaving(self) -> float:
         return float(self._mean([layer.mean_by_way.sum() for layer in self._layers]))
 
-    @_probability("", "probability of leaving into sea without data, mean")
+    @_probability("", "in the long run: share that leaves into sea without data")
     def mean_leaving_into_gaps(self) -> float | None:
         return self._left_by(0) if self.gap_squares else None
 
-    @_probability("", "probability of leaving off the edge of the grid, mean")
+    @_probability("", "in the long run: share that leaves off the edge of the grid")
     def mean_leaving_off_edge(self) -> float | None:
         return self._left_by(slice(2, None))
 
-    @_probability("", "probability of stranding on land, mean")
+    @_probability("", "in the long run: share that strands on land")
     def mean_stranding(self) -> float | None:
         strand = any(layer.water.coast == "strand" for layer in self._layers)
         return self._left_by(1) if strand else None
 
-    @_probability("exit", "probability of leaving by it, mean", listed=True)
+    @_probability("exit", "share that ever leaves by it", listed=True)
     def mean_leaving_by_way(self) -> Float[np.ndarray, "exits"] | None:
         by_way = [layer.mean_by_way for layer in self._layers]
         return self._mean(by_way) if self._knows_exits else None
@@ -181,7 +180,7 @@ class LayerEnds(Ends):
         if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):
             return None
         ends = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
-        return ends if ends.certificate.outcome is Outcome.CONVERGED else None
+        return ends if ends.certificate.converged else None
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "exits states"]:
@@ -233,10 +232,8 @@ class LayerEnds(Ends):
         stay = scipy.sparse.eye_array(count)
         chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
         group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
-        group = jax.device_put(group.astype(np.int32))
-        ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
-        solved = absorption_probabilities(chain, ends, throw=False)
-        if solved.certificate.outcome is not Outcome.CONVERGED:
+        solved = absorption(chain, group, 1 + count, throw=False)
+        if not solved.certificate.converged:
             return np.where(possible[:, None] & (sure != 0), np.nan, 0.0)
         return np.asarray(solved.value)[1:, :cells]
 
@@ -249,7 +246,7 @@ class LayerEnds(Ends):
             return by_cell
         transient = np.asarray(behaviour.groups.group) < 0
         part = Transient.of(behaviour.unrolled.to_scipy(), transient)
-        visits, _ = part.visits((part.cells < cells) / cells)
+        visits, _, _ = part.visits((part.cells < cells) / cells)
         mean = self.exits[:, part.cells[part.branching]] @ visits
         # If an eddy almost traps drifters, 64-bit numbers are too inaccurate.
         known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY

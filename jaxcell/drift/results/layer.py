@@ -1,7 +1,7 @@
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,6 +10,7 @@ from ...base.formatting import in_time
 from ...base.quantities import derived, from_part
 from ...mapping import Chain, ChainSequence
 from ..behaviour import long_term_behaviour
+from ..currents.holes import MOST, holes
 from ..flow import Flow
 from ..maps import drift_maps, exit_shares
 from ..step import METHODS, DriftStep
@@ -26,6 +27,7 @@ from ..validation.distance import (
     whole_days,
 )
 from ..validation.markov_test import MarkovTest
+from ..validation.release import ReleaseDistance, release_distance, typical_cells
 from ..water import Water
 from .ends import Ends, LayerEnds
 
@@ -44,13 +46,34 @@ class Compared(Ends):
     def asked_hours(self) -> float:
         return float(self.compared_hours[-1])
 
-    @derived("", "drifters that the map has in a wrong cell then", kind="share")
+    @derived("", "in a wrong cell of the map then, released everywhere", kind="share")
     def distance(self) -> float:
         return float(self.distance_by_time[-1])
 
     @derived("", "the same by chance, because drifters are finite", kind="share")
     def distance_noise(self) -> float:
         return max(float(distance.noise[-1]) for distance in self._distances)
+
+    @property
+    def _releases(self) -> "list[ReleaseDistance]":
+        layers: Any = self._layers
+        started = [layer for layer in layers if layer.release is not None]
+        return [layer.by_release for layer in started or layers]
+
+    @derived("", "the same, released in one cell (start, or median of nine)", kind="share")
+    def release_distance(self) -> float:
+        return float(self.release_distance_by_time[-1])
+
+    @derived("", "the same by chance, released in one cell", kind="share")
+    def release_distance_noise(self) -> float:
+        return max(float(np.median(one.noise[:, -1])) for one in self._releases)
+
+    @_at_times(
+        "drifters that the map has in a wrong cell after these times, released in one cell",
+        kind="share",
+    )
+    def release_distance_by_time(self) -> Float[np.ndarray, "times"]:
+        return np.max([np.median(one.total_variation, axis=0) for one in self._releases], axis=0)
 
     @derived("", "drifters that left the map then", kind="share")
     def drifters_left(self) -> float:
@@ -64,7 +87,10 @@ class Compared(Ends):
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
-    @_at_times("drifters that the map has in a wrong cell after these times", kind="share")
+    @_at_times(
+        "drifters that the map has in a wrong cell after these times, released everywhere",
+        kind="share",
+    )
     def distance_by_time(self) -> Float[np.ndarray, "times"]:
         return np.max([distance.total_variation for distance in self._distances], axis=0)
 
@@ -97,7 +123,10 @@ class Layer(LayerEnds, Compared):
         (538, 3, 1.0)
     """
 
-    brief: ClassVar = ("depth", "cells", "persistent_groups", "distance", "median_hours")
+    brief: ClassVar = (
+        *("depth", "cells", "distance", "release_distance"),
+        *("persistent_groups", "median_hours"),
+    )
 
     _ashore: ClassVar[Mapping[str, str]] = {
         "hold": "are held at the coast",
@@ -117,6 +146,8 @@ class Layer(LayerEnds, Compared):
     "The distance between the map and simulated drifters; `None` to compute it when needed."
     asked: float | int | None = None
     "The time of interest, in hours; by default the median absorption time, in whole days."
+    release: int | None = None
+    "The cell in which drifters are released; `None` for some cells, spread evenly."
 
     @classmethod
     def of(
@@ -128,17 +159,19 @@ class Layer(LayerEnds, Compared):
         by: Flow | None = None,
         made: tuple[Chain | ChainSequence, Distance] | None = None,
         asked: float | int | None = None,
+        say: Callable[..., None] = lambda *_: None,
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
         The map is made from the flow `by`: by default the flow itself if it is periodic, and
         otherwise the mean of its records. `made` contains the map and its distance from drifters if
-        the caller has computed them. `asked` is the time of interest in hours.
+        the caller has computed them. `asked` is the time of interest in hours. `say` is called
+        with the name of a stage, the number of maps that are done, and their total.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))
         duration = float(step.duration or 0)
-        chain, distance = made or (drift_maps(water, by, step), None)
+        chain, distance = made or (drift_maps(water, by, step, say=say), None)
         behaviour = long_term_behaviour(chain, duration)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
@@ -156,8 +189,20 @@ class Layer(LayerEnds, Compared):
     def _compared(
         self, maps: Sequence[tuple[Chain | ChainSequence, float]]
     ) -> tuple[Distance, ...]:
+        return distances(self.water, self.flow, maps, hours=self._times)
+
+    @property
+    def _times(self) -> tuple[float, ...]:
         asked = whole_days(self.transient_hours) if self.asked is None else self.asked
-        return distances(self.water, self.flow, maps, hours=compared_hours(asked))
+        return compared_hours(asked)
+
+    @functools.cached_property
+    def by_release(self) -> ReleaseDistance:
+        """The distance between the map and drifters that are released in single cells."""
+        cells = typical_cells(self.water) if self.release is None else np.array([self.release])
+        chain, duration = self.behaviour.chain, self.behaviour.duration
+        times = self.compared.hours.tolist()
+        return release_distance(self.water, self.flow, chain, duration, cells, times)
 
     @functools.cached_property
     def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
@@ -216,7 +261,7 @@ class Layer(LayerEnds, Compared):
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
 
-    @_at_times("drifters that the map has in a wrong cell", kind="share")
+    @_at_times("drifters that the map has in a wrong cell, released everywhere", kind="share")
     def compared_distance(self) -> Float[np.ndarray, "times"]:
         return self.compared.total_variation
 
@@ -234,6 +279,14 @@ class Layer(LayerEnds, Compared):
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
             instead = " or ".join(advice[name] for name in self.remedies or ())
             remarks.append(f"{at} {self.warning}{instead and f'; take {instead}'}.")
+        _, size = holes(self.water.gaps, self.water.number >= 0)
+        if size.size:
+            small = int(size[size <= MOST].sum())
+            fill = f"--gaps fill fills {small:,} of them, and " if small else ""
+            remarks.append(
+                f"{at} drifters leave the map through {size.sum():,} squares without data inside "
+                f"the water, in {size.size:,} holes; {fill}--gaps land takes all for land."
+            )
         if ashore := self.diagnosis.ashore:
             remarks.append(
                 f"{at} the current runs ashore at {ashore} of {self.persistent_groups} persistent "
@@ -241,8 +294,8 @@ class Layer(LayerEnds, Compared):
             )
         if (far := self.compared).worst > FAR:
             remarks.append(
-                f"{at} after {in_time(far.worst_hours)} the map has {far.worst:.0%} of drifters in "
-                f"a wrong cell; {self._instead}."
+                f"{at} after {in_time(far.worst_hours)} the map has {far.worst:.0%} of drifters "
+                f"that are released everywhere in a wrong cell; {self._instead}."
             )
         return (*remarks, *super().remarks)
 

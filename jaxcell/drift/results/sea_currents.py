@@ -103,7 +103,9 @@ class SeaCurrents(SeaLayers, Compared):
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[1]
 
-    @derived("other_step", "time to a group or off the map, median", "h", kind="time")
+    @derived(
+        "other_step", "in the long run: time to a group or off the map, median", "h", kind="time"
+    )
     def sensitivity_median_hours(self) -> Float[np.ndarray, "steps"] | None:
         if self._by_other_steps is None:
             return None
@@ -165,7 +167,9 @@ class SeaCurrents(SeaLayers, Compared):
             return None
         return self._on_squares(lambda layer: layer.by_cell[number])  # type: ignore[attr-defined]
 
-    compared_distance = _by_time("total_variation", "drifters that the map has in a wrong cell")
+    compared_distance = _by_time(
+        "total_variation", "drifters that the map has in a wrong cell, released everywhere"
+    )
     compared_noise = _by_time("noise", "the same by chance, because drifters are finite")
     compared_drifters_left = _by_time("drifters_left", "drifters that left the map")
     compared_map_left = _by_time("map_left", "drifters that left, by the map of cells")

@@ -19,6 +19,7 @@ from ..deployment import (
     Deployment,
     VisibleDeployment,
     coverage_curve,
+    coverage_seconds,
     deployment_cells,
     minimum_deployment,
     visible_deployment,
@@ -33,15 +34,14 @@ from ..voyage import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
 from .answer import answer
 from .layer import Layer
+from .remarks import remarks_on
 from .sea_currents import SeaCurrents
 from .sea_layers import positions
 from .sea_voyage import SeaVoyage
 
 
-# The largest number of cells times phases for which the coverage curve takes seconds.
-_MAX_FOR_CURVE = 20_000
-# The largest number of remarks that are shown.
-_MAX_REMARKS = 4
+# The longest time in seconds in which parts of a result are computed without a request.
+LONGEST = 60.0
 _SQUARES = "layer y x"
 _index = functools.partial(from_part, kind="index")
 _count = functools.partial(from_part, kind="count")
@@ -69,11 +69,10 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("asked_hours", "distance", "compared_cells"),
+        *("asked_hours", "distance", "release_distance", "compared_cells"),
+        *("coast", "cells", "step", "period_hours", "diffusivity", "views_least", "view"),
         *("persistent_groups", "mean_leaving", "mean_leaving_into_gaps", "mean_leaving_off_edge"),
-        *("mean_stranding", "coast"),
-        *("median_hours", "cells", "step", "period_hours", "diffusivity"),
-        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+        *("mean_stranding", "median_hours", "reached_cells", "reached_cells_at_any_depth"),
     )
     largest: ClassVar[int] = 2_500_000
     "The number of cells times phases above which solves would take minutes."
@@ -125,7 +124,7 @@ class SeaDrift(SeaCurrents):
         start: int | None = None,
         reach: float | None = None,
         seconds: float | int | None = None,
-        mean: bool = False,
+        mean: bool | None = None,
         backward: bool = False,
         diffusivity: float | int = 0.0,
         until: float | int | None = None,
@@ -136,8 +135,7 @@ class SeaDrift(SeaCurrents):
 
         A current of several records changes from record to record, and repeats itself after the
         last one. There is a map for each phase of the period, and groups and times are for drifters
-        that are released at the first record. If the maps do not fit into memory, or cells times
-        phases exceed 2.5 million, the mean of the records is used instead, and `remarks` say so.
+        that are released at the first record.
 
         **Arguments:**
 
@@ -149,12 +147,17 @@ class SeaDrift(SeaCurrents):
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the radius of the disc of the sea bed that a camera sees, in metres.
         - `seconds`: the time limit of [`jaxcell.drift.visible_deployment`][], in seconds.
-        - `mean`: whether to make the map from the mean of the records.
+        - `mean`: whether to make the map from the mean of the records. By default it is made from
+            the records in turn, and refused if it takes minutes: if cells times phases exceed 2.5
+            million. `False` makes it at any size.
         - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s, for the spread `"sampled"`.
         - `until`: the hours up to which results matter; by default [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: a function that is called with the name of each stage of the computation.
+
+        **Raises:** `MemoryError` if the maps of all phases do not fit into the free memory;
+        `ValueError` if they take minutes and `mean` is not given.
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
@@ -183,15 +186,13 @@ class SeaDrift(SeaCurrents):
 
         if (records := currents.attrs.get("mean_of", 1)) > 1:
             notices.append(
-                f"Maps and simulated drifters are for the mean of {records} records, because all "
-                "records together exceed the memory."
+                f"Maps and simulated drifters are for the mean of {records} records: a steady "
+                "current, which is not any of them."
             )
         chosen, made = planned()
         phases = by[0].phases(chosen.duration or 0)
-        if by is not means and (why := _too_large(waters, phases, cls.largest)):
-            notices.append(f"{why}; these maps are for the mean of the records.")
-            by = means
-            chosen, made = planned()
+        if not mean:
+            check_size(waters, phases, None if mean is False else cls.largest)
         if step.duration is not None and not np.isclose(chosen.duration or 0, step.duration):
             notices.append(
                 f"A step takes {chosen.duration:g} s in place of {step.duration:g} s, to fit the "
@@ -199,9 +200,10 @@ class SeaDrift(SeaCurrents):
             )
         layers = []
         for k, water in enumerate(waters):
-            say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             known = None if made is None else made[k]
-            layers.append(Layer.of(water, flows[k], chosen, by=by[k], made=known))
+            released = start if k == 0 else None
+            own = Layer.of(water, flows[k], chosen, by=by[k], made=known, say=say)
+            layers.append(dataclasses.replace(own, release=released))
         if made is None:
             # Layers are compared at the same times.
             ends = np.concatenate([layer.transient_hours for layer in layers])
@@ -224,9 +226,12 @@ class SeaDrift(SeaCurrents):
         )
 
     def with_closed_sets(self, count: int, *, listed: bool = True) -> "SeaDrift":
-        """Add nearly closed sets of layers, printed if `listed`, and a test of the maps on them."""
+        """Add nearly closed sets of layers, printed if `listed`, and a test of the maps on them.
+
+        They are nearly closed up to the time of interest, `asked_hours`.
+        """
         chains = [layer.behaviour.chain for layer in self.layers]
-        sets = ClosedSets.of(self.waters, chains, self.step, count)
+        sets = ClosedSets.of(self.waters, chains, self.step, count, self.asked_hours)
         tests, first = [], 0
         for layer, labels, of_layer in zip(self.layers, sets.labels, sets.layers, strict=True):
             tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
@@ -249,25 +254,7 @@ class SeaDrift(SeaCurrents):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        remarks = [*self.notices, *(remark for layer in self.layers for remark in layer.remarks)]
-        if len(remarks) > _MAX_REMARKS:
-            more = f"and {len(remarks) - _MAX_REMARKS} more of that kind, at other depths."
-            remarks[_MAX_REMARKS:] = [more]
-        if self._counts is not None and self._counts[1, 1] > self._counts[0, 1] > 0:
-            remarks.append(
-                f"At {self.depths[0]:g} m: by the centres of cells alone there are "
-                f"{self._counts[1, 1]} persistent groups in place of {self._counts[0, 1]}: their "
-                "number depends on the grid; nearly closed sets depend on it less."
-            )
-        voyages = [voyage for voyage in (self.voyage, self.surest) if voyage is not None]
-        if not all(voyage.policy_certified and voyage.times_certified for voyage in voyages):
-            remarks.append(
-                "Results of voyages that are not certified exceed 64-bit numbers in some cells, "
-                "because an eddy holds drifters almost forever; another duration may avoid this."
-            )
-        if not self.answered:
-            remarks.append("No policy brings a drifter from the start to the goal.")
-        return tuple(remarks)
+        return remarks_on(self)
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -279,7 +266,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """The masks of the cells that drifters from the start may visit; `None` without a start.
+        """The masks of the cells that can ever be reached from the start; `None` without a start.
 
         In the first mask they change their layer only at the start; in the second, at any time.
         """
@@ -294,7 +281,7 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """A small set of cells from which all cells of the surface may be visited.
+        """A small set of cells from which all cells of the surface can ever be reached.
 
         In a steady current it is the smallest set, in a periodic current that of a greedy search.
         """
@@ -305,10 +292,14 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
-        """The numbers of cells that 1, 2, ... drifters may visit; `None` above 20,000 cells."""
-        surface = self.layers[0]
-        small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
-        return coverage_curve(surface.behaviour.chain) if small else None
+        """The numbers of cells that drifters can ever reach; `None` if it takes minutes."""
+        chain = self.layers[0].behaviour.chain
+        return coverage_curve(chain) if self.curve_seconds <= LONGEST else None
+
+    @functools.cached_property
+    def curve_seconds(self) -> float:
+        """The seconds that the curve takes, as foretold by [`jaxcell.drift.coverage_seconds`][]."""
+        return coverage_seconds(self.layers[0].behaviour.chain)
 
     @functools.cached_property
     def views(self) -> VisibleDeployment | None:
@@ -321,10 +312,12 @@ class SeaDrift(SeaCurrents):
         )
 
     drifter_count = _count(
-        "deployment.cells.size", "", "drifters of the deployment, which may visit each cell"
+        "deployment.cells.size",
+        "",
+        "drifters of the deployment, from which each cell can ever be reached",
     )
     fewest_count = _count(
-        "minimum.size", "", "fewest cells found from which each cell may be visited"
+        "minimum.size", "", "fewest cells found from which each cell can ever be reached"
     )
 
     deployment_cell = _index("deployment.cells", "drifter", "cell to drop a drifter in")
@@ -334,13 +327,18 @@ class SeaDrift(SeaCurrents):
         "deployment.transient_group", "drifter", "transient group, -1 if persistent"
     )
     deployment_gained = _count(
-        "deployment.gained", "drifter", "cells of its group that are reached first from it"
+        "deployment.gained",
+        "drifter",
+        "cells of its group that can ever be reached, and not from earlier ones",
     )
     minimum_cell = _index("minimum", "fewest", "cell of the smallest deployment")
     minimum_lon, minimum_lat = positions("minimum_cell", "fewest")
     curve_cell = _index("curve.cells", "drifters", "cell to drop the first, second, ... drifter in")
     curve_covered = _count(
-        "curve.covered", "drifters", "cells visited by this and earlier drifters", listed=True
+        "curve.covered",
+        "drifters",
+        "cells that this and earlier drifters can ever reach",
+        listed=True,
     )
     views_cell = _index("views.cover", "view", "cell from which the sea bed is seen")
     views_lon, views_lat = positions("views_cell", "view")
@@ -352,19 +350,29 @@ class SeaDrift(SeaCurrents):
     views_least = _count("views.least", "", "lower bound of the number of views")
     start_cell = _index("start", "", "cell where the drifter is dropped")
 
-    @derived(_SQUARES, "reached by drifters that keep their depth", kind="flag")
+    @derived(_SQUARES, "can ever be reached from the start, at constant depth", kind="flag")
     def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
         return None if self.reachable is None else self.sea.on_squares(self.reachable[0], False)
 
-    @derived(_SQUARES, "reached by drifters that go up and down", kind="flag")
+    @derived(_SQUARES, "can ever be reached from the start, by going up and down", kind="flag")
     def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"] | None:
         return None if self.reachable is None else self.sea.on_squares(self.reachable[1], False)
 
-    @derived("layer", "cells reached, by keeping the depth", kind="count", listed=True)
+    @derived(
+        "layer",
+        "in the long run: cells that can be reached, at constant depth",
+        kind="count",
+        listed=True,
+    )
     def reached_cells(self) -> Int[np.ndarray, "layers"] | None:
         return None if self.reached is None else self.reached.sum(axis=(1, 2))
 
-    @derived("layer", "cells reached, by going up and down too", kind="count", listed=True)
+    @derived(
+        "layer",
+        "in the long run: cells that can be reached, up and down too",
+        kind="count",
+        listed=True,
+    )
     def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"] | None:
         if self.reached_at_any_depth is None:
             return None
@@ -377,17 +385,17 @@ class SeaDrift(SeaCurrents):
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
 
 
-def _too_large(waters: list[Water], phases: int, largest: int) -> str | None:
-    """Explain why the maps of all phases are too large; return `None` if they are not."""
+def check_size(waters: list[Water], phases: int, most: int | None) -> None:
+    """Refuse maps of all phases that exceed the free memory, or `most` cells times phases."""
     cells = [phases * water.cells for water in waters]
-    needed, available = estimates.drift(cells), memory.free()
-    if sum(cells) > largest:
-        limit = f"and {largest:,} are as many as take minutes"
-    elif available is not None and needed > available:
-        limit = (
-            f"which need about {memory.gigabytes(needed)} of memory, and "
-            f"{memory.shortage(available)}"
+    doing = f"the current has {sum(cells):,} cells at its {phases} phases"
+    less = (
+        "choose smaller bounds or fewer depths, or map the mean of the records (--current mean, "
+        "mean=True)"
+    )
+    memory.check(estimates.drift(cells), f"{doing}; that", less)
+    if most is not None and sum(cells) > most:
+        raise ValueError(
+            f"{doing}, and above {most:,} they take minutes to hours; {less}, or "
+            "ask for the changing current all the same (--current changing, mean=False)"
         )
-    else:
-        return None
-    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"

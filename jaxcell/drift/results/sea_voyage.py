@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float, Int
 
-from ...base.certificate import Outcome
 from ...base.quantities import Result, derived, quantity
 from ..sea import Sea
 from ..voyage import Voyage
@@ -63,21 +62,21 @@ class SeaVoyage(Result):
         sure = np.asarray(self.policy.probability) == 1
         return float(np.asarray(self.policy.time)[sure].mean()) * self.hours
 
-    @derived("", "sweeps of value iteration", kind="count")
+    @derived("", "choices of a policy", kind="count")
     def iterations(self) -> int | None:
         return None if self.policy.value is None else self.policy.certificate.iterations
 
-    @derived("", "bound of the error of a value", kind="residual")
+    @derived("", "bound of the error of a value, relative to the largest", kind="residual")
     def value_error(self) -> float | None:
         return None if self.policy.value is None else self.policy.certificate.residual
 
     @derived("", "whether the policy is certified", kind="flag")
     def policy_certified(self) -> bool:
-        return self.policy.certificate.outcome is Outcome.CONVERGED
+        return self.policy.certificate.converged
 
     @derived("", "whether all times are certified", kind="flag")
     def times_certified(self) -> bool:
-        return self.policy.arrival.outcome is Outcome.CONVERGED
+        return self.policy.arrival.converged
 
     @_squares(
         "action of the drifter",

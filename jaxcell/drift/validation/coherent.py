@@ -5,8 +5,7 @@ import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
 from ..advection import carried
-from ..drifting import nearest_square
-from ..flow import Flow
+from ..flow import Flow, nearest_square
 from ..step import DriftStep
 from ..water import Water
 

@@ -10,8 +10,8 @@ from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
 from ..currents.sphere import turned
-from ..drifting import drifted, nearest_square
-from ..flow import Flow
+from ..drifting import drifted
+from ..flow import Flow, nearest_square
 from ..step import DriftStep
 from ..water import Water
 

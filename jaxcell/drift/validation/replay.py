@@ -53,6 +53,7 @@ class Replay:
         flow: Flow,
         hours: Sequence[float | int],
         sampling: Sampling = SAMPLING,
+        cells: Int[np.ndarray, "releases"] | None = None,
     ) -> "Replay":
         """Simulate drifters with the Runge-Kutta method, plus a random walk with the diffusivity.
 
@@ -64,13 +65,15 @@ class Replay:
         - `water`, `flow`: the cells, and the flow of the same layer at all records.
         - `hours`: the times at which to record the cells of the drifters, in hours.
         - `sampling`: the points at which drifters begin.
+        - `cells`: the only cells in which drifters begin.
         """
         times = np.unique(np.asarray(hours, float)) * 3600
         # A substep is at most half a cell long, and not longer than the time between two records.
         between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
         longest = min(crossing_time(water, flow) / 2, between)
         most = min(sampling.drifters, int(sampling.moves / max(1.0, times[-1] / longest)))
-        cells = np.flatnonzero(_sampled(water, dataclasses.replace(sampling, drifters=most)))
+        if cells is None:
+            cells = np.flatnonzero(_sampled(water, dataclasses.replace(sampling, drifters=most)))
         densest = 2 * sampling.most if flow.diffusivity else sampling.most
         points = min(densest, max(sampling.least, math.isqrt(most // cells.size)))
         places = (np.arange(points) + 0.5) / points - 0.5

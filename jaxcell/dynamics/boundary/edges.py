@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Int
 
 from ...space.box import Box
 from ..basin import Basins
+from ..cycles import newton
 from ..imaging import Say
 from ..maps import Map
 from ..orbits import attractor_owners, orbit_ends
@@ -23,10 +24,9 @@ _POINTS = 1 << 10
 _NARROW, _WIDE = 0.75, 0.45
 _ROUND = 256
 _ROUNDS = 8
-# Periods of an edge state for Newton's method, its iterations, and the distances in cells, after a
-# period, of an orbit that has settled and of its refined point.
+# Periods of an edge state for Newton's method, and the distances in cells, after a period, of an
+# orbit that has settled and of its refined point.
 _PERIODS = range(1, 9)
-_NEWTON = 12
 _SETTLED, _MOVED = 1e-3, 1e-1
 # Distance in cells below which two edge states are the same.
 _SAME = 0.5
@@ -192,24 +192,6 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
     return orbit, ends
 
 
-@functools.partial(jax.jit, static_argnames="map")
-def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Refine periodic points by Newton's method; return points, errors and derivatives."""
-
-    def after(x):  # type: ignore[no-untyped-def]
-        return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
-
-    def solve(x):  # type: ignore[no-untyped-def]
-        def better(_, x):  # type: ignore[no-untyped-def]
-            slope = jax.jacfwd(after)(x) - jnp.eye(x.size, dtype=x.dtype)
-            return x - jnp.linalg.solve(slope, after(x) - x)
-
-        x = jax.lax.fori_loop(0, _NEWTON, better, x)
-        return x, jnp.max(jnp.abs(after(x) - x)), jax.jacfwd(after)(x)
-
-    return jax.vmap(solve)(start)
-
-
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -220,7 +202,7 @@ def _refined(
     for k in _PERIODS:
         at, back = _returns(box, orbit, k)
         begin = orbit[np.arange(len(orbit)), at]
-        new, error, slope = (np.asarray(x) for x in _newton(map, params, begin, k))
+        new, error, slope = newton(map, box, params, begin, np.full(len(begin), k, np.int32))
         own = np.linalg.eigvals(np.where(np.isfinite(slope), slope, 0)).astype(complex)
         own = np.take_along_axis(own, np.argsort(-np.abs(own), axis=1), axis=1)
         good = (period == 0) & (error < tolerance) & (np.abs(own[:, 0]) > 1)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.indices import check_whole
 from ...space.box import Box
 from ...space.cells import TOLERANCE
 from ..basin import Basins
@@ -66,7 +67,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
         >>> basins.fraction.tolist(), finer.fraction.round(2).tolist()
         ([0.75, 0.25], [0.7, 0.3])
     """
-    box = basins.box
+    levels, box = check_whole("levels", levels), basins.box
     # The followed cells of each level, in ascending order, and their labels.
     keys = [np.arange(box.size)]
     labels = [basins.basin]
@@ -135,6 +136,7 @@ def relative_attractor(
         >>> cover.ravel().tolist()
         [-0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
     """
+    levels, samples = check_whole("levels", levels), check_whole("samples", samples, 2)
     check_map(map, box, params)
     check_begin(map, box, params)
     keys = np.arange(box.size)

@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...base import memory
+from ...base.indices import check_whole
 from ...space.box import Box
+from ..arrival import mean_arrivals
 from ..attractors import attractors
 from ..basin import Basins, by_cells
 from ..batches import CHUNK
@@ -64,6 +66,7 @@ def foretold(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Fore
         >>> dynamics.foretold(systems.henon.map, box, systems.henon.params).disk / box.size
         19.0
     """
+    follow = check_whole("follow", follow)
     check_map(map, box, params)
     # The chunk in the middle; the first call compiles.
     first = max(0, box.size // 2 - CHUNK)
@@ -96,8 +99,9 @@ def stored_basins(
 
     Images are written to a file, and groups are found by passes over it, which drop the cells
     without preimages. One byte of memory is needed per cell, and 16 more per cell that remains: few
-    cells if the map is dissipative, and all cells if it preserves volumes. To continue an
-    interrupted computation, repeat the call.
+    cells if the map is dissipative, and all cells if it preserves volumes. Where groups are not
+    exactly the attractors, 4 bytes per cell are needed at the end, to measure times to them. To
+    continue an interrupted computation, repeat the call.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
 
@@ -112,6 +116,7 @@ def stored_basins(
         >>> basins.fraction.tolist()
         [1.0]
     """
+    follow, seed = check_whole("follow", follow), check_whole("seed", seed)
     check_map(map, box, params)
     files = Folder(folder, _digest(map, box, params, follow))
     _check_disk(files, box)
@@ -128,9 +133,9 @@ def stored_basins(
     (changed,) = changed_by_half_step(map, box, [params], cells[None], follow=follow)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    return dataclasses.replace(
-        basins, torn=torn, duration=duration, labels=labels, follow=follow, map=map
-    )
+    about: dict[str, Any] = {"torn": torn, "duration": duration, "labels": labels}
+    basins = dataclasses.replace(basins, follow=follow, map=map, **about)
+    return dataclasses.replace(basins, **mean_arrivals(map, basins))
 
 
 def _check_disk(files: Folder, box: Box) -> None:

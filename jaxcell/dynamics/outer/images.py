@@ -11,11 +11,12 @@ import numpy as np
 import scipy.spatial
 from jaxtyping import Float
 
+from ...base.indices import check_whole
 from ...base.precision import require_x64
 from ..batches import in_threads, padded
 from ..imaging import mapped_points
 from ..maps import Map
-from .transform import enclose
+from .transform import boxes, enclose
 
 
 # Number of boxes whose images are computed at once; the last ones are padded to it.
@@ -54,6 +55,7 @@ class Intervals:
         for leaf in jax.tree.leaves(params):
             if not np.isfinite(leaf).all():
                 raise ValueError(f"params: expected finite numbers, got {leaf}")
+        lower, upper = boxes(lower, upper)
         enclosed = functools.partial(_enclosed, self.map, self.mean_value, params)
         return _in_batches(enclosed, lower, upper)
 
@@ -75,7 +77,13 @@ class Corners:
     "Width that is added on all sides of an image, as a multiple of the width of its box."
     proof = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", check_whole("points", self.points, 1))
+        if not (np.ndim(self.padding) == 0 and 0 <= self.padding < np.inf):
+            raise ValueError(f"padding: expected a finite number from 0, got {self.padding!r}")
+
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
+        lower, upper = boxes(lower, upper)
         place = np.linspace(0, 1, self.points) if self.points > 1 else np.full(1, 0.5)
         place = np.array(list(itertools.product(place, repeat=lower.shape[1])))
 
@@ -144,6 +152,7 @@ class Samples:
         return scipy.spatial.cKDTree(self.points)
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
+        lower, upper = boxes(lower, upper)
         count = min(_NEAREST, len(self.points))
         _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
         at = self.points[near]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from ...base.indices import check_whole
 from ...base.quantities import derived, from_part, quantity
 from ...space.box import Box
 from ..imaging import OnBox, Say, check_begin, check_map
@@ -178,9 +179,11 @@ def morse_sets(
     if isinstance(inner := getattr(outer, "map", None), Map):
         check_map(inner, box, params)
         check_begin(inner, box, params)
-    for name, number in (("depth", depth), ("check", check), ("limit", limit)):
-        if number < 0:
-            raise ValueError(f"{name}: expected a number from 0, got {number}")
+    depth, check, limit = (
+        check_whole("depth", depth),
+        check_whole("check", check),
+        check_whole("limit", limit),
+    )
     search = _Search(outer, box, params)
     cells: np.ndarray = np.arange(box.size)
     component: np.ndarray = np.zeros(box.size, np.int64)

@@ -10,9 +10,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, jaxpr_as_fun
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 
+from ...base.precision import require_x64
 from ..maps import Map
 from ..sines import without_polynomials
 from . import functions, interval
@@ -22,8 +24,8 @@ from .interval import LINE, ONE, Interval, hull, point, where
 def enclose(
     map: Map,
     params: Any,
-    lower: Float[Array, "axes"],
-    upper: Float[Array, "axes"],
+    lower: Num[Array | np.ndarray, "axes"],
+    upper: Num[Array | np.ndarray, "axes"],
     *,
     mean_value: bool = True,
 ) -> tuple[Float[Array, "axes"], Float[Array, "axes"]]:
@@ -32,30 +34,44 @@ def enclose(
     The result encloses the images that the program of the map would have in real arithmetic. Points
     whose image is not a real number, such as the logarithm of a negative number, have no image.
 
-    **Arguments:** a map, its parameters, and the corners of a box as 64-bit numbers. If
+    **Arguments:** a map, its parameters, and the corners of a box, which are widened to 64 bits. If
     `mean_value` is true, the image is intersected with that of the mean value theorem,
     `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. The theorem is not
     used if a comparison in the program may be true at some points of the box and false at others.
 
-    **Returns:** the lower and upper corners of the image.
+    Raises `ValueError` for a corner that is NaN, or above the upper corner; under `jit` and `vmap`,
+    where corners have no values, the image is NaN. Raises `RuntimeError` if JAX traces it with 32
+    bits.
+
+    **Returns:** the lower and upper corners of the image. They have no derivatives, because they
+    are rounded by their bits: a derivative of `enclose` raises `ValueError`.
 
     The sine has a crest in this interval:
 
+        >>> import math
         >>> import jax.numpy as jnp
+        >>> import numpy as np
         >>> from jaxcell import dynamics
         >>> lower, upper = dynamics.enclose(
-        ...     lambda x, p: jnp.sin(x), None, jnp.array([1.0]), jnp.array([2.0])
+        ...     lambda x, p: jnp.sin(x), None, np.array([1.0]), np.array([2.0])
         ... )
-        >>> float(upper[0]), bool(abs(lower[0] - jnp.sin(1.0)) < 1e-14)
+        >>> float(upper[0]), abs(float(lower[0]) - math.sin(1.0)) < 1e-14
         (1.0, True)
     """
+
+    require_x64("enclose")
+    lower, upper = boxes(lower, upper)
+    if lower.ndim != 1:
+        raise ValueError(f"box: expected corners [axes], got shape {list(lower.shape)}")
 
     def function(x):  # type: ignore[no-untyped-def]
         return jnp.asarray(map(x, params))
 
     def program(function: Callable[..., Any]) -> ClosedJaxpr:
-        return without_polynomials(jax.make_jaxpr(function)(lower))
+        traced = without_polynomials(jax.make_jaxpr(function)(lower))
+        return traced.replace(consts=jax.tree.map(_constant, traced.consts))
 
+    lower, upper, params = jax.tree.map(_constant, (lower, upper, params))
     box, decided = Interval(lower, upper), [jnp.array(True)]
     traced = program(function)
     (image,) = evaluate(traced, [box], decided)
@@ -84,7 +100,27 @@ def enclose(
         image = Interval(
             jnp.maximum(image.lower, nearer.lower), jnp.minimum(image.upper, nearer.upper)
         )
-    return image.lower, image.upper
+    valid = jnp.all(lower <= upper)
+    return jnp.where(valid, image.lower, jnp.nan), jnp.where(valid, image.upper, jnp.nan)
+
+
+def boxes(lower: Any, upper: Any) -> tuple[Any, Any]:
+    """Return corners of boxes as 64-bit numbers, after a check unless JAX traces them."""
+    if any(isinstance(corner, jax.core.Tracer) for corner in (lower, upper)):
+        lower, upper = jnp.asarray(lower, jnp.float64), jnp.asarray(upper, jnp.float64)
+    else:
+        lower, upper = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+        if lower.shape == upper.shape and not (lower <= upper).all():
+            row = tuple(np.argwhere(~(lower <= upper))[0])
+            raise ValueError(
+                f"box: expected a lower corner below the upper one, got {lower[row]} and "
+                f"{upper[row]} in coordinate {row[-1] if row else 0}"
+            )
+    if lower.shape != upper.shape:
+        raise ValueError(
+            f"box: expected corners of one shape, got {list(lower.shape)} and {list(upper.shape)}"
+        )
+    return lower, upper
 
 
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
@@ -104,6 +140,20 @@ def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> lis
     return [
         _exact(atom.val) if isinstance(atom, Literal) else known[atom] for atom in inner.outvars
     ]
+
+
+@jax.custom_jvp
+def _constant(value: Any) -> Any:
+    """Return a number whose derivative raises, instead of the zero that rounding would give."""
+    return value
+
+
+@_constant.defjvp
+def _refused(_: Any, __: Any) -> Any:
+    raise ValueError(
+        "enclose: expected no derivative; its results are rounded outward, which has none. "
+        "Differentiate the map itself, or take differences of enclosures"
+    )
 
 
 def _exact(value: Any) -> Any:

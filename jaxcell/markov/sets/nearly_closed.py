@@ -6,6 +6,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ...base.certificate import Certificate
+from ...base.indices import as_array
 from ...base.process import one_blas_thread
 from ...mapping import Chain, ChainSequence
 from .modes import TOLERANCE, check_count
@@ -191,7 +192,7 @@ class _Search:
         blur: Chain | None,
     ) -> "_Search":
         window = Window.of(chain, steps, start)
-        mass = np.ones(window.cells) if mass is None else np.asarray(mass, float)
+        mass = np.ones(window.cells) if mass is None else np.asarray(as_array(mass, "mass"), float)
         if mass.shape != (window.cells,) or not (mass.min() >= 0 and 0 < mass.sum() < np.inf):
             raise ValueError(f"mass: expected {window.cells} numbers of at least 0, not all 0")
         if blur is not None and blur.cells != window.cells:

@@ -42,6 +42,8 @@ class Window:
         count = period if steps is None else steps
         if count < 1:
             raise ValueError(f"steps: expected 1 or more, got {steps}")
+        if start < 0:
+            raise ValueError(f"start: expected a phase, 0 or more, got {start}")
         phases = [(start + n) % period for n in range(count)]
         matrices = {
             phase: (chain if isinstance(chain, Chain) else chain.at(phase)).to_scipy()

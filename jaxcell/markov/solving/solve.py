@@ -15,7 +15,7 @@ chain that is unrolled over the phases of a tide are not sparse in any order, so
 
 If a part of the chain is left once in 10^10 steps or less often, all these methods return wrong
 answers with small residuals. Such chains are eliminated without subtractions, which takes some
-seconds for 10^5 cells in a plane.
+seconds for 10^5 cells in a plane. So are all small chains.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ class Limits:
     """Sizes of matrices and numbers of matrix products above which another method is used."""
 
     small: int = 200
-    "Closed classes that together have at most this many cells are solved by elimination."
+    "Systems of equations with at most this many unknowns are solved by elimination."
     trial: int = 60
     "Number of products after which it is decided again whether to continue with products."
     worthwhile: int = 400
@@ -59,13 +59,12 @@ class Limits:
 
 
 LIMITS = Limits()
-# A factorisation is accepted if it gives the probability of ever leaving, which is 1, with at most
-# this error.
-_ILL = 1e-8
+# A factorisation is accepted if the bound on the relative error of the expected number of steps
+# until the chain leaves is at most this number.
+_ILL = 1e-7
 # An approximate solution is accepted if no step is rarer than this; residuals hide rarer steps.
 _HIDDEN = 1e-12
-# A row leaves with probability 0 if its sum differs from 1 by at most this number.
-_CLOSED = 1e-12
+_HALF_ULP = 2.0**-53
 # Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
 # Largest number of approximate solutions, each for the residual of the sum of those before it.
@@ -77,44 +76,68 @@ _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
 def solve_transient(
-    step: scipy.sparse.csr_array, right: Columns, *, adjoint: bool = False
-) -> tuple[Columns, int]:
+    step: scipy.sparse.csr_array,
+    leaving: Float[np.ndarray, "rows"],
+    right: Columns,
+    *,
+    adjoint: bool = False,
+) -> tuple[Columns, int, float]:
     """Solve `x = right + Q x`, or `x = right + Q' x` if `adjoint`, where `Q` is `step`.
 
-    The powers of `Q` must tend to 0, and `right` must not be negative. Returns the solution and the
-    number of matrix products.
+    `leaving` contains the probability of a step from each row out of all rows, with all its digits.
+    The powers of `Q` must tend to 0, and `right` must not be negative.
+
+    **Returns:** the solution; the number of matrix products; and a bound on the relative error of
+    every entry, or `inf` if the residual must tell the error.
     """
     if not right.any():
-        return np.zeros_like(right), 0
+        return np.zeros_like(right), 0, 0.0
+    if step.shape[0] <= LIMITS.small:
+        exact = eliminate(step, leaving, right, adjoint=adjoint)
+        return exact[0], 0, exact[1]
     matrix = step.T.tocsr() if adjoint else step
     order, products, total = _by_components(step), 0, np.zeros_like(right)
     if order is None:
         total, products, done = _by_products(matrix, right)
         if done:
-            return total, products
-    leaving = 1 - np.asarray(step.sum(axis=1))[:, None]
-    leaving[leaving <= _CLOSED] = 0
+            return total, products, math.inf
     x, more, sure = factor_and_solve(step, leaving, right, order, adjoint)
-    if not sure and (exact := eliminate_unless_large(step, leaving, right, adjoint)) is not None:
-        x = exact
+    if not sure and (slow := eliminate_unless_large(step, leaving, right, adjoint)) is not None:
+        return slow[0], products + more, slow[1]
     # The sum of the products is the best answer where the matrix cannot be factored.
-    return total if x is None else x, products + more
+    return total if x is None else x, products + more, math.inf
 
 
+def residual_bound(step: scipy.sparse.csr_array, right: Columns, x: Columns) -> Columns:
+    """Bound the residual `right + Q x - x` of each equation, including its rounding."""
+    terms = (np.diff(step.indptr) + 4)[:, None]
+    rounding = terms * _HALF_ULP * (np.abs(x) + step @ np.abs(x) + np.abs(right))
+    return np.abs(right + step @ x - x) + rounding
+
+
+def imprecision(
+    step: scipy.sparse.csr_array, leaving: Float[np.ndarray, "rows"]
+) -> Float[np.ndarray, "rows"]:
+    """Return by how much the probabilities of each row fail to sum to 1."""
+    return np.abs(1 - step @ np.ones(step.shape[1]) - leaving)
+
+
+@np.errstate(all="ignore")
 def factor_and_solve(
     step: scipy.sparse.csr_array,
-    leaving: Float[np.ndarray, "rows 1"],
+    leaving: Float[np.ndarray, "rows"],
     right: Columns,
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
 ) -> tuple[Columns | None, int, bool]:
     """Solve the equation of [`solve_transient`][] by factoring, or by iterating if `Q` is large.
 
-    `leaving` is, for each row, the probability of a step out of all the rows. `order` is `None` or
-    an order of rows in which the factors are sparse. Returns the solution, or `None` if the matrix
-    is singular up to rounding; the number of products; and whether most digits are reliable.
+    `order` is `None` or an order of rows in which the factors are sparse. Returns the solution, or
+    `None` if the matrix is singular up to rounding; the number of products; and whether most digits
+    are reliable.
     """
     products = 0
+    ones = np.ones((step.shape[0], 1))
     try:
         if order is None:
             matrix = step.T.tocsr() if adjoint else step
@@ -123,25 +146,28 @@ def factor_and_solve(
                 if x is not None:
                     # An approximate solution leaves mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
-                    return x, products, bool(steps[steps > 0].min() > _HIDDEN)
+                    return x, products, bool(steps[steps > 0].min(initial=1.0) > _HIDDEN)
         solve = _factored(step, order)
-        x, sure = solve(right, adjoint), solve(leaving)
+        x, steps = solve(right, adjoint), solve(ones)
     except RuntimeError:
         return None, products, False
-    return x, products, bool(np.abs(sure - 1).max() <= _ILL)
+    left = residual_bound(step, ones, steps)[:, 0] + imprecision(step, leaving) * np.abs(
+        steps[:, 0]
+    )
+    return x, products, bool(left.max() <= _ILL)
 
 
 def eliminate_unless_large(
     step: scipy.sparse.csr_array,
-    leaving: Float[np.ndarray, "rows 1"],
+    leaving: Float[np.ndarray, "rows"],
     right: Columns,
     adjoint: bool,
-) -> Columns | None:
+) -> tuple[Columns, float] | None:
     """Solve with [`eliminate`][], or return `None` if it would take too many multiplications."""
     levels = Levels.of(step)
     if levels.work > LIMITS.elimination:
         return None
-    return eliminate(step, leaving[:, 0], right, levels, adjoint=adjoint)
+    return eliminate(step, leaving, right, levels, adjoint=adjoint)
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:

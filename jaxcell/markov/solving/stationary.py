@@ -56,7 +56,7 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
             if last is not None and np.array_equal(last.others, rooted.others):
                 break
             others, more, sure = solve.factor_and_solve(
-                rooted.step, rooted.leaving, rooted.entering, None, True
+                rooted.step, rooted.leaving, rooted.entering, None, adjoint=True
             )
             products += more
             if others is None:
@@ -67,12 +67,12 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
                 return x, products
     for _ in range(_ROOTS):
         rooted = Rooted.of(step, group, x)
-        with np.errstate(all="ignore"):
-            others = solve.eliminate_unless_large(
-                rooted.step, rooted.leaving, rooted.entering, True
-            )
-        if others is None:
+        eliminated = solve.eliminate_unless_large(
+            rooted.step, rooted.leaving, rooted.entering, adjoint=True
+        )
+        if eliminated is None:
             break
+        others, _ = eliminated
         if np.isfinite(others).all():
             return rooted.shares(others), products
         # The root is so rare that the shares of other cells, relative to it, overflow.
@@ -90,7 +90,7 @@ class Rooted:
     "The cells that are not roots."
     step: scipy.sparse.csr_array
     "The probabilities of steps between cells that are not roots."
-    leaving: Float[np.ndarray, "others 1"]
+    leaving: Float[np.ndarray, "others"]
     "The probability of a step from each cell in `others` to the root of its class."
     entering: Float[np.ndarray, "others 1"]
     "The probability of a step to each cell in `others` from the root of its class."
@@ -106,7 +106,7 @@ class Rooted:
         root = np.zeros((group.size, 1))
         root[roots] = 1
         among = step[others][:, others]
-        return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
+        return cls(group, others, among, (step @ root)[others, 0], (step.T @ root)[others])
 
     def shares(self, others: Float[np.ndarray, "others 1"]) -> _Shares:
         """Return the distribution of each class from the values of `others` relative to roots."""
@@ -126,7 +126,7 @@ class Rooted:
                 # The chain reaches a root with probability 1.
                 if np.abs(visits @ self.leaving - 1).max() <= _SURE:
                     return visits
-        return eliminate(self.step, self.leaving[:, 0], identity)
+        return eliminate(self.step, self.leaving, identity)[0]
 
 
 def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int, bool]:

@@ -4,6 +4,10 @@ Every vertex has a name, and either all vertices have a position or none has. Ed
 each joins two different vertices, and no two edges are parallel. Either all edges have a `length`
 in metres, or all edges are straight. Other attributes in a file are ignored.
 
+Positions are in metres, or in degrees if they are named `lon` and `lat` (or `longitude` and
+`latitude`), or if the attribute `crs` of the graph is geographic, such as `EPSG:4326`. Degrees are
+converted to metres East and North of the middle, and edges without a length follow great circles.
+
 **Node-link JSON** (`.json`) is an object with two lists. Each member of `nodes` has an `id`, and
 either `x` and `y` or a pair `pos`; each member of `edges` (or `links`) has a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
@@ -30,6 +34,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import ParseError
 
+import numpy as np
+
 from ...base.documents import (
     MAX_NUMBER,
     Fields,
@@ -41,6 +47,7 @@ from ...base.documents import (
     refused,
 )
 from ...optimize import Graph
+from ...optimize.geographic import degrees, great_circles, in_metres, positioned
 
 
 LIST_SUFFIXES = (".edges", ".txt")
@@ -48,8 +55,10 @@ SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt 
 _NETWORKX = (".graphml", ".gml", ".adjlist")
 _WEIGHT = re.compile(r"""["\s]weight["\s]""")
 # Errors of networkx for damaged files, besides its own.
-_FAULTS = (LookupError, TypeError, ValueError, AttributeError, ParseError)
+_FAULTS = (LookupError, TypeError, ValueError, AttributeError, RecursionError, ParseError)
 _MAX_BYTES = 64 * 1024**2
+# Edges that are all shorter, in metres, are rather differences of degrees.
+_SHORT = 0.1
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
     "give each pair of neighbours once"
@@ -101,9 +110,20 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     try:
         if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return checked_graph(*parsers[suffix](_text(path)))
+        graph, names = checked_graph(*parsers[suffix](_text(path)))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    if graph.ways is None and graph.xy is not None:
+        longest = graph.lengths.max()
+        # Layouts in a unit square have short edges, too.
+        degrees_alike = (np.abs(graph.xy) <= [180, 90]).all() and np.abs(graph.xy).max() > 1
+        if 0 < longest < _SHORT and degrees_alike:
+            raise ValueError(
+                f"{path}: x, y: expected metres, but the longest edge has {longest:.3g}; if x and "
+                "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
+                "otherwise give the edges their lengths in metres"
+            )
+    return graph, names
 
 
 def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
@@ -114,10 +134,11 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
         raise ValueError(f"directed: {_DIRECTED}")
     # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
-    fields = Fields(document)
+    fields, about = Fields(document), document.get("graph")
+    crs = about.get("crs") if isinstance(about, dict) else None
     return (
         [
-            Vertex(f"nodes[{i}]", node.needed("id"), node.values)
+            Vertex(f"nodes[{i}]", node.needed("id"), positioned(node.values, crs))
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
@@ -150,7 +171,10 @@ def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
     if graph.is_directed():
         raise ValueError(f"{'edgedefault' if suffix == '.graphml' else 'directed'}: {_DIRECTED}")
     return (
-        [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
+        [
+            Vertex(f"node {name!r}", name, positioned(members, graph.graph.get("crs")))
+            for name, members in graph.nodes(data=True)
+        ],
         [
             Edge(f"edge {tail!r} to {head!r}", tail, head, length)
             for tail, head, length in graph.edges(data="length")
@@ -254,15 +278,20 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
     """Check the vertices and edges of a file, and return the graph with the names of vertices."""
     numbers: dict[str, int] = {}
-    xy = []
+    xy, geographic = [], []
     for field, name, attributes in vertices:
         if type(name) not in (str, int) or not str(name).strip() or not str(name).isprintable():
             raise refused(field, "a name, printable text or a number", name)
         if str(name) in numbers:
             raise ValueError(f"{field}: the vertex {reprlib.repr(name)} comes twice")
         numbers[str(name)] = len(numbers)
-        placed = bool({"x", "y", "pos"} & attributes.keys())
-        xy.append(_position(field, attributes) if placed else None)
+        in_plane = {"x", "y", "pos"} & attributes.keys()
+        on_earth = None if in_plane else degrees(attributes)
+        xy.append(_position(field, attributes, on_earth) if in_plane or on_earth else None)
+        geographic.append(on_earth is not None)
+    if any(geographic) and not all(geographic):
+        field = vertices[geographic.index(False)].field
+        raise ValueError(f"{field}: it has no longitude and latitude, but other vertices have")
     if None in xy and any(place is not None for place in xy):
         field = vertices[xy.index(None)].field
         raise ValueError(f"{field}: it has no position x, y, but other vertices have")
@@ -286,11 +315,14 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
             )
         before[tail, head] = field
     pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
-    places = None if None in xy else xy
-    return Graph(pairs, len(numbers), places, _lengths(edges)), tuple(numbers)
+    places, lengths = None if None in xy else np.array(xy, float), _lengths(edges)
+    if places is not None and all(geographic):
+        lengths = great_circles(places, np.array(pairs)) if lengths is None else lengths
+        places = in_metres(places)
+    return Graph(pairs, len(numbers), places, lengths), tuple(numbers)
 
 
-def _lengths(edges: list[Edge]) -> list[float] | None:
+def _lengths(edges: list[Edge]) -> np.ndarray | None:
     missing = [edge.field for edge in edges if edge.length is None]
     if len(missing) == len(edges):
         return None
@@ -301,19 +333,29 @@ def _lengths(edges: list[Edge]) -> list[float] | None:
     for edge, length in zip(edges, lengths, strict=True):
         if length <= 0:
             raise refused(f"{edge.field}.length", expected, edge.length)
-    return lengths
+    return np.array(lengths)
 
 
-def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
-    if "x" in attributes or "y" in attributes or "pos" not in attributes:
+def _position(
+    field: str, attributes: Mapping[str, Any], on_earth: tuple[Any, Any] | None
+) -> tuple[float, float]:
+    """Check a position: the longitude and latitude `on_earth`, or x and y among `attributes`."""
+    limits: tuple[float, float] = MAX_NUMBER, MAX_NUMBER
+    if on_earth is not None:
+        limits = 360.0, 90.0
+        both = [(f"{field}.{axis}", on_earth[k]) for k, axis in enumerate(("lon", "lat"))]
+    elif "x" in attributes or "y" in attributes or "pos" not in attributes:
         fields = Fields(attributes, f"{field}.")
         both = [(f"{field}.{axis}", fields.needed(axis)) for axis in "xy"]
     else:
         pair = checked_pair(f"{field}.pos", attributes["pos"])
         both = [(f"{field}.pos[{i}]", value) for i, value in enumerate(pair)]
     # GraphML and lists store numbers as text.
-    expected = f"a finite number of at most {MAX_NUMBER:g} m"
-    x, y = (checked_number(*coordinate, expected, text=True) for coordinate in both)
+    unit = "m" if on_earth is None else "degrees"
+    x, y = (
+        checked_number(*value, f"a finite number of at most {most:g} {unit}", most=most, text=True)
+        for value, most in zip(both, limits, strict=True)
+    )
     return x, y
 
 

@@ -29,6 +29,9 @@ _MAX_SHAPE = 50.0
 # is at least exp(-_BEYOND) / n: a nearer end gains less than exp(-_BEYOND) in log-likelihood.
 _BEYOND = 5.0
 _MAX_HALVINGS = 20
+# Relative change of the log-odds with which a narrower support begins, so that no difference
+# quotient extends over the kink of the likelihood.
+_INWARD = 0.01
 # The largest change of a parameter in a step.
 _MAX_CHANGE = 2.0
 # Curvatures below this number are due to rounding.
@@ -116,10 +119,11 @@ def fit_gld(
     origin = value[0]
     problem = _Problem.of(value - origin, count, censored, steps)
     ranking = dataclasses.replace(problem, data=problem.few)
-    maxima = [_maximum(ranking, *start) for start in _starts(problem)]
-    likeliest = min(maxima, key=lambda law: float(problem.data.loss(law.numbers, law.point)))
-    best = _maximum(problem, likeliest.numbers, likeliest.point)
-    taken = best.steps + sum(maximum.steps for maximum in maxima)
+    near = [_maximum(ranking, *start) for start in _starts(problem)]
+    # A part of the samples may rank local maxima otherwise than all samples do.
+    maxima = [_maximum(problem, law.numbers, law.point) for law in near]
+    best = min(maxima, key=lambda maximum: maximum.loss)
+    taken = sum(maximum.steps for maximum in near + maxima)
     certificate = Certificate(taken, best.gain, _TOLERANCE)
     certificate.check("fit_gld", throw)
     l1, l2, l3, l4 = np.concatenate(dataclasses.astuple(law_through(best.numbers, best.point)))
@@ -227,7 +231,7 @@ def _maximum(problem: _Problem, numbers: _Numbers, point: _Point) -> _Maximum:
         return wide
     point = np.where(narrowed, problem.narrow, wide.point)
     there = law_through(wide.numbers, wide.point).log_odds(point)
-    there = np.where(narrowed, there, wide.numbers[:2])
+    there = np.where(narrowed, (1 + _INWARD) * there, wide.numbers[:2])
     numbers = np.concatenate([there, wide.numbers[2:]])
     outer = np.where(narrowed, problem.narrow, problem.outer)
     narrow = _maximise(dataclasses.replace(problem, outer=outer), numbers, point)

@@ -36,6 +36,8 @@ class Capture(Result):
     ]
     at_first: Float[np.ndarray, "times cells"]
     "The probability of capture if robots start with equal probability in any cell out of view."
+    at_worst: Float[np.ndarray, "times cells"]
+    "The probability of capture if the adversary sees the robots, and waits until all are far away."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -54,9 +56,9 @@ class Capture(Result):
         if any, which always watches the cells in its view.
         """
         check_policies(graph, visible, policies)
-        attacks = [attack, Attack(attack.times, "uniform")]
-        caught, at_first = _captures(graph, visible, policies, attacks)
-        return cls(attack, caught, at_first, contested(visible, policies, regions))
+        attacks = [attack, *(Attack(attack.times, start) for start in ("uniform", "worst"))]
+        caught, at_first, at_worst = _captures(graph, visible, policies, attacks)
+        return cls(attack, caught, at_first, at_worst, contested(visible, policies, regions))
 
     attack_time = from_part(
         "attack.times", "attack_time", "steps of an attack", "steps", kind="coordinate"
@@ -65,9 +67,7 @@ class Capture(Result):
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
         """The contested cell with the least probability at each attack time; the first in a tie."""
-        chosen = self.probability[:, self.contested]
-        alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
-        return self.contested[alike.argmax(axis=1)]
+        return self._weakest(self.probability)
 
     @derived("attack_time", "probability of capture there", "1", kind="share")
     def least(self) -> Float[np.ndarray, "times"]:
@@ -80,6 +80,19 @@ class Capture(Result):
     @derived("attack_time", "least at the first attack", "1", kind="share")
     def least_at_first(self) -> Float[np.ndarray, "times"]:
         return self.at_first[:, self.contested].min(axis=1, initial=1.0)
+
+    @derived("attack_time", "least if the adversary sees the robots", "1", kind="share")
+    def least_watched(self) -> Float[np.ndarray, "times"]:
+        return self.at_worst[:, self.contested].min(axis=1, initial=1.0)
+
+    @derived("attack_time", "cell where that is least", kind="place")
+    def weakest_watched(self) -> Int[np.ndarray, "times"]:
+        return self._weakest(self.at_worst)
+
+    def _weakest(self, probability: Float[np.ndarray, "times cells"]) -> Int[np.ndarray, "times"]:
+        chosen = probability[:, self.contested]
+        alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
+        return self.contested[alike.argmax(axis=1)]
 
     def checks(self) -> Checks:
         order = np.argsort(self.attack.times, kind="stable")
@@ -132,8 +145,10 @@ def capture_by_tours(
 ) -> float | None:
     """Compute the least probability of capture by robots that follow closed tours of their covers.
 
-    The attack begins with each robot at a random place of its tour from which the target is not
-    seen. An adversary who sees a robot would do better, because it knows when the robot returns.
+    The phases of the tours are independent: the attack begins with each robot at a random place of
+    its tour from which the target is not seen. With a shared clock robots capture more, see
+    [`jaxcell.patrol.team.round_on_map`][]. An adversary who sees a robot would do better, because
+    it knows when the robot returns.
 
     **Arguments:** the graph and the visibility, as in [`capture_probabilities`][]; the cells that
     each robot visits, on a tour from [`jaxcell.optimize.shortest_tour`][]; and the attack, of which

@@ -58,7 +58,7 @@ class CaptureSearch(Result):
     ]
     tours: Annotated[
         float | None,
-        quantity("", "least probability by closed tours, which are predictable", "1", kind="share"),
+        quantity("", "least by closed tours with independent phases", "1", kind="share"),
     ]
     "The result of [`jaxcell.patrol.map.capture_by_tours`][]; `None` if a cover is a single cell."
     certificate: Certificate
@@ -325,7 +325,10 @@ class _Problem:
         tail, head = self.graph.edges.T
         weights = flow[tail, head] + flow[head, tail]
         cover = greedy_cover(self.visible, robot)
-        times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
+        try:
+            times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
+        except np.linalg.LinAlgError:
+            times = np.full(1, np.nan)
         return Policy(
             cells=np.arange(cells, dtype=np.int32),
             weights=weights / weights.sum(),

@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...base.certificate import Outcome
 from ...base.quantities import Result, derived, from_part, quantity
 from ...optimize import Graph
 from ...space import CellSpace
+from ..team.rounds import Round
 from .attacked_cell import Vulnerability
 from .capture import Capture
 from .capture_search import CaptureSearch, Frontier, entropy_rate
@@ -45,6 +45,8 @@ class PatrolledMap(Result):
         "mean_capture",
         "steps_of_attack",
         "begun",
+        "watched_capture",
+        "watched_place",
     )
 
     cells: CellSpace
@@ -73,6 +75,10 @@ class PatrolledMap(Result):
     search: CaptureSearch | None = None
     "The search that found the policies, if they were chosen to maximise capture; otherwise `None`."
     frontier: Frontier | None = None
+    round: Round | None = None
+    "The closed tour with evenly spaced robots on a shared clock, to compare, or `None`."
+    left_out: tuple[str, ...] = ()
+    "Sentences about the secondary quantities that could not be computed and are `None`."
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
@@ -149,24 +155,36 @@ class PatrolledMap(Result):
     def begun(self) -> str:
         return _BEGUN[self.captures.attack.start]
 
+    @derived("", "least probability of capture, if the intruder sees the robots", "1", kind="share")
+    def watched_capture(self) -> float:
+        return float(self.captures.least_watched[0])
+
+    @derived("", "cell where that is least", kind="place")
+    def watched_place(self) -> int:
+        return int(self.captures.weakest_watched[0])
+
     @property
     def remarks(self) -> tuple[str, ...]:
         remarks = []
         if self.search is not None:
+            starts = self.search.tried.size
+            tried = "1 start" if starts == 1 else f"{starts} starts"
             remarks.append(
-                f"the patrol is a local optimum, the best of {self.search.tried.size} starts; "
-                "another may capture more"
+                f"the patrol is a local optimum of a search from {tried}; another may capture more"
             )
             if self.search.tours is not None:
                 remarks.append(
-                    f"closed tours through the covers, which are predictable, capture with a "
+                    "closed tours through the covers, whose phases are independent, capture with a "
                     f"probability of {self.search.tours:.3f} at least"
                 )
-            if self.search.certificate.outcome is not Outcome.CONVERGED:
-                remarks.append(
-                    f"the last quarter of the steps still added {self.search.late_gain:.1%} to its "
-                    "least probability of capture"
-                )
+        if (remark := self._compared_with_round) is not None:
+            remarks.append(remark)
+        search = self.search
+        if search is not None and not search.certificate.converged:
+            remarks.append(
+                f"the last quarter of the steps still added {search.late_gain:.1%} to its least "
+                "probability of capture"
+            )
         if not self.answered and self.size_capture is not None:
             remarks.append(
                 f"{self.robots} robots capture with a probability of {self.size_capture[-1]:.3f} "
@@ -181,7 +199,21 @@ class PatrolledMap(Result):
                     f"an emphasis of {chosen:g} lowers the least probability of capture from "
                     f"{plain:.3f} to {taken:.3f}"
                 )
-        return tuple(remarks)
+        if np.isnan([policy.commute_time for policy in self.policies]).any():
+            remarks.append("commute times are left out: the equations for them are singular")
+        return (*remarks, *self.left_out)
+
+    @property
+    def _compared_with_round(self) -> str | None:
+        """A sentence that compares the least probability of capture with that of a round."""
+        if self.round is None or self.round.least_capture is None:
+            return None
+        watched = self.captures.attack.start == "worst"
+        caught = self.round.watched_capture if watched else self.round.least_capture
+        beaten = caught > self.least_capture
+        return f"{self.round.followers}, capture with a probability of {caught:.3f} at least" + (
+            ", more than this patrol" if beaten else ""
+        )
 
     @property
     def xy(self) -> Float[np.ndarray, "cells 2"]:

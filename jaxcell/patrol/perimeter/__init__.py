@@ -6,6 +6,9 @@ a turn takes no time (DNCP) or one step (DCP). The probability of detection is a
 probability of heads, `detection_polynomials`; `maximin` finds the best probability of heads and
 bounds its error (`Maximin`). `hitting_law` and `mean_hitting_times` compute the law and the mean of
 the time until a robot is in a segment.
+
+The columns of DCP and DNCP in Table 4.1 are not the means of these models. They fit robots that do
+not keep their heading: see `experiments/chapter_4/decentralized.py`.
 """
 
 from ...base.hosted import attach

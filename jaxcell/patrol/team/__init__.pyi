@@ -13,4 +13,9 @@ from .idleness import (
     steps_between_visits as steps_between_visits,
 )
 from .news import News as News, age_of_news as age_of_news
-from .times import whole_times as whole_times
+from .rounds import (
+    Round as Round,
+    evenly_spaced_round as evenly_spaced_round,
+    round_on_map as round_on_map,
+)
+from .times import time_unit_of as time_unit_of, whole_times as whole_times

@@ -6,11 +6,12 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
+from ...base.connected import check_connected
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 from ..walks.arrival import captured_by_any
 from .idleness import RobotShares, idleness_over_vertices, steps_between_visits
-from .times import check_vertex, names_of
+from .times import check_vertex, check_walks, names_of
 
 
 # Largest number of step probabilities of a robot, by steps since the charge, at 8 bytes each.
@@ -147,6 +148,8 @@ def charged(
         >>> result.interval.round(3).tolist(), result.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
+    check_walks(graph, matrices)
+    check_connected(graph.vertices, graph.edges)
     beside = graph.matrix(np.ones(len(graph.edges))).toarray()
     in_time = in_time_for_charge(graph, charger, every)[:, None, :]
     drawn = np.where(in_time, matrices[:, None], 0.0)

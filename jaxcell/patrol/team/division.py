@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ...base.connected import check_connected
 from ...base.quantities import Result, quantity
 from ...optimize import Graph
+from .times import check_walks
 
 
 # Steps per vertex of the search for equal parts, and the largest number of visits to vertices.
@@ -168,22 +169,26 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
         >>> patrol.team.part_of_graph(line, np.array([1, 2, 3])).edges.tolist()
         [[0, 1], [1, 2]]
     """
+    vertices = _checked_part(graph, vertices)
     number = np.full(graph.vertices, -1)
     number[vertices] = np.arange(vertices.size)
     ends = number[graph.edges]
     inside = (ends >= 0).all(axis=1)
+    if not inside.any():
+        raise ValueError("vertices: no edge joins two of them; expected a part with edges")
     places = None if graph.xy is None else graph.xy[vertices]
     ways = None if graph.ways is None else graph.ways[inside]
     return Graph(ends[inside], vertices.size, places, ways)
 
 
 def walk_in_part(
-    graph: Graph, vertices: Int[np.ndarray, "part"], matrix: Float[np.ndarray, "part part"]
-) -> Float[np.ndarray, "vertices vertices"]:
+    graph: Graph, vertices: Int[np.ndarray, "part"], matrix: Float[np.ndarray, "inside inside"]
+) -> Float[np.ndarray, "states states"]:
     """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 
     `matrix` is the transition matrix between the vertices of the part; the result is the transition
-    matrix between all vertices.
+    matrix between all vertices. For a robot with memory, states are pairs of a state of the memory
+    and a vertex, where the vertex varies fastest.
 
     A walk that alternates between two vertices at one end of a line of four:
 
@@ -194,12 +199,40 @@ def walk_in_part(
         >>> patrol.team.walk_in_part(line, np.array([0, 1]), walk).argmax(axis=1)
         array([1, 0, 1, 2])
     """
+    vertices, matrix = _checked_part(graph, vertices), np.asarray(matrix, np.float64)
+    memory = max(1, len(matrix) // vertices.size)
+    if matrix.shape != (memory * vertices.size,) * 2:
+        raise ValueError(
+            f"matrix: expected an array [{vertices.size}, {vertices.size}] for the vertices of the "
+            f"part, got {list(matrix.shape)}"
+        )
     lengths = graph.matrix(np.maximum(graph.lengths, np.finfo(np.float64).tiny))
     _, before, _ = scipy.sparse.csgraph.dijkstra(
         lengths, directed=False, indices=vertices, min_only=True, return_predecessors=True
     )
-    whole = np.zeros((graph.vertices, graph.vertices))
+    starts = graph.vertices * np.arange(memory)[:, None]
+    whole = np.zeros((memory * graph.vertices,) * 2)
     outside = np.setdiff1d(np.arange(graph.vertices), vertices)
-    whole[outside, before[outside]] = 1
-    whole[np.ix_(vertices, vertices)] = matrix
+    apart = outside[before[outside] < 0]
+    if apart.size:
+        raise ValueError(f"graph: no path leads from vertex {apart[0]} to the part")
+    whole[starts + outside, starts + before[outside]] = 1
+    inside = (starts + vertices).ravel()
+    whole[np.ix_(inside, inside)] = matrix
+    check_walks(graph, whole[None], memory=True, name="matrix")
     return whole
+
+
+def _checked_part(graph: Graph, vertices: Any) -> Int[np.ndarray, "part"]:
+    """Return vertices of a graph as an array, after a check that they exist and are distinct."""
+    part = np.asarray(vertices)
+    if part.ndim != 1 or part.size == 0 or not np.issubdtype(part.dtype, np.integer):
+        raise ValueError(f"vertices: expected one or more vertices of the graph, got {vertices!r}")
+    wrong = part[(part < 0) | (part >= graph.vertices)]
+    if wrong.size:
+        raise ValueError(
+            f"vertices: expected numbers from 0 to {graph.vertices - 1}, got {wrong[0]}"
+        )
+    if np.unique(part).size < part.size:
+        raise ValueError(f"vertices: expected different vertices, got {part.tolist()}")
+    return part

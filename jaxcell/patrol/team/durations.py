@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ...base.quantities import Checks, Result, derived, quantity
 from ...optimize import Graph
 from .idleness import idleness_over_vertices
-from .times import hitting_check, move_times
+from .times import check_walks, hitting_check, move_times
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,9 +27,10 @@ class Timed(Result):
         quantity("vertex", "mean time of a step from it", "s", kind="time"),
     ]
     hitting_time: Annotated[
-        Float[np.ndarray, "vertices vertices"],
+        Float[np.ndarray, "vertices vertices"] | None,
         quantity("start target", "mean time until first there", "s", kind="time"),
     ]
+    "The hitting times, or `None` if robots walk differently."
     mean_step: Annotated[float, quantity("", "mean time of a step", "s", kind="time")]
     idleness: Annotated[
         Float[np.ndarray, "vertices"],
@@ -38,17 +39,21 @@ class Timed(Result):
     transition: Float[np.ndarray, "vertices vertices"]
 
     @derived("", "mean hitting time over pairs of vertices", "s", kind="time")
-    def mean_hitting_time(self) -> float:
+    def mean_hitting_time(self) -> float | None:
+        if self.hitting_time is None:
+            return None
         vertices = self.step.size
         return float(self.hitting_time.sum() / (vertices * (vertices - 1)))
 
     @derived("", "mean commute time over pairs of vertices", "s", kind="time")
-    def mean_commute_time(self) -> float:
-        return 2 * self.mean_hitting_time
+    def mean_commute_time(self) -> float | None:
+        return None if self.mean_hitting_time is None else 2 * self.mean_hitting_time
 
     mean_idleness, worst_idleness = idleness_over_vertices("s")
 
     def checks(self) -> Checks:
+        if self.hitting_time is None:
+            return {}
         residual = hitting_check(self.transition, self.step, self.hitting_time)
         return {"timed_hitting_time_residual": residual}
 
@@ -67,7 +72,7 @@ def timed(
 
     **Arguments:** the graph; the transition matrix of each robot; the share of steps of each robot
     that begin at each vertex; the travel time of each edge, in seconds; and the duration of a step
-    that stays at a vertex. **Returns:** [`Timed`][], with hitting times of the first robot.
+    that stays at a vertex. **Returns:** [`Timed`][]; steps are those of a robot drawn at random.
 
     A random walk on a line of three vertices, whose second edge takes ten times as long:
 
@@ -79,18 +84,22 @@ def timed(
         >>> times.hitting_time.round(6).tolist()
         [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
     """
+    check_walks(graph, matrices)
+    if not 0 < wait < np.inf:
+        raise ValueError(f"wait: expected a positive finite time, got {wait}")
     durations = np.array(durations, np.float64)
     taken = move_times(graph, durations, wait)
     steps = (matrices * taken).sum(axis=2)
     means = (shares * steps).sum(axis=1)
+    alike = bool((matrices == matrices[0]).all())
     with np.errstate(divide="ignore"):
         idleness = 1 / (shares / means[:, None]).sum(axis=0)
     return Timed(
         duration=durations,
         wait=wait,
-        step=steps[0],
-        hitting_time=_hitting(matrices[0], shares[0], steps[0]),
-        mean_step=float(means[0]),
+        step=steps.mean(axis=0),
+        hitting_time=_hitting(matrices[0], shares[0], steps[0]) if alike else None,
+        mean_step=float(means.mean()),
         idleness=idleness,
         transition=matrices[0],
     )
@@ -106,7 +115,13 @@ def _hitting(
     With the fundamental matrix `Z = (I - P + 1 pi)^-1` and the mean time `s_i` of a step from `i`,
     the hitting times are `(Z s)_i - (Z s)_j + pi s (z_jj - z_ij) / pi_j`.
     """
-    inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
+    try:
+        inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "matrices: robot 0 visits different vertices in the long run from different starts; "
+            "expected a walk that visits the same vertices from all starts"
+        ) from None
     ahead, visited = inverse @ step, share > 0
     times = np.full(matrix.shape, np.inf)
     own = np.diag(inverse)[visited] - inverse[:, visited]

@@ -13,7 +13,7 @@ from ...base.quantities import Result, derived, quantity
 from ...mapping import Chain, persistent_groups
 from ...markov import limiting_distribution
 from ...optimize import Graph, shortest_tour
-from .times import move_times
+from .times import check_walks, edge_times, move_times
 
 
 # Least number of moves of a simulation, in total and per vertex.
@@ -153,8 +153,9 @@ def simulate_idleness(
         >>> result.patrol[1], result.mean[1].item(), result.longest[1].item()
         ('tour', 4.0, 4.0)
     """
+    check_walks(graph, matrices, memory=True)
     robots, vertices = len(matrices), graph.vertices
-    each = np.broadcast_to(np.asarray(1.0 if times is None else times, float), len(graph.edges))
+    each = edge_times(graph, times)
     # In units of the least time and rounded, coinciding visits have equal times.
     unit = float(each.min())
     durations = move_times(graph, (each / unit).round(_DECIMALS))

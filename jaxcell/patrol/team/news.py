@@ -7,11 +7,12 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
+from ...base import memory
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from ...space.copies import copies
 from .idleness import long_run
-from .times import check_vertex, move_times, names_of
+from .times import check_vertex, check_walks, check_whole, move_times, names_of
 
 
 # Probability of greater ages below which the law may end, and the greatest age that is computed.
@@ -107,7 +108,19 @@ def age_of_news(
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """
     check_vertex("base", base, graph.vertices)
-    delays = move_times(graph, times).astype(np.int64)
+    check_walks(graph, matrices)
+    units = check_whole("times", 1 if times is None else times, len(graph.edges), "edge")
+    if not 0 < unit < np.inf:
+        raise ValueError(f"unit: expected a positive finite number, got {unit}")
+    called = names_of(graph.vertices, names)
+    delays = move_times(graph, units).astype(np.int64)
+    # A matrix of each robot, and the chances of its states since the news of each vertex.
+    states = int(delays[(np.asarray(matrices) > 0).any(axis=0)].sum())
+    memory.check(
+        len(matrices) * states * 8 * (3 * graph.vertices + 16),
+        f"the age of news with {states:,} units of travel time",
+        "expected times in a longer unit",
+    )
     robots = [_backward(matrix, delays, base, graph.vertices) for matrix in matrices]
     heard = np.any([brought for brought, _ in robots], axis=0)
     missed: list[float] = []
@@ -118,7 +131,6 @@ def age_of_news(
         unheard.append(np.prod(later, axis=0))
         if unheard[-1][heard].max(initial=0) < _REST:
             break
-    called = names_of(graph.vertices, names)
     return News(called[base], called, unit, 1 - np.array(missed), 1 - np.array(unheard))
 
 

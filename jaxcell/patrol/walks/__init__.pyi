@@ -1,4 +1,7 @@
-from .arrival import walk_capture_probabilities as walk_capture_probabilities
+from .arrival import (
+    blind_capture as blind_capture,
+    walk_capture_probabilities as walk_capture_probabilities,
+)
 from .game import StrategyGame as StrategyGame, strategy_game as strategy_game
 from .graph_patrol import GraphPatrol as GraphPatrol
 from .measures import Measures as Measures, measure as measure

@@ -11,7 +11,9 @@ from jaxtyping import Array, Float, Int
 
 from ...base.precision import require_x64
 from ...optimize import Graph
-from ..team.times import move_times, names_of
+from ..team.division import divide_graph
+from ..team.idleness import long_run
+from ..team.times import check_whole, move_times, names_of
 
 
 def walk_capture_probabilities(
@@ -40,6 +42,59 @@ def walk_capture_probabilities(
         >>> patrol.walks.walk_capture_probabilities(graph, matrix, 2).tolist()
         [[0.5, 1.0, 0.5], [0.5, 1.0, 0.5], [0.5, 1.0, 0.5]]
     """
+    given, delays, attack = _checked(graph, matrix, attack_time, travel_times)
+    require_x64("walk_capture_probabilities")
+    return np.asarray(first_passage(given, *on_device(delays, attack)))
+
+
+def captured_by_any(
+    probability: Float[np.ndarray, "robots starts targets"],
+) -> Float[np.ndarray, "targets"]:
+    """Compute the probability that any robot arrives in time, each from its worst start."""
+    return 1 - (1 - probability.min(axis=1)).prod(axis=0)
+
+
+def blind_capture(
+    graph: Graph, walks: Any, attack_time: Any, travel_times: Any = None
+) -> Float[np.ndarray, "targets"]:
+    """Compute the probability that independent robots capture an attack at a random time.
+
+    The adversary knows neither places nor times of the robots, which have been walking for long,
+    each on its own. If the time `R` between two visits of a robot to a vertex has a mean of `E[R]`,
+    the robot is there in time with the probability `E[min(R, attack_time)] / E[R]`.
+
+    **Arguments:** as in [`walk_capture_probabilities`][], but `walks` are the transition matrices
+    of all robots, an array `[robots, states, states]`. **Returns:** array `[vertices]`.
+
+    A robot that goes to and fro on a line of three vertices is at each end in every fourth step:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> walk = [[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]
+        >>> patrol.walks.blind_capture(graph, [walk], 1).tolist()
+        [0.25, 0.5, 0.25]
+    """
+    require_x64("blind_capture")
+    missed = np.ones(graph.vertices)
+    for walk, share in zip(walks, long_run(walks), strict=True):
+        given, delays, attack = _checked(graph, walk, attack_time, travel_times)
+        arguments = on_device(delays, attack)
+        seen = np.asarray(arguments[0])
+        early = np.asarray(_time_to_spare(given, *arguments))
+        # Per unit of time: the mean number of departures from each state.
+        often = share / (share @ (given * delays).sum(axis=1))
+        missed *= 1 - (often[:, None] * seen * (attack - early)).sum(axis=0)
+    return 1 - missed
+
+
+def _checked(
+    graph: Graph, matrix: Any, attack_time: Any, travel_times: Any
+) -> tuple[
+    Float[np.ndarray, "states states"],
+    Int[np.ndarray, "states states"],
+    Int[np.ndarray, "vertices"],
+]:
+    """Check a walk; return its matrix, and the times of its moves and of attacks."""
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     given = np.array(matrix, np.float64)
     memory = max(1, given.shape[0] // graph.vertices)
@@ -54,15 +109,7 @@ def walk_capture_probabilities(
     wrong = np.argwhere((given > 0) & (delays == 0))
     if wrong.size:
         raise ValueError(f"matrix{wrong[0].tolist()} is positive, but not an edge of the graph")
-    require_x64("walk_capture_probabilities")
-    return np.asarray(first_passage(given, *on_device(delays, attack)))
-
-
-def captured_by_any(
-    probability: Float[np.ndarray, "robots starts targets"],
-) -> Float[np.ndarray, "targets"]:
-    """Compute the probability that any robot arrives in time, each from its worst start."""
-    return 1 - (1 - probability.min(axis=1)).prod(axis=0)
+    return given, delays, attack
 
 
 @jax.jit
@@ -80,19 +127,54 @@ def first_passage(
     t_il)(l, j))`, with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. JAX
     compiles for the lengths of `longest` and `horizon`, the largest delay and attack time.
     """
+    in_time = _left(attack, horizon) >= 0
+    return _arrivals(P, seen, delays, longest, in_time.astype(P.dtype))
+
+
+@jax.jit
+def _time_to_spare(
+    P: Float[Array, "states states"],
+    seen: Float[Array, "states targets"],
+    delays: Int[Array, "states states"],
+    attack: Int[Array, "targets"],
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> Float[Array, "states targets"]:
+    """Compute the mean time from the first visit to the end of an attack; 0 without a visit."""
+    spare = jnp.maximum(_left(attack, horizon), 0)
+    return _arrivals(P, seen, delays, longest, spare.astype(P.dtype))
+
+
+def _left(
+    attack: Int[Array, "targets"], horizon: Float[Array, "times"]
+) -> Int[Array, "times targets"]:
+    """Compute the time left of each attack after times of 1, 2, ...; negative after its end."""
+    times = jnp.arange(1, horizon.size + 1, dtype=attack.dtype)
+    return attack[None, :] - times[:, None]
+
+
+def _arrivals(
+    P: Float[Array, "states states"],
+    seen: Float[Array, "states targets"],
+    delays: Int[Array, "states states"],
+    longest: Float[Array, "delays"],
+    worth: Float[Array, "times targets"],
+) -> Float[Array, "states targets"]:
+    """Compute the mean of the `worth` of the time of the first visit, as in [`first_passage`][]."""
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
 
-    def step(state, time):  # type: ignore[no-untyped-def]
-        later, captured = state
+    def step(state, worth):  # type: ignore[no-untyped-def]
+        later, total = state
         first = jnp.einsum("dil,dlj->ij", moves, later)
-        captured = captured + jnp.where((time <= attack)[None, :], first, 0.0)
-        return (jnp.concatenate([((1 - seen) * first)[None], later[:-1]]), captured), None
+        return (
+            jnp.concatenate([((1 - seen) * first)[None], later[:-1]]),
+            total + worth[None, :] * first,
+        ), None
 
     # With no time left, a robot that is at the target has arrived.
     later = jnp.zeros((longest.size, *seen.shape), P.dtype).at[0].set(seen)
-    times = jnp.arange(1, horizon.size + 1, dtype=delays.dtype)
-    return jax.lax.scan(step, (later, jnp.zeros(seen.shape, P.dtype)), times)[0][1]
+    return jax.lax.scan(step, (later, jnp.zeros(seen.shape, P.dtype)), worth)[0][1]
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
@@ -104,9 +186,9 @@ def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
     """Check that times are whole; return those of moves (0 if no edge) and of attacks."""
-    attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
+    attack = check_whole("attack_time", attack_time, graph.vertices, "vertex")
     given = 1 if travel_times is None else travel_times
-    times = _whole("travel_times", given, len(graph.edges), "edge")
+    times = check_whole("travel_times", given, len(graph.edges), "edge")
     return move_times(graph, times).astype(np.int32), attack
 
 
@@ -122,18 +204,58 @@ def check_reach(
 
     A robot at the target must return to it; if robots may `stay`, this takes a time of 1.
     """
+    if (reason := out_of_reach(delays, attack, names, unit, stay=stay)) is not None:
+        raise ValueError(reason)
+
+
+def out_of_reach(
+    delays: Int[np.ndarray, "vertices vertices"],
+    attack: Int[np.ndarray, "vertices"],
+    names: Sequence[str] | None = None,
+    unit: float = 1.0,
+    *,
+    stay: bool = False,
+) -> str | None:
+    """Return the reason why a robot at some vertex is too far from a target, or `None`."""
     needed = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     same = np.eye(len(delays))
     away = 2 * np.where((delays > 0) & (same == 0), delays, np.inf).min(axis=1)
     np.fill_diagonal(needed, 1.0 if stay else away)
     # Of equal lacks of time, the first between two vertices is named.
     start, end = np.unravel_index(np.argmax(needed - attack - 0.5 * same), needed.shape)
-    if needed[start, end] > attack[end]:
-        first, last = (names_of(len(delays), names)[vertex] for vertex in (start, end))
-        raise ValueError(
-            f"attack_time: a robot needs {needed[start, end] * unit:g} from vertex {first} to "
-            f"vertex {last}, where an attack takes {attack[end] * unit:g}; expected that at least"
-        )
+    if needed[start, end] <= attack[end]:
+        return None
+    first, last = (names_of(len(delays), names)[vertex] for vertex in (start, end))
+    return (
+        f"attack_time: a robot needs {needed[start, end] * unit:g} from vertex {first} to "
+        f"vertex {last}, where an attack takes {attack[end] * unit:g}; expected that at least"
+    )
+
+
+def parts_within_reach(
+    graph: Graph,
+    delays: Int[np.ndarray, "vertices vertices"],
+    attack: Int[np.ndarray, "vertices"],
+    robots: int,
+    names: Sequence[str] | None = None,
+    unit: float = 1.0,
+    *,
+    stay: bool = False,
+) -> Int[np.ndarray, "vertices"]:
+    """Divide a graph among robots, and raise an error if a robot is too slow for its part."""
+    called = names_of(graph.vertices, names)
+    try:
+        region = divide_graph(graph, robots, names=called)
+    except ValueError as error:
+        slow = out_of_reach(delays, attack, called, unit, stay=stay)
+        raise ValueError(f"{slow}; and robots that patrol parts are too many: {error}") from None
+    for robot in range(robots):
+        inside = np.flatnonzero(region == robot)
+        own = [called[vertex] for vertex in inside.tolist()]
+        near = delays[np.ix_(inside, inside)]
+        if (reason := out_of_reach(near, attack[inside], own, unit, stay=stay)) is not None:
+            raise ValueError(f"{reason}, or more robots: each of {robots} patrols a part")
+    return region
 
 
 def on_device(
@@ -142,17 +264,3 @@ def on_device(
     """Return all arguments of [`first_passage`][] except the transition matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
-
-
-def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:
-    numbers = np.asarray(given)
-    if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
-        raise ValueError(
-            f"{name}: expected a whole number, or {count}, one per {what}, got an array of "
-            f"{numbers.dtype} with shape {list(numbers.shape)}"
-        )
-    numbers = np.broadcast_to(numbers, count)
-    if numbers.min() < 1:
-        wrong = int(np.argmin(numbers))
-        raise ValueError(f"{name}: expected at least 1, got {numbers[wrong]} for {what} {wrong}")
-    return numbers.astype(np.int32)

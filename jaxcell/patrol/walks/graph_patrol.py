@@ -3,10 +3,12 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import scipy.special
 from jaxtyping import Float
 
-from ...base.certificate import Certificate, Outcome
+from ...base.certificate import Certificate
 from ...base.quantities import derived, from_part, quantity
+from ...base.secondary import Secondary
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
@@ -22,8 +24,9 @@ from ..team.idleness import (
     steps_between_visits,
 )
 from ..team.news import News
+from ..team.rounds import Round
 from ..team.times import move_times, names_of
-from .arrival import captured_by_any, walk_capture_probabilities
+from .arrival import blind_capture, captured_by_any, walk_capture_probabilities
 from .game import StrategyGame
 from .measures import Measures, measure
 from .memory import MemoryPatrol
@@ -32,10 +35,14 @@ from .optimal.constraints import MetConstraints
 
 # Largest number that solvers and scaling may return for a probability of 0.
 _NOTHING = 1e-9
+# Difference below which two probabilities, or two times in seconds, are the same.
+_SAME = 1e-6
 # Largest share of all steps that a solver may return for an unused edge.
 _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
+# Largest number of steps after which a robot may still not have arrived, in first arrivals.
+_STEPS = 2**17
 MAX_ARRIVALS = 256
 "Largest number of vertices for which first arrivals are computed, which then takes 10 s."
 
@@ -46,6 +53,17 @@ class GraphPatrol(Measures):
 
     title: ClassVar[str] = "Random walk of a patroller on a graph"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices", "edge": "edges"}
+    leading: ClassVar[tuple[str, ...]] = (
+        "least_capture",
+        "least_captured",
+        "least_blind_capture",
+        "time_unit",
+        "goal",
+        "value",
+        "mean_first_arrival",
+        "mean_idleness",
+        "worst_idleness",
+    )
 
     graph: Graph
     names: Sequence[str]
@@ -60,11 +78,16 @@ class GraphPatrol(Measures):
     game: StrategyGame | None = None
     shares: RobotShares
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
-    "The transition matrix of each robot, if robots differ; the measures are then those of robot 0."
+    """The transition matrix of each robot, if robots differ. Other measures are then those of a
+    robot drawn at random: its probabilities of steps, its shares of time and its entropy."""
     timed: Timed | None = None
     "Times of the walk in seconds, if edges have travel times."
     by_steps: bool = False
     "`True` if the walk was optimised for times in steps although edges differ in travel time."
+    time_unit: Annotated[float | None, quantity("", "unit of time", "s", kind="time")] = None
+    "The unit of which travel times are multiples, if edges have travel times."
+    rounded_up: float = 0.0
+    "The largest time in seconds by which the travel time of an edge is rounded up, or 0."
     division: Division | None = None
     "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None
@@ -73,6 +96,8 @@ class GraphPatrol(Measures):
     "The walks of robots with memory, or `None`. Other results are for the walk without memory."
     idleness: Idleness | None = None
     "The times between visits to vertices, for these walks and three other patrols, or `None`."
+    round: Round | None = None
+    "The closed tour with evenly spaced robots on a shared clock, to compare, or `None`."
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
@@ -85,7 +110,14 @@ class GraphPatrol(Measures):
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ] = None
-    "The probability that any robot arrives in time if each starts at its worst vertex."
+    """The probability that any robot arrives in time if each starts at the worst of the vertices
+    that it visits in the long run, so that the adversary sees the robots."""
+    blind_captured: Annotated[
+        Float[np.ndarray, "vertices"] | None,
+        quantity("vertex", "capture there of an attack at any time", "1", kind="share"),
+    ] = None
+    """The probability that any robot arrives in time if the attack begins at a random time, so that
+    the adversary does not see the robots."""
     seed: int = 0
     "Seed of the recorded walks."
 
@@ -98,6 +130,7 @@ class GraphPatrol(Measures):
         names: Sequence[str] | None = None,
         robots: int = 1,
         attack_time: Any = None,
+        travel_times: Any = None,
         **more: Any,
     ) -> "GraphPatrol":
         """Measure the chain of one or several independent patrollers.
@@ -108,7 +141,8 @@ class GraphPatrol(Measures):
         - `chain`: a chain that moves along edges of the graph, or stays.
         - `names`: names of the vertices; by default their numbers.
         - `robots`: number of robots.
-        - `attack_time`: number of steps of an attack, a whole number, or array `[vertices]`.
+        - `attack_time`: duration of an attack, a whole number, or array `[vertices]`.
+        - `travel_times`: array `[edges]`, whole numbers, travel times for attacks; by default 1.
         - further keywords: the other fields of [`GraphPatrol`][].
 
         Two random walks on a line of three vertices:
@@ -119,27 +153,41 @@ class GraphPatrol(Measures):
             >>> team = patrol.GraphPatrol.of(graph, walk, names="abc", robots=2, attack_time=2)
             >>> record.dataset(team).hitting_time.sel(start="a", target="c").round(6).item()
             4.0
-            >>> team.captured.tolist()
-            [0.75, 1.0, 0.75]
+            >>> team.captured.tolist(), team.blind_captured.tolist()
+            ([0.75, 1.0, 0.75], [0.75, 1.0, 0.75])
         """
         check_count("robots", robots)
         names = names_of(graph.vertices, names)
-        measures = measure(chain)
-        team = more.get("team")
-        if robots > 1 and team is None and graph.vertices <= MAX_ARRIVALS:
-            start = [measures.stationary] * robots
-            arrivals = [
-                mean_first_arrival([chain] * robots, start, vertex, throw=False).value
-                for vertex in range(graph.vertices)
-            ]
-            more["first_arrival"] = np.array(arrivals)
+        team, beside = more.get("team"), Secondary()
+        if team is None:
+            measures = measure(chain)
+            chains = [chain] * robots
+            shares = np.broadcast_to(measures.stationary, (robots, chain.cells))
+            walks = measures.transition[None]
+        else:
+            chains = [Chain.from_scipy(walk) for walk in team]
+            measures, shares, walks = _of_team(team), long_run(team), team
+        if robots > 1 and graph.vertices <= MAX_ARRIVALS:
+            more["first_arrival"] = beside.compute(
+                "the mean time until the first patroller arrives",
+                lambda: np.array(
+                    [
+                        mean_first_arrival(chains, list(shares), vertex, max_steps=_STEPS).value
+                        for vertex in range(graph.vertices)
+                    ]
+                ),
+            )
         if attack_time is not None:
-            walks = [measures.transition] if team is None else team
-            each = [walk_capture_probabilities(graph, walk, attack_time) for walk in walks]
-            more["captured"] = captured_by_any(np.broadcast_to(each, (robots, *each[0].shape)))
-        alike = np.broadcast_to(measures.stationary, (robots, measures.stationary.size))
-        more["shares"] = alike if team is None else long_run(team)
-        return cls(**vars(measures), graph=graph, names=names, robots=robots, **more)
+            given = attack_time, travel_times
+            each = np.stack([walk_capture_probabilities(graph, walk, *given) for walk in walks])
+            # Starts that do not occur in the long run do not count.
+            each = np.where(shares[:, :, None] > 0, each, 1.0)
+            more["captured"] = captured_by_any(each)
+            every = np.broadcast_to(walks, (robots, *walks.shape[1:]))
+            more["blind_captured"] = blind_capture(graph, every, *given)
+        more["left_out"] = measures.left_out + beside.left_out + more.get("left_out", ())
+        measured = vars(measures) | {"shares": shares} | more
+        return cls(graph=graph, names=names, robots=robots, **measured)
 
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
@@ -176,11 +224,35 @@ class GraphPatrol(Measures):
     def remarks(self) -> tuple[str, ...]:
         remarks = []
         if self.team is not None:
-            remarks.append("robots walk differently; times and entropy are those of robot 0")
+            remarks.append(
+                "robots walk differently; probabilities of steps, shares of time and entropy are "
+                "those of a robot drawn at random"
+            )
+            if (np.count_nonzero(self.shares, axis=0) == 1).all():
+                remarks.append("each robot stays in its own part of the graph")
+        if self.round is not None and self.least_capture is not None:
+            watched, least = self.round.watched_capture or 0.0, self.least_capture
+            at_any_time = self.round.least_capture or 0.0
+            blind, how = self.least_blind_capture or 0.0, self.round.followers
+            if watched > least + _SAME:
+                remarks.append(
+                    f"a round captures more than {least:.3f}: with {how}, no attack succeeds"
+                )
+            elif at_any_time > blind + _SAME:
+                remarks.append(
+                    f"a round captures attacks that begin at a random time with {at_any_time:.3f} "
+                    f"at least, and the walk with {blind:.3f} (with {least:.3f} if the adversary "
+                    f"sees it): {how}"
+                )
         if self.walks_with_memory is not None:
             remarks.append("times, shares and entropy above are those of the walk without memory")
         if self.weights_unused:
             remarks.append("the weights of edges in the file are not used; the walk has its own")
+        if self.rounded_up > _SAME:
+            remarks.append(
+                "the walk has travel times rounded up to whole units of time, by up to "
+                f"{self.rounded_up:.3g} s; with a smaller --time-unit they are nearer to the truth"
+            )
         if self.by_steps:
             remarks.append(
                 "the walk is chosen by steps; the times in seconds are those it then has"
@@ -189,18 +261,20 @@ class GraphPatrol(Measures):
             remarks.append("the game counts steps, not seconds")
         if self.local:
             remarks.append(
-                "the walk is a local optimum, the best that several starts lead to; another may be "
+                "the walk is a local optimum of a search from several starts; another walk may be "
                 "better"
             )
-        if self.certificate is not None and self.certificate.outcome is not Outcome.CONVERGED:
+        if self.certificate is not None and not self.certificate.converged:
             remarks.append(
                 f"{self.certificate.outcome.value} (residual {self.certificate.residual:.3g}, "
                 f"tolerance {self.certificate.tolerance:.3g})"
             )
-        if self.robots > 1 and self.team is None and self.first_arrival is None:
+        if self.robots > 1 and self.stationary.size > MAX_ARRIVALS:
             remarks.append(
                 "the first arrival of any patroller is computed on graphs of up to "
-                f"{MAX_ARRIVALS} vertices; other times are of one patroller"
+                f"{MAX_ARRIVALS} vertices"
+                + "; other times are of one patroller"
+                * (self.team is None)
             )
         left_out = int((self.stationary <= 0).sum())
         if left_out:
@@ -210,7 +284,38 @@ class GraphPatrol(Measures):
                 f"the walk is nearly deterministic, with {self.entropy_rate_nats:.1g} nats a step: "
                 "an observer knows where the patroller goes"
             )
-        return tuple(remarks)
+        return (*remarks, *self.left_out)
+
+    @derived(
+        "",
+        "least chance of capture, if the adversary sees the patrollers at vertices",
+        "1",
+        kind="share",
+    )
+    def least_capture(self) -> float | None:
+        captured = self._captured
+        return None if captured is None else float(captured.min())
+
+    @derived("", "least capture of attacks that begin at any time", "1", kind="share")
+    def least_blind_capture(self) -> float | None:
+        walks = self.walks_with_memory
+        blind = self.blind_captured if walks is None else walks.blind_captured
+        return None if blind is None else float(blind.min())
+
+    @derived("", "vertex where it is least", kind="text")
+    def least_captured(self) -> str | None:
+        captured = self._captured
+        if captured is None:
+            return None
+        least = np.flatnonzero(captured <= captured.min() + _SAME)
+        rest = ("", " and 1 other", f" and {least.size - 1} others")[min(least.size - 1, 2)]
+        return self.names[int(least[0])] + rest
+
+    @property
+    def _captured(self) -> Float[np.ndarray, "vertices"] | None:
+        """The least probability of capture at each vertex by the walks that robots take."""
+        walks = self.walks_with_memory
+        return self.captured if walks is None else walks.captured
 
     @derived("", "mean steps until the first patroller is at a vertex", "steps", kind="time")
     def mean_first_arrival(self) -> float | None:
@@ -258,4 +363,19 @@ class GraphPatrol(Measures):
     iterations = from_part("certificate.iterations", "", "steps of the solver", kind="count")
     mean_idleness, worst_idleness = idleness_over_vertices(
         "steps", lambda self: steps_between_visits(self.shares)
+    )
+
+
+def _of_team(team: Float[np.ndarray, "robots vertices vertices"]) -> Measures:
+    """Measure the steps of a robot drawn at random from a team whose robots walk differently."""
+    shares = long_run(team)
+    mean = shares.mean(axis=0)
+    # At vertices that no robot visits in the long run, all robots count equally.
+    weight = np.where(mean > 0, shares, 1.0)
+    weight /= weight.sum(axis=0)
+    entropy = (shares * scipy.special.entr(team).sum(axis=2)).sum(axis=1).mean()
+    return Measures(
+        transition=(weight[:, :, None] * team).sum(axis=0),
+        stationary=mean,
+        entropy_rate_nats=float(entropy),
     )

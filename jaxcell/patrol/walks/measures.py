@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.secondary import Secondary
 from ...mapping import Chain, persistent_groups
 from ...markov import dense, limiting_distribution
 from ...markov.quantities import entropy_rate, hitting_matrix, kemeny_constant, mixing_time, slem
@@ -25,33 +26,42 @@ class Measures(Result):
         Float[np.ndarray, "vertices"],
         quantity("vertex", "share of time in the long run", "1", kind="distribution"),
     ]
-    hitting_time: Annotated[
-        Float[np.ndarray, "vertices vertices"],
-        quantity("start target", "mean steps until first there", "steps", kind="time"),
-    ]
-    mean_hitting_time: Annotated[
-        float, quantity("", "mean hitting time over pairs of vertices", "steps", kind="time")
-    ]
-    kemeny_constant: Annotated[
-        float, quantity("", "Kemeny constant: mean steps to a random vertex", "steps", kind="time")
-    ]
     entropy_rate_nats: Annotated[float, quantity("", "entropy of a step in the long run", "nats")]
-    slem: Annotated[float, quantity("", "second largest modulus of an eigenvalue", "1")]
+    hitting_time: Annotated[
+        Float[np.ndarray, "vertices vertices"] | None,
+        quantity("start target", "mean steps until first there", "steps", kind="time"),
+    ] = None
+    kemeny_constant: Annotated[
+        float | None,
+        quantity("", "Kemeny constant: mean steps to a random vertex", "steps", kind="time"),
+    ] = None
+    slem: Annotated[float | None, quantity("", "second largest modulus of an eigenvalue", "1")] = (
+        None
+    )
     mixing_time: Annotated[
-        float, quantity("", "steps until within 1/4 of the shares of time", "steps", kind="time")
-    ]
+        float | None,
+        quantity("", "steps until within 1/4 of the shares of time", "steps", kind="time"),
+    ] = None
+    left_out: tuple[str, ...] = ()
+    "Sentences about the quantities that could not be computed and are `None`."
+
+    @derived("", "mean hitting time over pairs of vertices", "steps", kind="time")
+    def mean_hitting_time(self) -> float | None:
+        vertices, times = self.stationary.size, self.hitting_time
+        return None if times is None else float(times.sum() / (vertices * (vertices - 1)))
 
     @derived("start target", "mean steps there and back", "steps", kind="time")
-    def commute_time(self) -> Float[np.ndarray, "vertices vertices"]:
-        return self.hitting_time + self.hitting_time.T
+    def commute_time(self) -> Float[np.ndarray, "vertices vertices"] | None:
+        return None if self.hitting_time is None else self.hitting_time + self.hitting_time.T
 
     @derived("", "mean commute time over pairs of vertices", "steps", kind="time")
-    def mean_commute_time(self) -> float:
-        return 2 * self.mean_hitting_time
+    def mean_commute_time(self) -> float | None:
+        return None if self.mean_hitting_time is None else 2 * self.mean_hitting_time
 
     @derived("vertex", "mean steps to it", "steps", kind="time")
-    def mean_time_to(self) -> Float[np.ndarray, "vertices"]:
-        return self.hitting_time.sum(axis=0) / (self.stationary.size - 1)
+    def mean_time_to(self) -> Float[np.ndarray, "vertices"] | None:
+        times = self.hitting_time
+        return None if times is None else times.sum(axis=0) / (self.stationary.size - 1)
 
     @derived("vertex", "probability of waiting there", "1", kind="share")
     def stay(self) -> Float[np.ndarray, "vertices"]:
@@ -59,10 +69,10 @@ class Measures(Result):
 
     def checks(self) -> Checks:
         P, share, times = self.transition, self.stationary, self.hitting_time
-        return {
-            "stationarity_residual": (float(np.abs(share @ P - share).sum()), PROBABILITY),
-            "hitting_time_residual": hitting_check(P, np.ones(share.size), times),
-        }
+        checks = {"stationarity_residual": (float(np.abs(share @ P - share).sum()), PROBABILITY)}
+        if times is not None:
+            checks["hitting_time_residual"] = hitting_check(P, np.ones(share.size), times)
+        return checks
 
 
 def measure(chain: Chain) -> Measures:
@@ -71,7 +81,8 @@ def measure(chain: Chain) -> Measures:
     **Arguments:** a chain that visits the same vertices in the long run, wherever it starts.
 
     **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats per step. Times to
-    vertices that are not visited in the long run are infinite.
+    vertices that are not visited in the long run are infinite. Quantities whose computation fails
+    are `None`.
 
     A random walk round a triangle:
 
@@ -81,22 +92,27 @@ def measure(chain: Chain) -> Measures:
         >>> round(walk.mean_commute_time, 6), round(walk.kemeny_constant, 6), round(walk.slem, 6)
         (4.0, 1.333333, 0.5)
     """
-    groups = persistent_groups(chain)
-    P, vertices = chain.to_scipy().toarray(), chain.cells
+    groups, beside = persistent_groups(chain), Secondary()
+    P = chain.to_scipy().toarray()
     visited = np.asarray(groups.group) == 0
+    core = chain
     if int(groups.count) == 1 and not visited.all():
         core = Chain.from_scipy(P[np.ix_(visited, visited)])
-        times = np.where(visited, dense.hitting(P), np.inf)
-        np.fill_diagonal(times, 0)
-    else:
-        core, times = chain, np.asarray(hitting_matrix(chain).value)
+
+    def times() -> Float[np.ndarray, "vertices vertices"]:
+        if core is chain:
+            return np.asarray(hitting_matrix(chain).value)
+        found = np.where(visited, dense.hitting(P), np.inf)
+        np.fill_diagonal(found, 0)
+        return found
+
     return Measures(
         transition=P,
         stationary=np.asarray(limiting_distribution(chain, groups).value),
-        hitting_time=times,
-        mean_hitting_time=float(times.sum() / (vertices * (vertices - 1))),
-        kemeny_constant=kemeny_constant(core),
         entropy_rate_nats=entropy_rate(core),
-        slem=slem(core),
-        mixing_time=mixing_time(core),
+        hitting_time=beside.compute("the table of hitting times", times),
+        kemeny_constant=beside.compute("the Kemeny constant", lambda: kemeny_constant(core)),
+        slem=beside.compute("the second largest eigenvalue", lambda: slem(core)),
+        mixing_time=beside.compute("the mixing time", lambda: mixing_time(core)),
+        left_out=beside.left_out,
     )

@@ -6,17 +6,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph, shortest_tour
+from ...optimize import Graph
 from ..team.idleness import RobotShares, idleness_over_vertices, long_run, steps_between_visits
-from ..team.times import move_times, names_of
-from .arrival import captured_by_any, states_at, walk_capture_probabilities
+from ..team.rounds import evenly_spaced_round
+from ..team.times import names_of
+from .arrival import blind_capture, captured_by_any, states_at, walk_capture_probabilities
 from .optimal.bound import capture_bound
 from .optimal.capture import maximin_capture
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class MemoryPatrol(Result):
-    """Walks with memory: their least probability of capture, that of a tour, and an upper bound.
+    """Walks with memory: their least probability of capture, that of a round, and an upper bound.
 
     A state of a robot is a pair of a state of its memory and a vertex; the vertex varies fastest.
     """
@@ -37,7 +38,9 @@ class MemoryPatrol(Result):
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
     ]
-    memory: Annotated[int, quantity("", "states of memory of the best walk", kind="count")]
+    memory: Annotated[
+        int, quantity("", "states of memory of the walk that captures most", kind="count")
+    ]
     "The number of memory states of the walk that captures most; the smallest if walks tie."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
@@ -49,6 +52,8 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "vertices"],
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ]
+    blind_captured: Float[np.ndarray, "vertices"]
+    "The probability of capture at each vertex if the attack begins at a random time."
 
     @derived("state", "vertex of the state", kind="coordinate")
     def state_vertex(self) -> list[str]:
@@ -79,9 +84,10 @@ def memory_patrol(
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:
-    """Find the walks that capture most, for robots with 2, 4, 8, ... states of memory.
+    """Search for walks that capture much, for robots with 2, 4, 8, ... states of memory.
 
     A search also starts from the walks with half as many states, so that it never captures less.
+    One robot on a closed tour, or several robots on an evenly spaced round, are beside the walks.
 
     **Arguments:**
 
@@ -117,45 +123,26 @@ def memory_patrol(
     for walk in walks:
         times = attack_time, travel_times
         each = np.stack([walk_capture_probabilities(graph, robot, *times) for robot in walk])
-        shares = long_run(walk)[..., None]
         # States that do not occur in the long run do not count.
-        worst = np.where(shares > 0, each, 1.0)
-        mean = (shares * each).sum(axis=1, keepdims=True)
-        captured.append((captured_by_any(worst), captured_by_any(mean)))
+        worst = captured_by_any(np.where(long_run(walk)[..., None] > 0, each, 1.0))
+        captured.append((worst, blind_capture(graph, walk, *times)))
     least = [float(worst.min()) for worst, _ in captured]
     best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
-    if len(matrices) == 1:
-        tour = _on_tour(graph, attack_time, travel_times)
-        captured.append((tour.min(axis=0), tour.mean(axis=0)))
-        patrols.append("tour")
+    on_tour = evenly_spaced_round(graph, len(matrices), attack_time, travel_times=travel_times)
+    patrols.append("tour" if len(matrices) == 1 else "round")
     say("bounding the capture with any memory")
     given |= {"robots": len(matrices), "captured": max(least), "tests": tests}
     bound = capture_bound(graph, attack_time, **given)
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
         patrol=patrols,
-        least_capture=np.array([worst.min() for worst, _ in captured]),
-        any_time=np.array([mean.min() for _, mean in captured]),
+        least_capture=np.array([*least, on_tour.watched_capture]),
+        any_time=np.array([*(float(blind.min()) for _, blind in captured), on_tour.least_capture]),
         upper_bound=bound,
         memory=sizes[best],
         vertex=names_of(graph.vertices, names),
         chance=walks[best],
         shares=shares,
         captured=captured[best][0],
+        blind_captured=captured[best][1],
     )
-
-
-def _on_tour(
-    graph: Graph, attack_time: Any, travel_times: Any
-) -> Float[np.ndarray, "places vertices"]:
-    """Return 1 if a robot from a place of a short closed tour is at a vertex in time, else 0."""
-    lengths = None if travel_times is None else np.asarray(travel_times, float)
-    tour = shortest_tour(Graph(graph.edges, graph.vertices, ways=lengths), range(graph.vertices))
-    lasts = move_times(graph, travel_times)[tour, np.roll(tour, -1)]
-    late = np.full((tour.size, graph.vertices), np.inf)
-    for _ in range(2):
-        for place in range(tour.size - 1, -1, -1):
-            after = (place + 1) % tour.size
-            late[place] = lasts[place] + late[after]
-            late[place, tour[after]] = lasts[place]
-    return (late <= np.asarray(attack_time)).astype(float)

@@ -117,12 +117,13 @@ def _log_curves(stream: rr.RecordingStream, result: Anywhere) -> list[rrb.View]:
     ):
         path, style = f"extent/{name}", {"color": color, "shape": "Linear"}
         log_curve(stream, path, values, _TIMELINE, result.bump, **style)
-    share, title = result.trial.extent <= 2 * result.radius, "Share of robots that are localized"
+    until, title = result.bumps_until_localized, "Share of robots that are localized"
     if isinstance(result, HomeFromAnywhere):
-        share = result.bumps_until_home[:, None] <= result.bump
-        title = "Share of robots at the goal"
+        until, title = result.bumps_until_home, "Share of robots at the goal"
+    share = until[:, None] <= result.bump
     log_curve(stream, "share", share.mean(axis=0), _TIMELINE, result.bump, color=palette.KNOWN)
-    last, most = result.bump.size, float(result.extent.max())
+    last = result.bump.size
+    most = float(np.max(result.extent, where=np.isfinite(result.extent), initial=0.0))
     extent = curve_view("extent", "Extent of what is possible, m", last, most)
     return [extent, curve_view("share", title, last, 1.0)]
 

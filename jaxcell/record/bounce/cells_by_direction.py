@@ -9,6 +9,7 @@ import zarr
 from zarr.codecs import BloscCodec
 
 from ...base.paths import replacing
+from ...base.process import library_writes
 from ...base.quantities import quantities, quantity, values
 from ...bounce import BounceGroups
 from ...mapping import GroupSummary
@@ -62,7 +63,8 @@ def save_cells(
         }
         title = provenance(result.title, cells, spec)
         variables = xr.Dataset(numbers, cell_coordinates(cells), title).set_coords("bounce_deg")
-        variables.to_zarr(temporary, zarr_format=3, consolidated=False)
+        with library_writes(os.path.basename(path)):
+            variables.to_zarr(temporary, zarr_format=3, consolidated=False)
         store = zarr.open_group(temporary)
         store.attrs.update(check_attributes(result.title, _write_cells(store, result)))
         with warnings.catch_warnings():

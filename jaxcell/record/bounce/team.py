@@ -7,7 +7,17 @@ from ...bounce import TeamTrajectory
 from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color, tint
+from ..canvas.palette import (
+    CLEAR,
+    FREE,
+    ROBOTS,
+    Color,
+    PictureClass,
+    mix,
+    robot_color,
+    robots_alike,
+    tint,
+)
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.stream import send_blueprint
 
@@ -44,7 +54,7 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     classes = [PictureClass("not visited", CLEAR)]
     for robot in range(min(team.starts.size, len(ROBOTS))):
         name, color = robot_color(robot)
-        label = f"first visited by robot {robot} ({name})"
+        label = f"first visited by {robots_alike(robot, team.starts.size)} ({name})"
         classes.append(PictureClass(label, tint(color, 0.55)))
     changes = np.unique(team.first_visit[team.first_visit >= 0])
     shown = np.linspace(0, len(changes) - 1, min(len(changes), MAX_PICTURES)).round().astype(int)
@@ -71,7 +81,8 @@ def _log_curves(
 
 def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
     """Return the legend. Each colour is listed once, even if several robots share it."""
-    robots = [(f"robot {i}", _shade(i)) for i in range(min(team.starts.size, len(ROBOTS)))]
+    count = team.starts.size
+    robots = [(robots_alike(i, count), _shade(i)) for i in range(min(count, len(ROBOTS)))]
     return [
         *robots,
         ("pale: first visited by the robot of that colour", tint(robot_color(0)[1], 0.55)),

@@ -5,6 +5,7 @@ vermilion, its possible cells are blue, and those that are left at the end are g
 from the blue start to the green goal, and the target of an adversary is pink.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -43,13 +44,6 @@ CATEGORIES: dict[str, Color] = {
     "pink": (204, 121, 167),
 }
 
-_ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
-ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
-"""The name and the colour of each robot, by its number."""
-
-# The first angles avoid the colours of the robot and of the start; all avoid that of the goal.
-_ANGLES = ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
-
 # Samples of the colour map viridis, without its darkest part, which looks like an obstacle.
 _RAMP = np.array(
     [
@@ -70,16 +64,6 @@ _RAMP = np.array(
 _DARK = 104
 # Probabilities up to this count as 0, because solvers are not exact.
 _NOTHING = 1e-9
-
-
-def robot_color(robot: int) -> tuple[str, Color]:
-    """Return the name and the colour of a robot; robots are counted from 0."""
-    return ROBOTS[robot % len(ROBOTS)]
-
-
-def angle_color(number: int) -> Color:
-    """Return the colour of a bouncing angle; angles are counted from 0."""
-    return CATEGORIES[_ANGLES[number % len(_ANGLES)]]
 
 
 def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
@@ -133,10 +117,46 @@ NOT_FREE = PictureClass("not free", CLEAR)
 """Class 0 in pictures of a map: squares that are not free."""
 
 
+def shades(names: Iterable[str] = CATEGORIES) -> list[tuple[str, Color]]:
+    """Return names and colours: first the categories `names`, then dark ones, then pale ones."""
+    toward: list[tuple[str, Color, float]] = [
+        ("", (0, 0, 0), 0.0),
+        ("dark ", (0, 0, 0), 0.45),
+        ("pale ", (255, 255, 255), 0.6),
+    ]
+    names = list(names)
+    return [
+        (f"{shade}{name}", mix(CATEGORIES[name], other, share))
+        for shade, other, share in toward
+        for name in names
+    ]
+
+
+ROBOTS = shades(("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow"))
+"""The name and the colour of each robot, by its number. Later robots have the colours again."""
+# The first angles avoid the colours of the robot and of the start; all avoid that of the goal.
+_ANGLES = shades(("orange", "sky blue", "pink", "yellow", "blue", "vermilion"))
+_CYCLES = shades()
+
+
+def robot_color(robot: int) -> tuple[str, Color]:
+    """Return the name and the colour of a robot; robots are counted from 0."""
+    return ROBOTS[robot % len(ROBOTS)]
+
+
+def robots_alike(robot: int, robots: int) -> str:
+    """Name all of `robots` robots that have the colour of `robot`, such as "robot 0, 21"."""
+    return f"robot {', '.join(map(str, range(robot % len(ROBOTS), robots, len(ROBOTS))))}"
+
+
+def angle_color(number: int) -> Color:
+    """Return the colour of a bouncing angle; angles are counted from 0."""
+    return _ANGLES[number % len(_ANGLES)][1]
+
+
 def cycle_color(number: int) -> tuple[str, Color]:
     """Return the name and the colour of a cycle, from its number in `Filter.color`, at least 2."""
-    named = list(CATEGORIES.items())
-    return named[(number - 2) % len(named)]
+    return _CYCLES[(number - 2) % len(_CYCLES)]
 
 
 RANKED: list[Color] = [

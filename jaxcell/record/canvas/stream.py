@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 
 from ...base.paths import replacing
+from ...base.results import current_run, shown_folder
 from .palette import BLACK, Color
 
 
@@ -34,6 +35,8 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
             # The thread of Rerun for files does not raise an error if the disk is full.
             memory = stream.memory_recording()
             stream.send_recording_name(recording_name(path))
+            if (run := current_run()) is not None:
+                stream.send_property("run", rr.AnyValues(run_id=run))
             yield stream
             temporary.write_bytes(memory.drain_as_bytes())
     finally:
@@ -52,7 +55,7 @@ def new_stream(kind: str) -> rr.RecordingStream:
 def recording_name(path: str | os.PathLike[str]) -> str:
     """Return the name that the viewer lists for a recording: its folder and its file name."""
     path = Path(path).absolute()
-    return f"{path.parent.name}/{path.stem}"
+    return f"{shown_folder(path).name}/{path.stem}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ...base.paths import replacing
+from ...base.process import library_writes
 from ...base.quantities import PROBABILITY, Checks, Quantity, Result, parts, unsigned, values
 from ...space import CellSpace
 from ..provenance import cell_coordinates, provenance
@@ -81,7 +82,7 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
         for name, variable in dataset.variables.items()
         if variable.ndim and variable.dtype.kind in "bif"
     }
-    with replacing(path) as temporary:
+    with replacing(path) as temporary, library_writes(os.path.basename(path)):
         dataset.to_netcdf(temporary, format="NETCDF4", engine="netcdf4", encoding=encoding)
 
 

@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.quantities import Quantity, Result, columns, is_single, parts, summarized
+from ...base.quantities import PADDING, Quantity, Result, columns, is_single, parts, summarized
 from ...space import CellSpace
 
 
@@ -74,8 +74,9 @@ def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
     if about.kind == "place" and cells is not None:
         places = [place(cells, position) for position in array.ravel().tolist()]
         return places if array.ndim else places[0]
-    if about.kind == "index" and array.ndim == 2:
-        return [[index for index in row if index >= 0] for row in array.tolist()]
+    if about.kind in PADDING and array.ndim == 2:
+        padding = PADDING[about.kind]
+        return [[one for one in row if one != padding] for row in array.tolist()]
     if array.dtype.kind == "f":
         return _finite(array.tolist())
     return array.tolist()

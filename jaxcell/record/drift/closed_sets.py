@@ -3,6 +3,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
+from ...base.formatting import in_time
 from ...drift import ClosedSets
 from ..canvas.marks import log_labels
 from ..canvas.palette import CLEAR, FREE, PictureClass
@@ -24,7 +25,7 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
         label = sets.labels[map.number]
         classes = [PictureClass("land", CLEAR), _NONE]
         for number, place in enumerate(rank.tolist(), first):
-            leave = f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
+            leave = f"{sets.leakage[number]:.1%} leave in {in_time(sets.window_hours)}"
             classes.append(PictureClass(f"set {place}: {leave}", home_color(place)))
         kind = np.where(label < 0, 1, label - first + 2)
         picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
@@ -37,25 +38,23 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
 
 
 def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
-    """Label each set with its rank and the time after which 1/e of its drifters are left in it."""
+    """Label each set with its rank and the share of its drifters that leave in the window."""
     label = sets.labels[map.number]
     labels = []
     for number in numbers:
         x, y = map.middle(label == number)
-        hours = sets.hours[number]
-        written = f"{hours:{',.0f' if hours >= 100 else '.3g'}} h"
-        labels.append((f"set {sets.rank[number]}: {written}", x, y))
+        labels.append((f"set {sets.rank[number]}: {sets.leakage[number]:.1%} leave", x, y))
     grounds = [home_color(int(sets.rank[number])) for number in numbers]
     log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels, grounds)
 
 
 def _text(sets: ClosedSets) -> str:
-    columns = "rank", "depth", "size", "leakage", "hours", "lon", "lat"
+    columns = "rank", "depth", "size", "leakage", "lon", "lat"
     return f"""# Parts that drifters hardly leave
 
-These parts are *nearly closed*: if drifters are released uniformly in a part, only a small share is
-outside it after **{sets.window_hours:.3g} hours**. At this rate 1/e of them are left in it after
-the time on the map. The parts come from the leading eigenvectors of the Markov chain.
+These parts are *nearly closed*: if drifters are released uniformly in a part, less than half of
+them are outside it after **{in_time(sets.window_hours)}**; the share is on the map. The parts come
+from the leading eigenvectors of the Markov chain.
 
 {described(sets, *columns)}
 """

@@ -27,7 +27,7 @@ def log_deployment(map: CurrentMap) -> rrb.Container:
     faint = [PictureClass(c.label, tint(c.color, _PALE)) for c in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
     log_dots(map.stream, "map/deployment", map.xy(chosen.cells), map.mark, _CELL)
-    title = f"To reach all: {chosen.cells.size:,} drifters"
+    title = f"To ever reach all: {chosen.cells.size:,} drifters"
     views: list[rrb.View] = [map.view(title, [picture, "deployment"])]
     legend = [
         ("drop a drifter here", _CELL),
@@ -70,7 +70,7 @@ def _log_curve(map: CurrentMap) -> rrb.View:
     number = np.arange(share.size + 1, dtype=float)
     plot = Plot(map.stream, "deployment/curve", max(2.0, float(share.size)), 105.0)
     whole = [tick for tick in ticks(plot.most_x) if tick == int(tick)]
-    plot.axes(whole, [0, 25, 50, 75, 100], "drifters", "cells that they may visit, %")
+    plot.axes(whole, [0, 25, 50, 75, 100], "drifters", "cells that they can ever reach, %")
     plot.line("covered", number, np.concatenate([[0.0], share]), BELIEF, 2.5)
     return plot.view("Coverage by the number of drifters")
 
@@ -93,9 +93,10 @@ def _text(drift: SeaDrift) -> str:
     }
     return f"""# Where to drop drifters
 
-Dropped at the black circles, **{chosen.cells.size:,}** drifters may come to every cell, each within
-its group; {persistent:,} are in persistent groups. If any drifter may visit a cell,
-**{drift.minimum.size:,}** will do{no_fewer}.
+Dropped at the black circles, **{chosen.cells.size:,}** drifters can ever reach every cell, each
+within its group; {persistent:,} are in persistent groups. If any drifter may reach a cell,
+**{drift.minimum.size:,}** will do{no_fewer}. A cell is reached if a drifter visits it with any
+positive probability, after any time.
 {views}
 {described(drift, *columns, first=numbered, most=_MAX_ROWS)}
 """

@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 from ...drift import Exchange
 from ..canvas.marks import log_labels
 from ..canvas.matrix import log_matrix
-from ..canvas.palette import CATEGORIES, CLEAR, FREE, PictureClass, tint
+from ..canvas.palette import CLEAR, FREE, PictureClass, shades, tint
 from ..canvas.prose import described
 from .map import SeaMap
 
@@ -17,7 +17,7 @@ _PALE = 0.4
 def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     """Log a tab that shows residence times in regions, and drifters that change regions."""
     names = exchange.name.tolist()
-    colors = [tint(color, _PALE) for color in CATEGORIES.values()]
+    colors = [tint(color, _PALE) for _, color in shades()]
     classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]
     classes += [PictureClass(name, colors[k % len(colors)]) for k, name in enumerate(names)]
     # If regions overlap, the last one is shown.

@@ -128,7 +128,8 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
-    distance = "asked_hours", "distance", "distance_noise", "drifters_left", "map_left"
+    distances = "asked_hours", "distance", "distance_noise", "release_distance"
+    left = "release_distance_noise", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
     current = "the mean current" if drift.phases is None else "the current, as it changes,"
     spread = "on points of its cell"
@@ -151,9 +152,10 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
 ## How sure
 
 Drifters that the current itself carries, without cells, are the **black dots**: press play. The
-share that the map has in a wrong cell, and the shares that left:
+share that the map has in a wrong cell, released everywhere and released in one cell, and the shares
+that left:
 
-{described(drift.layers, "depth", *distance)}
+{described(drift.layers, "depth", *distances, *left)}
 
 ## The map
 

@@ -40,7 +40,7 @@ def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: S
     tabs.append(_log_observations(maps[0]))
     if found.layers[0].transient_groups:
         tabs.insert(1, log_absorption(maps))
-    if found.nearly_closed_sets is not None:
+    if found.nearly_closed_sets is not None and found.nearly_closed_sets.leakage.size:
         tabs.insert(1, log_closed_sets(maps, found.nearly_closed_sets))
     clock = maps[0].clock
     send_blueprint(stream, tabs, clock.unit, clock.speed)

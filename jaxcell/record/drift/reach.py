@@ -20,7 +20,7 @@ _CLASSES = [
 
 
 def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log a tab that shows, in each layer, the cells that a drifter from the start may reach."""
+    """Log a tab that shows, in each layer, the cells that can ever be reached from the start."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None
     assert drift.start is not None
@@ -38,7 +38,10 @@ def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
 
 
 def _text(drift: SeaDrift, start: int) -> str:
-    return f"""# What may be reached
+    return f"""# What can ever be reached
+
+A cell is in reach if drifters from the start visit it with any positive probability, after any
+time.
 
 A drifter is dropped at **{place_name(*drift.place(start)[:2])}** (the dark blue dot).
 

@@ -23,8 +23,8 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     Over a timeline of dates, tabs show the current of each layer as arrows, drifters in it, the
     predicted distribution of drifters, and drifters that follow the policy to a goal. Static tabs
     show persistent groups, nearly closed sets, absorption times, the deployment, the error of the
-    prediction, the exchange between regions, beaches, the cells that a drifter from the start
-    reaches, and a view of the value function and the policy in three dimensions.
+    prediction, the exchange between regions, beaches, the cells that can ever be reached from the
+    start, and a view of the value function and the policy in three dimensions.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)
@@ -32,7 +32,7 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     tabs = [groups, log_currents(maps, seed), log_distribution(maps), log_deployment(maps[0])]
     if any(drift.layers[map.number].transient_groups for map in maps):
         tabs.insert(3, log_absorption(maps))
-    if drift.nearly_closed_sets is not None:
+    if drift.nearly_closed_sets is not None and drift.nearly_closed_sets.leakage.size:
         tabs.insert(1, log_closed_sets(maps, drift.nearly_closed_sets))
     if drift.distance_by_cell is not None:
         tabs.append(log_distances(maps))

@@ -44,12 +44,12 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     _log_edges(stream, basins)
     views: list[rrb.View] = [
         view("Basins", "basins", "edges/**"),
-        view("Mappings to the attractor", "steps"),
+        view("Mappings to the group or attractor", "steps"),
     ]
     if _deep(basins):
         _log_orbits(stream, basins)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
-    columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
+    columns = "fraction", "sampled", "period", "cells_on", "mean_steps", "mean_steps_error"
     table = described(basins, *columns, first={"": names.tolist()})
     seen = _SEEN + _cut(basins, "slice")
     if basins.edges is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.quantities import Quantity
-from ..canvas.palette import CATEGORIES, PLAIN, Color, ramp
+from ..canvas.palette import PLAIN, RANKED, TRAIL, Color, ramp
 
 
 if TYPE_CHECKING:
@@ -53,16 +53,20 @@ class Drawn:
         own = labels >= 0
         order = np.argsort(np.where(own, -count, 1), kind="stable")
         rank = np.argsort(order)
-        palette = [color_of(color) for color in CATEGORIES.values()]
+        # With more values than colours, the rarest are grey.
+        named = len(RANKED) if own.sum() <= len(RANKED) else len(RANKED) - 1
         colors = [
-            palette[k % len(palette)] if own[label] else color_of(PLAIN)
+            color_of((RANKED[k] if k < named else TRAIL) if own[label] else PLAIN)
             for k, label in enumerate(order)
         ]
         words = {0: "no", 1: "yes"} if self.about.kind == "flag" else {-1: "none", -2: "none"}
         names = {
             words.get(int(labels[label]), str(labels[label])): colors[k]
-            for k, label in enumerate(order[: len(palette)])
+            for k, label in enumerate(order)
+            if k < named or not own[label]
         }
+        if own.sum() > named:
+            names[f"{own.sum() - named:,} more"] = color_of(TRAIL)
         options = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(colors) - 0.5}
         draw(np.ma.masked_array(rank[inverse].reshape(self.values.shape)), options)
         if names:

@@ -79,7 +79,8 @@ def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
     for robot in range(colors):
         name, color = palette.robot_color(robot)
-        classes.append(PictureClass(f"robot {robot} ({name}) sees it", palette.tint(color, 0.6)))
+        alike = palette.robots_alike(robot, patrol.robots)
+        classes.append(PictureClass(f"{alike} ({name}) sees it", palette.tint(color, 0.6)))
     classes.append(PictureClass("several robots see it", _SEVERAL))
     classes.append(PictureClass("the base station sees it", BASE_VIEW))
     seen = patrol.visible[attacks.place]
@@ -92,7 +93,10 @@ def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 def _legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
     legend = [
-        (f"robot {robot}, its last steps and sight", palette.robot_color(robot)[1])
+        (
+            f"{palette.robots_alike(robot, patrol.robots)}, last steps and sight",
+            palette.robot_color(robot)[1],
+        )
         for robot in range(min(patrol.robots, len(palette.ROBOTS)))
     ]
     if patrol.robots > 1:

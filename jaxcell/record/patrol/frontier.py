@@ -25,7 +25,7 @@ def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Containe
     floors = plot.at(frontier.entropy, frontier.least_capture)
     log_dots(stream, "frontier/curve/floors", floors, 1.2, KNOWN)
     views = plot.view("Capture against entropy")
-    legend = [("a floor of randomness", KNOWN), ("the best that was found", BELIEF)]
+    legend = [("a floor of randomness", KNOWN), ("the most that was found", BELIEF)]
     return log_tab(stream, "frontier", "Frontier", views, _text(frontier), legend, rows=(5, 4))
 
 

@@ -26,6 +26,7 @@ from ..canvas.palette import (
     Level,
     ramp,
     robot_color,
+    robots_alike,
     share_colors,
 )
 from ..canvas.plot import Plot, ticks
@@ -60,7 +61,8 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
         xy = np.array([places[vertex] for vertex in range(patrol.graph.vertices)])
     drawing = _Drawing(stream, patrol, xy)
     tabs = [_log_walk(drawing, spec), _log_waits(drawing), _log_next(drawing)]
-    tabs.append(_log_times(stream, patrol))
+    if patrol.hitting_time is not None and patrol.mean_time_to is not None:
+        tabs.append(_log_times(stream, patrol, patrol.hitting_time, patrol.mean_time_to))
     if patrol.game is not None:
         tabs.append(log_game(stream, patrol.game))
     send_blueprint(stream, tabs, "step", 4.0)
@@ -136,7 +138,10 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     if robots == 1:
         legend.append(("the patroller", ROBOT))
     else:
-        legend += [(f"patroller {i}", color) for i, (_, color) in enumerate(ROBOTS[:robots])]
+        legend += [
+            (f"patroller {robots_alike(i, robots).removeprefix('robot ')}", color)
+            for i, (_, color) in enumerate(ROBOTS[:robots])
+        ]
     views = rrb.Vertical(
         rrb.Horizontal(
             drawing.view("The walk", "shares", "vertices", "names", "patrollers/**"),
@@ -257,11 +262,16 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
 
 
-def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container:
+def _log_times(
+    stream: rr.RecordingStream,
+    patrol: GraphPatrol,
+    hitting: Float[np.ndarray, "vertices vertices"],
+    mean: Float[np.ndarray, "vertices"],
+) -> rrb.Container:
     """Log the hitting times as a heat map, with their means in the last row."""
-    times = patrol.hitting_time.copy()
+    times = hitting.copy()
     np.fill_diagonal(times, np.nan)
-    matrix = np.concatenate([times, patrol.mean_time_to[None]])
+    matrix = np.concatenate([times, mean[None]])
     rows = [*patrol.names, "mean"]
     title, columns = "Expected steps from a row to a column", patrol.names
     view, legend = log_matrix(stream, "times/matrix", title, matrix, rows, columns, "steps")
@@ -314,18 +324,17 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
         parts.append(f"The strategy is **{spec['strategy']}**.")
     if patrol.goal is not None and patrol.value is not None:
         parts.append(f"The walk makes large: {patrol.goal}, which is **{patrol.value:.4g}**.")
-    captured = patrol.captured
     walks = patrol.walks_with_memory
     if walks is not None and walks.memory > 1:
-        captured, memory = walks.captured, walks.memory
-        parts.append(f"With {counted(memory, 'state')} of memory the patrollers capture more.")
-    if captured is not None:
+        memory = counted(walks.memory, "state")
+        parts.append(f"With {memory} of memory the patrollers capture more.")
+    if patrol.least_capture is not None:
         attack, unit = spec.get("attack_time"), "steps" if patrol.timed is None else "s"
         steps = "as long as its vertex says" if attack is None else f"**{attack:,} {unit}**"
-        place = int(np.argmin(captured))
         parts.append(
-            f"An attack takes {steps}. It is captured with a probability of at least "
-            f"**{captured[place]:.3f}**, at vertex {patrol.names[place]}."
+            f"An attack takes {steps}. An adversary who sees the patrollers at vertices is "
+            f"captured with a probability of at least **{patrol.least_capture:.3f}**, at vertex "
+            f"{patrol.least_captured}."
         )
     return " ".join(parts)
 
@@ -344,6 +353,12 @@ def _more(patrol: GraphPatrol) -> str:
         parts.append(
             f"Robots that share the graph, and that divide it:\n\n"
             f"{described(patrol.division, *columns)}"
+        )
+    if patrol.round is not None:
+        tours = described(patrol.round, "stops", "robots", "steps", "seconds")
+        parts.append(
+            "With a shared clock, patrollers can follow closed tours at equal intervals:\n\n"
+            f"{numbers(patrol.round)}\n\n{tours}"
         )
     if patrol.news is not None:
         ages = described(patrol.news, "mean_age", "late_age", first={"vertex": patrol.names})

@@ -55,8 +55,9 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
     classes = [palette.NOT_FREE, PictureClass("only the base", BASE_VIEW)]
     legend: list[tuple[str, Color]] = []
     for robot, color in enumerate(colors):
-        patrols = PictureClass(f"robot {robot} patrols", palette.tint(color, 0.6))
-        reports = PictureClass(f"robot {robot} reports", palette.tint(color, 0.25))
+        alike = palette.robots_alike(robot, patrol.robots)
+        patrols = PictureClass(f"{alike} patrols", palette.tint(color, 0.6))
+        reports = PictureClass(f"{alike} reports", palette.tint(color, 0.25))
         classes += [patrols, reports]
         legend += [patrols, ("... in view of the base: it can report", reports.color)]
     legend += [*base_legend(patrol), ("in its view, patrolled by no robot", BASE_VIEW)]

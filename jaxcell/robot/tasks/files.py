@@ -5,14 +5,22 @@ from pathlib import Path
 from typing import Any
 
 from ...automata import Belief, Filter, HiddenMap, Policy
+from ...automata.filter import CONFIRM
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, decode_json, read_text
+from ...base.results import check_result
 from ...space.cells import MAX_CELLS
-from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
+from ..followers import (
+    BeliefFollower,
+    FilterFollower,
+    Follower,
+    PolicyFollower,
+    Until,
+)
 from ..team import MemberTask, read_member
 from .anywhere_task import AnywhereTask, read_anywhere
 from .patrol_task import PatrolTask, read_patrol
-from .task import Task, angles, common_fields
+from .task import VERSION, Task, angles, common_fields
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,9 +40,9 @@ class FilterTask(Task):
     def header(self) -> dict[str, Any]:
         return {**super().header, "bounce_deg": math.degrees(self.bounce)}
 
-    def follower(self, until: Until = "known") -> Follower:
+    def follower(self, until: Until = "known", *, confirm: int = CONFIRM) -> Follower:
         """Create the state of the filter at the start of a run."""
-        return FilterFollower(self.filter, until)
+        return FilterFollower(self.filter, until, confirm=confirm)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,9 +62,9 @@ class PolicyTask(_Choice):
     kind = "policy"
     policy: Policy
 
-    def follower(self) -> Follower:
+    def follower(self, *, confirm: int = CONFIRM) -> Follower:
         """Create the state of the policy at the start of a run."""
-        return PolicyFollower(self.policy)
+        return PolicyFollower(self.policy, confirm=confirm)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,9 +74,9 @@ class BeliefTask(_Choice):
     kind = "belief"
     belief: Belief
 
-    def follower(self) -> Follower:
+    def follower(self, *, confirm: int = CONFIRM) -> Follower:
         """Create the state of the belief at the start of a run."""
-        return BeliefFollower(self.belief)
+        return BeliefFollower(self.belief, confirm=confirm)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +98,23 @@ class PlanTask(Task):
     @property
     def header(self) -> dict[str, Any]:
         return {**super().header, "start": self.start, "actions": self.actions}
+
+
+def other_rooms(task: FilterTask | PolicyTask, confirm: int) -> dict[str, float | int | None]:
+    """Return the share of robots in random other rooms that are localized as surely.
+
+    `confirm` is the number of further observations that confirm the place of a robot. **Returns:**
+    the `other_room_share` and, in `other_rooms`, the number of rooms; `None` for what the file of
+    the task does not contain.
+    """
+    source = task.policy if isinstance(task, PolicyTask) else task.filter
+    shares = source.metadata.get("other_room_shares")
+    shares = shares if isinstance(shares, dict) else {}
+    enough = [least for least in map(int, shares) if least <= confirm]
+    return {
+        "other_room_share": float(shares[str(max(enough))]) if enough else None,
+        "other_rooms": source.metadata.get("other_rooms"),
+    }
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
@@ -123,6 +148,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         ('MemberTask', 1)
     """
     path = Path(path)
+    check_result(path)
     if path.suffix == ".nc":
         raise ValueError(
             f"{path}: a robot does not read NetCDF; expected filter.jxf, team.json, patrol.json or "
@@ -130,7 +156,10 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
             "`jaxcell navigate --start ... --goal ... --out`"
         )
     values = _json(path) if path.suffix == ".json" else {}
-    kind = values.get("kind") if values.get("format") == "jaxcell-robot-task" else None
+    kind = None
+    if values.get("format") == "jaxcell-robot-task":
+        Fields(values, f"{path}: ").check_version(VERSION)
+        kind = values.get("kind")
     if kind == MemberTask.kind:
         return read_member(path, values, robot or 0)
     if kind == PatrolTask.kind:
@@ -160,12 +189,14 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 def _policy(path: Path) -> PolicyTask:
     policy = Policy.load(path)
     fields = Fields(policy.metadata, f"{path}: ")
-    count = int(policy.turn.max()) + 1
+    onward = 0 if policy.onward is None else policy.onward.turn
+    count = 1 + max(int(policy.turn.max()), onward)
     bounces = angles(path, fields, "bounces_deg", "localize", count)
     return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
 
 
 def _plan(path: Path, fields: Fields) -> PlanTask:
+    fields.check_version(VERSION)
     if fields.get("found") is False:
         raise ValueError(f"{path}: found: there is no path to the goal, so no plan to run")
     actions = angles(path, fields, "actions_deg", "navigate", 0)

@@ -10,9 +10,12 @@ from jaxtyping import Float
 
 from ...base.documents import Fields, checked_number
 from ...base.paths import digest, replacing
+from ...base.results import current_run
 from ..walker import cell_strides
 
 
+VERSION = 1
+"""The newest version of the files of tasks."""
 _MIN_LENGTH = 1e-6
 _MAX_DIRECTIONS = 1_000_000
 
@@ -63,7 +66,9 @@ class Task:
 
 def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
     """Write a task with its kind and fields as JSON. An existing file is replaced."""
-    text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
+    run = {} if current_run() is None else {"run_id": current_run()}
+    head = {"format": "jaxcell-robot-task", "version": VERSION, "kind": kind, **run}
+    text = json.dumps({**head, **fields})
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 

@@ -7,6 +7,7 @@ blocked squares, and whose suggested `cell` is the side of a square.
 import json
 import math
 import reprlib
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,18 @@ from jaxtyping import Bool, Integer
 from PIL import UnidentifiedImageError
 
 from ...base.documents import checked_number, refused
+from ...base.doubts import Doubt
+from ...base.limits import Unknown
 from ..occupancy import blocked_rings, rasterise
 from .images import read_image
 
 
 _BLOCKED, _FREE = "#X@", ". "
 _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
+# Greys of 8 bits that savers of maps write for unknown: map_saver, and Cartographer and its kin.
+_UNKNOWN_GREYS = (205, 127, 128)
+# Shares of red, green and blue in the luminance of a pixel (Rec. 709), by which nav2 reads colours.
+_LUMINANCE = np.array([0.212656, 0.715158, 0.072186])
 
 
 class _Loader(yaml.BaseLoader):
@@ -113,13 +120,19 @@ def format_ascii(
     return "\n".join([*header, *rows]) + "\n"
 
 
-def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
+def parse_map_server(text: str, folder: Path, unknown: Unknown = "wall") -> dict[str, Any]:
     """Read the YAML file of a ROS map_server map, and its image.
 
     `image`, `resolution` (m per pixel), `origin` (x, y and yaw of the lower left corner; the yaw
     must be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may only be
-    trinary; other keys are ignored. Occupied and unknown pixels are both obstacles. As in
-    map_server, the channels of a pixel, including alpha, are averaged first.
+    trinary; other keys are ignored. Occupied pixels are obstacles, and so are unknown pixels unless
+    `unknown` is `"free"`.
+
+    Pixels are unknown between the thresholds. They are also unknown if they have the grey that the
+    saver of the map wrote for unknown, although `free_thresh` takes it as free; a `Doubt` says how
+    many. A file with `mode` is read as nav2 reads it: the luminance of a colour counts, and pixels
+    that are not opaque are unknown. A file without `mode` is read as in ROS 1: the channels of a
+    pixel, including alpha, are averaged.
 
     The path of the image is relative to `folder`. Images above Pillow's size limit (about 9 *
     10^7 pixels) are refused before decoding. Returns keyword arguments of `Workspace`.
@@ -152,6 +165,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     resolution = _side("resolution", document["resolution"])
     occupied = _number("occupied_thresh", document["occupied_thresh"])
     free = _number("free_thresh", document["free_thresh"])
+    thresholds = free, occupied
     if not 0 <= free <= occupied <= 1:
         raise ValueError(
             "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
@@ -160,11 +174,12 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 
     if not isinstance(document["image"], str) or not document["image"]:
         raise refused("image", "the name of a file", document["image"])
+    path = folder / document["image"]
     try:
-        pixels_free = _free_pixels(folder / document["image"], negate, free)
+        free_pixels = _free_pixels(path, "mode" in document, negate, thresholds, unknown)
     except ValueError as error:
         raise ValueError(f"image: {document['image']}: {error}") from error
-    return _grid_fields(~pixels_free[::-1], (x, y), resolution)
+    return _grid_fields(~free_pixels[::-1], (x, y), resolution)
 
 
 def format_map_server(
@@ -239,14 +254,49 @@ def _grid_of(
     return blocked, (x, y)
 
 
-def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
-    """Return a mask of the pixels that map_server takes as free, with row 0 at the top."""
+def _free_pixels(
+    path: Path, nav2: bool, negate: bool, thresholds: tuple[float, float], unknown: Unknown
+) -> Bool[np.ndarray, "rows columns"]:
+    """Return a mask of the free pixels, with row 0 at the top; see [`parse_map_server`][]."""
     pixels, full = _pixels(path)
-    channels = pixels.shape[2]
-    # The table has an entry per possible sum of the channels, by the arithmetic of map_server.
-    mean = np.arange(full * channels + 1) / channels
+    colours = pixels[..., :3]
+    clear = (pixels[..., 3:] < full).any(axis=2)
+    if not nav2:
+        shade, parts = pixels.sum(axis=2, dtype=np.int32), pixels.shape[2]
+    elif colours.shape[2] == 3:
+        shade, parts = np.rint(colours @ _LUMINANCE).astype(np.int32), 1
+    else:
+        shade, parts = colours[..., 0], 1
+    # The table has an entry per possible shade, by the arithmetic of map_server.
+    mean = np.arange(full * parts + 1) / parts
     occupancy = mean / full if negate else (full - mean) / full
-    return (occupancy < free_thresh)[pixels.sum(axis=2, dtype=np.int32)]
+    free, occupied = thresholds
+    if unknown == "free":
+        return (occupancy <= occupied)[shade] | (clear & nav2)
+    mask = (occupancy < free)[shade]
+    if nav2:
+        mask &= ~clear
+    elif count := int((mask & clear).sum()):
+        doubt = (
+            f"{path}: {count:,} pixels that are not opaque are free, as in ROS 1; nav2 takes them "
+            "as unknown: add mode: trinary to the .yaml file for that"
+        )
+        warnings.warn(doubt, Doubt, stacklevel=2)
+    plain = (colours == colours[..., :1]).all(axis=2) & ~clear
+    grey = np.where(plain, colours[..., 0] // (full // 255), 0)
+    counts = np.bincount(grey[mask], minlength=256)
+    for each in _UNKNOWN_GREYS:
+        # A map of many greys, in which this grey means a probability, has its neighbours as well.
+        beside = [near for near in (each - 1, each + 1) if near not in _UNKNOWN_GREYS]
+        if counts[each] > counts[beside].sum():
+            mask &= grey != each
+            doubt = (
+                f"{path}: {counts[each]:,} pixels of grey {each} are walls: free_thresh {free:g} "
+                "takes them as free, but savers of maps write this grey for unknown; to make all "
+                'unknown pixels free, use `unknown="free"`'
+            )
+            warnings.warn(doubt, Doubt, stacklevel=2)
+    return mask
 
 
 def _pixels(path: Path) -> tuple[Integer[np.ndarray, "rows columns channels"], int]:

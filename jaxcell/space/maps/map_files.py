@@ -25,6 +25,7 @@ from ...base.documents import (
     read_text,
     refused,
 )
+from ...base.limits import Unknown
 from ...base.paths import replacing
 from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
 
@@ -39,7 +40,7 @@ _KEYS = ("boundary", "obstacles", "robot_radius", "name", "cell", "directions")
 _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
-def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_map(path: str | os.PathLike[str], unknown: Unknown = "wall") -> dict[str, Any]:
     """Read a map file, in the format that its suffix indicates, as arguments of `Workspace`."""
     path = Path(path)
     check_file(path, "a map")
@@ -48,7 +49,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         if suffix == ".json":
             fields = parse_json(read_text(path))
         elif suffix in _MAP_SERVER_SUFFIXES:
-            fields = parse_map_server(read_text(path), path.parent)
+            fields = parse_map_server(read_text(path), path.parent, unknown)
         elif suffix in _GRID_SUFFIXES:
             fields = parse_ascii(read_text(path))
         elif suffix in _IMAGE_SUFFIXES:

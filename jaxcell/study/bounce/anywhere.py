@@ -2,11 +2,12 @@
 
 import dataclasses
 import math
+import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ... import bounce, space, walls
-from ..map_study import MapStudy
+from ..map_study import DIRECTION_DEG, MapStudy
 from ..parameters import AtLeastOne, Degrees, Length, Only
 from ..study import Say, numbers, radians
 
@@ -45,7 +46,9 @@ class AnywhereStudy(MapStudy):
     bumps: Annotated[AtLeastOne, _ANYWHERE] = 30
     """Number of bumps of each robot."""
     radius: Annotated[Length | None, _ANYWHERE] = None
-    """Largest error in metres with which a robot counts as localized; by default half a cell."""
+    """Distance in metres within which a robot is localized: at a bump, the diagonal of the box
+    around all its possible places is at most twice as long. By default half a cell, or the radius
+    of the goal."""
     slices: Annotated[AtLeastOne, _ANYWHERE] = 360
     """Number of equal intervals into which headings are divided, if they are not known exactly."""
 
@@ -68,8 +71,11 @@ class AnywhereStudy(MapStudy):
     def needed(self, extent: Any) -> float | int:
         return 0 if self.anywhere else super().needed(extent)
 
-    def filter(self, cells: Any) -> "walls.WallFilter":
-        """Build the filter that tracks a robot's possible positions on the walls of a map."""
+    def filter(self, cells: Any, turns: list[float]) -> "walls.WallFilter":
+        """Build the filter that tracks a robot's possible positions on the walls of a map.
+
+        `turns` are the bouncing angles in radians.
+        """
         step = cells.cell if self.step is None else self.step
         return walls.WallFilter.of(
             cells.workspace,
@@ -77,6 +83,7 @@ class AnywhereStudy(MapStudy):
             slices=self.slices,
             errors=self.bounds(),
             step=0.0 if self.measured else step,
+            turns=turns,
         )
 
     @property
@@ -89,6 +96,12 @@ class AnywhereStudy(MapStudy):
         from ...robot.tasks.anywhere_task import save_anywhere
 
         cells, filter = result.cells, result.filter
+        if self.errors and not filter.errors.displacement:
+            warnings.warn(
+                "anywhere.json: `errors` have no displacement: a robot with a bumper "
+                "may leave its sets; add displacement=0.06, or twice the way that it backs off",
+                stacklevel=2,
+            )
         about = {
             "cell_m": cells.cell,
             "directions": cells.directions,
@@ -123,9 +136,11 @@ class AnywhereStudy(MapStudy):
         cells = self.cells()
         workspace = cells.workspace
         assert workspace is not None
+        headings = self._known_headings(cells)
+        first = None if start is None else pose_at(workspace, start, "start", headings)
         say("finding the chords of the room")
-        filter = self.filter(cells)
         angles = radians(bounces)
+        filter = self.filter(cells, angles.tolist())
         homing = None
         if goal is not None:
             homing = walls.Homing(filter, *goal, tuple(angles.tolist()))
@@ -136,29 +151,43 @@ class AnywhereStudy(MapStudy):
             angles.tolist(),
             robots=self.robots,
             bumps=self.bumps,
-            headings=self._known_headings(cells),
+            headings=headings,
             goal=homing,
-            start=None if start is None else pose_at(workspace, start, "start"),
+            start=first,
             **self.choice,
             seed=self.seed,
             say=say,
         )
-        radius = cells.cell / 2 if self.radius is None else self.radius
+        radius = self.radius
+        if radius is None:
+            radius = cells.cell / 2 if goal is None else goal[1]
         driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
-        driven |= {"radius": radius, "trial": trial, "headings": self._known_headings(cells)}
+        driven |= {"radius": radius, "trial": trial, "headings": headings}
         if homing is None:
             return bounce.Anywhere(**driven)
         planned = _planned(cells, angles, trial, homing.goal)
         return bounce.HomeFromAnywhere(**driven, homing=homing, **planned)
 
 
-def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Parse the pose "x,y,heading" of a parameter, and raise if it is not in the free space."""
+def pose_at(
+    workspace: "space.Workspace", text: str, parameter: str, headings: int | None
+) -> tuple[float, float, float]:
+    """Parse the pose "x,y,heading" of a parameter, and raise if a robot cannot start there.
+
+    The pose must be in the free space, and its heading must be one of `headings` equally spaced
+    headings, unless any heading is possible (`None`).
+    """
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')
     if not workspace.free_space.covers(shapely.Point(x, y)):
         raise ValueError(f"{parameter} {text!r}: ({x:g} m, {y:g} m) is not in the free space")
+    width = 360 / (headings or math.inf)
+    if headings is not None and abs(math.remainder(heading, width)) > DIRECTION_DEG:
+        raise ValueError(
+            f"{parameter} {text!r}: the robot knows that its heading is a multiple of {width:g} "
+            f"degrees, got {heading:g}; expected such a heading, or a robot with an unknown heading"
+        )
     return x, y, math.radians(heading)
 
 

@@ -1,11 +1,9 @@
 import dataclasses
-import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 from ... import bounce as bouncing, record, space, verify as verification
-from ...base import memory
 from ..map_study import MapStudy
 from ..parameters import Degrees
 from ..study import Say, radians, silent
@@ -19,8 +17,8 @@ MAX_AT_ONCE = 20_000_000
 class Groups(MapStudy):
     """Find the periodic groups of a bouncing robot, and the steps from every cell to its group.
 
-    If there are more than 20 million pairs of cell and angle, or more than fit in memory, results
-    are written to a Zarr store, one direction at a time, instead of a dataset and a recording.
+    If there are more than 20 million pairs of cell and angle, results are written to a Zarr store,
+    one direction at a time, instead of a dataset and a recording.
     """
 
     name: ClassVar[str] = "groups"
@@ -44,14 +42,7 @@ class Groups(MapStudy):
         return self._at_once(space.Extent.of(result.cells))
 
     def _at_once(self, extent: "space.Extent") -> bool:
-        angles = len(self.bounce)
-        needed = space.estimates.images(extent, angles, self.motion)
-        return extent.size * angles <= MAX_AT_ONCE and (self._free is None or needed <= self._free)
-
-    @functools.cached_property
-    def _free(self) -> int | None:
-        """The free memory in bytes, read only once, so that `at_once` and `written` agree."""
-        return memory.free()
+        return extent.size * len(self.bounce) <= MAX_AT_ONCE
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":
         cells = self.cells()

@@ -185,11 +185,13 @@ class Localize(AnywhereStudy):
         elif self.slip is not None:
             dataclasses.replace(result.hidden, metadata=spec).save(out / "belief.jxb")
         elif self.bounces:
-            dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
+            about = spec | result.evidence
+            dataclasses.replace(result.policy, metadata=about).save(out / "policy.jxf")
         elif self.offsets:
-            result.of_cells(spec).save(out / "filter.jxf")
+            result.of_cells(spec | result.evidence).save(out / "filter.jxf")
         else:
-            dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
+            about = spec | result.evidence
+            dataclasses.replace(result.filter, metadata=about).save(out / "filter.jxf")
             record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":

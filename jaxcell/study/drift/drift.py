@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
-# The default number of nearly closed sets; the largest number of cells at all phases for a search
-# of seconds.
-_USUAL_SETS, _MAX_FOR_SETS = 3, 30_000
+# The default number of nearly closed sets.
+_USUAL_SETS = 3
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
 
@@ -42,9 +41,10 @@ class Drift(SeaStudy):
     time: int | str | None = None
     """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
     records are read."""
-    current: Literal["changing", "mean"] | None = None
-    """Current that carries drifters: the records in turn, repeated without end (changing), or the
-    mean of the records (mean). By default changing, but mean with --method source."""
+    current: Literal["changing", "mean", "steady"] | None = None
+    """Current of the map: the records in turn, repeated without end (changing), or the mean of the
+    records, while simulated drifters move with the records in turn (mean) or with the mean, too
+    (steady, which needs the least memory). By default changing, but mean with --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of layers in metres; by default those in the file or, if it has none, the surface."""
     bounds: tuple[float, float, float, float] | None = None
@@ -79,9 +79,10 @@ class Drift(SeaStudy):
     land: Path | None = None
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
-    gaps: Literal["open", "land"] = "open"
+    gaps: Literal["open", "land", "fill"] = "open"
     """Treatment of squares without data that neither the mask nor the coastline marks as land: as
-    an open edge (open), or as land (land)."""
+    an open edge (open), as land (land), or as an open edge except holes of up to nine squares in
+    the water, which are filled with the velocity around them (fill)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
@@ -111,8 +112,8 @@ class Drift(SeaStudy):
     search, and the positions are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
-    leave in a day. They depend less on the duration of a step than persistent groups do. By default
-    3, and none in large maps."""
+    leave up to the time of --until. They depend less on the duration of a step than persistent
+    groups do. By default 3, and none if the search may take more than a minute."""
     discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
     """Discount factor per step of rewards: 100 for a step that reaches the goal, otherwise -1."""
     seed: int = 0
@@ -127,7 +128,7 @@ class Drift(SeaStudy):
         """Read the currents from the files, with the options that the parameters give."""
         names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
         options = {name: getattr(self, name) for name in names}
-        options["depths"] = self.depths or None
+        options |= {"depths": self.depths or None, "mean": self.current == "steady"}
         return _currents(self.file, tuple(options.items()))
 
     def memory(self, written: bool = False) -> float | int:
@@ -139,6 +140,7 @@ class Drift(SeaStudy):
 
     def run(self, say: Say = silent) -> "drift.SeaDrift":
         from ...drift.deployment import check_reach
+        from ...drift.results.sea_drift import LONGEST
 
         self.memory()
         currents = self.currents()
@@ -156,7 +158,7 @@ class Drift(SeaStudy):
             start=start,
             reach=self.range,
             seconds=self.search,
-            mean=self._mean,
+            mean=None if self.current is None and not self._mean else self._mean,
             backward=self.backward,
             diffusivity=self.diffusivity,
             until=None if self.until is None else 24 * self.until,
@@ -181,14 +183,24 @@ class Drift(SeaStudy):
                 )
                 more["notices"] = (*result.notices, rough)
         result = dataclasses.replace(result, **more)
-        states = sum(layer.behaviour.unrolled.cells for layer in result.layers)
-        count = self.nearly_closed
-        if count is not None or states <= _MAX_FOR_SETS:
+        say("comparing the map with simulated drifters")
+        hours, count = result.asked_hours, self.nearly_closed
+        takes = sum(
+            drift.closed_sets_seconds(layer.behaviour.chain, result.step, hours=hours)
+            for layer in result.layers
+        )
+        if count is not None or takes <= LONGEST:
             say("finding nearly closed sets")
             # If the solve stalls, sets are left out unless they were requested.
             with contextlib.suppress(*([] if count else [RuntimeError])):
                 wanted = count or min(_USUAL_SETS, fewest)
                 result = result.with_closed_sets(wanted, listed=count is not None)
+        else:
+            left_out = (
+                f"Nearly closed sets are left out: they may take {takes / 60:.0f} minutes; "
+                f"--nearly-closed {_USUAL_SETS} finds them."
+            )
+            result = dataclasses.replace(result, notices=(*result.notices, left_out))
         if goal is not None:
             say(f"finding the way to the goal from {result.cells:,} cells")
             result = result.towards(goal, self.discount)
@@ -200,7 +212,7 @@ class Drift(SeaStudy):
 
     def spec(self, result: Any) -> dict[str, Any]:
         rules = {"spread": self._step.spread, "edge": self._step.edge, "coast": self.coast}
-        rules["current"] = "mean" if self._mean else "changing"
+        rules["current"] = self.current or ("mean" if self._mean else "changing")
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
 
@@ -218,7 +230,7 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
+        return self.current != "changing" and bool(self.current or self.method == "source")
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:
         text = getattr(self, end)
@@ -255,7 +267,8 @@ def _currents(file: tuple[Path, ...], options: tuple[tuple[str, Any], ...]) -> "
     named = dict(options)
     try:
         return drift.open_currents(file, **named)
-    except (TooLargeError, MemoryError):
-        if named["time"] is not None:
+    except (TooLargeError, MemoryError) as error:
+        if named["time"] is not None or named["mean"]:
             raise
-        return drift.open_currents(file, **named, mean=True)
+        steady = "or --current steady, which holds one record at a time"
+        raise type(error)(f"{error}; {steady}") from None

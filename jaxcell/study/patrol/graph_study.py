@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -6,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import tyro
 
 from ... import optimize, patrol
+from ...base.secondary import Secondary
 from ..parameters import AtLeastOne, Limit, Needed, Only
 from ..study import Say, Study
 
@@ -38,8 +40,11 @@ class GraphStudy(Study):
     speed: _Positive | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
-    time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
-    """Unit of time in seconds. Travel times of edges are rounded to multiples of this unit."""
+    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
+    """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
+    durations of attacks down, so that the walk captures at least what is computed. A smaller unit
+    takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
+    1/24, for which times are rounded least."""
     base: str | None = None
     """Base station: a vertex where robots report news. The result contains the age of the news at
     the base."""
@@ -58,47 +63,70 @@ class GraphStudy(Study):
     def more(self, patrolled: "patrol.GraphPatrol", say: Say) -> dict[str, Any]:
         """Compute the additional results that options such as `base` and `baselines` request."""
         more: dict[str, Any] = {}
+        beside = Secondary()
         times = self.times(patrolled.graph)
-        seconds = None if times is None else times * self.time_unit
+        seconds = None if times is None else times * self.unit
         if seconds is not None:
             walks = patrolled.matrices, patrolled.shares
-            more["timed"] = patrol.team.timed(patrolled.graph, *walks, seconds, self.time_unit)
+            more["timed"] = beside.compute(
+                "the table of times in seconds",
+                lambda: patrol.team.timed(patrolled.graph, *walks, seconds, self.unit),
+            )
         if self.base is not None:
             say("following news")
             (base,) = self.vertices(patrolled.names, "base", self.base)
-            more["news"] = patrol.team.age_of_news(
-                patrolled.graph,
-                patrolled.matrices,
-                base,
-                times=times,
-                unit=1.0 if times is None else self.time_unit,
-                names=patrolled.names,
+            more["news"] = beside.compute(
+                "the age of news",
+                lambda: patrol.team.age_of_news(
+                    patrolled.graph,
+                    patrolled.matrices,
+                    base,
+                    times=times,
+                    unit=self.unit,
+                    names=patrolled.names,
+                ),
             )
         if self.charger is not None and self.every is not None:
             (charger,) = self.vertices(patrolled.names, "charger", self.charger)
             walk = patrolled.graph, patrolled.matrices, charger, self.every
             if self.attack_time is None:
-                more["charged"] = patrol.team.charged(*walk, names=patrolled.names)
+                charge = functools.partial(patrol.team.charged, *walk, names=patrolled.names)
             else:
                 say("seeking a walk that is back at the charger in time")
                 options: Any = {"names": patrolled.names, "seed": self.seed}
-                more["charged"] = patrol.walks.charged_capture(*walk, self.attack_time, **options)
+                options["attack_time"] = self.attack_time
+                charge = functools.partial(patrol.walks.charged_capture, *walk, **options)
+            more["charged"] = beside.compute("the walk that returns to the charger", charge)
         if self.baselines:
             say("simulating patrols")
-            more["idleness"] = patrol.team.simulate_idleness(
-                patrolled.graph,
-                patrolled.walks,
-                times=seconds,
-                attack_time=self.attack_time,
-                seed=self.seed,
+            more["idleness"] = beside.compute(
+                "the simulation of patrols",
+                lambda: patrol.team.simulate_idleness(
+                    patrolled.graph,
+                    patrolled.walks,
+                    times=seconds,
+                    attack_time=self.attack_time,
+                    seed=self.seed,
+                ),
             )
+        if beside.left_out:
+            more["left_out"] = patrolled.left_out + beside.left_out
         return more
 
     def times(self, graph: "optimize.Graph") -> Any:
         """Return the travel time of each edge in units of `time_unit`; `None` without a speed."""
         if self.speed is None:
             return None
-        return patrol.team.whole_times(graph, self.speed, self.time_unit)
+        return patrol.team.whole_times(graph, self.speed, self.unit)
+
+    @property
+    def unit(self) -> float:
+        """The unit of time: a step, or with a speed, the unit in seconds."""
+        return 1.0 if self.time_unit is None else self.time_unit
+
+    def spec(self, result: "patrol.GraphPatrol") -> dict[str, Any]:  # type: ignore[override]
+        spec = super().spec(result)
+        return spec if self.speed is None else spec | {"time_unit": result.time_unit}
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """Return the index in `names` of each vertex in `wanted`. Errors name `parameter`."""

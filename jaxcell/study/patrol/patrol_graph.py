@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
+from ...base.secondary import Secondary
 from ..parameters import AtLeastOne, Needed, Only, Share
 from ..study import Say, about, silent
 from .graph_study import GraphStudy
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+# The least travel time of a round in seconds, between vertices in one place.
+_BRIEFEST = 1e-6
 _CHANCE = "least chance that"
 
 
@@ -85,36 +88,67 @@ class PatrolGraph(GraphStudy):
         return needed
 
     def run(self, say: Say = silent) -> "patrol.GraphPatrol":
+        import numpy as np
+
         graph, names = patrol.load_graph(self.file)
+        if self.speed is not None and self.time_unit is None:
+            unit = 1.0
+            if self._guards and graph.lengths.any():
+                unit = patrol.team.time_unit_of(graph, self.speed, self._attack_times(names))
+            return dataclasses.replace(self, time_unit=unit).run(say)
         self._check(graph, names)
         emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
         for name, vertex in (("base", self.base), ("charger", self.charger)):
             self.vertices(names, name, *([] if vertex is None else [vertex]))
         say(f"seeking a walk on {graph.vertices:,} vertices")
-        walk, game = self._walks(graph, names, emphasis, say), None
+        walk, game, beside = self._walks(graph, names, emphasis, say), None, Secondary()
         if self.game:
             say("mixing strategies")
             values = self.values
             stakes = None if values is None else patrol.files.load_stakes(values, names)
-            game = patrol.strategy_game(
-                graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
+            game = beside.compute(
+                "the game",
+                lambda: patrol.strategy_game(
+                    graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
+                ),
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
         options["weights_unused"] = patrol.files.has_weights(self.file)
         by_steps = ("mixing", "kemeny", "entropy", "return-time")
         options["by_steps"] = self.speed is not None and self.strategy in by_steps
+        if self.speed is not None:
+            longer = self.unit * self.times(graph) - graph.lengths / self.speed
+            options["time_unit"] = self.unit
+            options["rounded_up"] = float(longer.max())
         patrolled = patrol.GraphPatrol.of(graph, **walk, game=game, **options)
         if self.memory_states > 1:
-            walks_with_memory = patrol.walks.memory_patrol(
-                graph,
-                self._attack(names),
-                self.memory_states,
-                patrolled.matrices,
-                travel_times=self.times(graph),
-                names=names,
-                say=say,
+            walks_with_memory = beside.compute(
+                "the search for walks with memory",
+                lambda: patrol.walks.memory_patrol(
+                    graph,
+                    self._attack(names),
+                    self.memory_states,
+                    patrolled.matrices,
+                    travel_times=self.times(graph),
+                    names=names,
+                    say=say,
+                ),
             )
             patrolled = dataclasses.replace(patrolled, walks_with_memory=walks_with_memory)
+        if self.robots > 1 or self._guards:
+            attack = self._attack_times(names) if self._guards else None
+            given: dict[str, Any] = {"names": names}
+            if self.speed is not None:
+                # A round needs no whole times.
+                exact = np.maximum(graph.lengths / self.speed, _BRIEFEST)
+                given |= {"travel_times": exact, "unit": 1.0}
+            round = beside.compute(
+                "the evenly spaced round",
+                lambda: patrol.team.evenly_spaced_round(graph, self.robots, attack, **given),
+            )
+            patrolled = dataclasses.replace(patrolled, round=round)
+        left_out = patrolled.left_out + beside.left_out
+        patrolled = dataclasses.replace(patrolled, left_out=left_out)
         return dataclasses.replace(patrolled, **self.more(patrolled, say))
 
     def headline(self, spec: dict[str, Any]) -> str:
@@ -150,14 +184,32 @@ class PatrolGraph(GraphStudy):
                 f"{names[apart[0][0]]!r}; expected a connected graph"
             )
         if self.division != "partition":
-            self._check_reach(graph, names)
+            self._check_reach(graph, names, 1 if self.division == "shared" else self.robots)
 
-    def _check_reach(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
-        from ...patrol.walks.arrival import check_reach, whole_numbers
+    @property
+    def _guards(self) -> bool:
+        """`True` if there are attacks."""
+        return self.attack_time is not None or self.attack_times is not None
 
-        if self.attack_time is not None or self.attack_times is not None:
-            numbers = whole_numbers(graph, self._attack(names), self.times(graph))
-            check_reach(*numbers, names, 1.0 if self.speed is None else self.time_unit)
+    def _check_reach(self, graph: "optimize.Graph", names: Sequence[str], robots: int) -> None:
+        """Raise if robots are too slow for the graph or, in a team, for their parts of it."""
+        from ...patrol.walks import arrival
+
+        if not self._guards:
+            return
+        numbers = arrival.whole_numbers(graph, self._attack(names), self.times(graph))
+        try:
+            if robots == 1:
+                arrival.check_reach(*numbers, names, self.unit)
+            elif arrival.out_of_reach(*numbers) is not None and self.strategy == "capture":
+                arrival.parts_within_reach(graph, *numbers, robots, names, self.unit)
+        except ValueError as error:
+            if self.speed is None:
+                raise
+            raise ValueError(
+                f"{error}, or a smaller `time_unit`; times are rounded to units of "
+                f"{self.unit:.4g} s"
+            ) from None
 
     def _walks(
         self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
@@ -178,7 +230,7 @@ class PatrolGraph(GraphStudy):
             inside = np.flatnonzero(region == robot)
             part = patrol.team.part_of_graph(graph, inside)
             called = [names[v] for v in inside.tolist()]
-            self._check_reach(part, called)
+            self._check_reach(part, called, 1)
             parts.append(self._walk(part, called, None, 1))
             within = parts[-1]["chain"].to_scipy().toarray()
             matrices.append(patrol.team.walk_in_part(graph, inside, within))
@@ -186,10 +238,11 @@ class PatrolGraph(GraphStudy):
         divided = worst | {
             "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
             "team": np.stack(matrices),
+            "travel_times": self.times(graph),
         }
         shared = None
         try:
-            self._check_reach(graph, names)
+            self._check_reach(graph, names, 1)
         except ValueError:
             if self.division == "shared":
                 raise
@@ -222,7 +275,6 @@ class PatrolGraph(GraphStudy):
             visits = even = visits / visits.sum()
         best: Any
         team: Any = None
-        times: Any = None
         who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
         within = f"{self.attack_time} {'steps' if self.speed is None else 's'}"
         within = "its attack time" if self.attack_time is None else within
@@ -240,9 +292,12 @@ class PatrolGraph(GraphStudy):
             if rules:
                 bounds = patrol.walks.MetConstraints(rules, best.weights, best.prices)
         elif self.strategy == "capture":
-            times = self._attack(names)
             best = patrol.maximin_capture(
-                graph, times, travel_times=self.times(graph), robots=robots, throw=False
+                graph,
+                self._attack(names),
+                travel_times=self.times(graph),
+                robots=robots,
+                throw=False,
             )
             chain, team = best.chains[0], best.matrices if robots > 1 else None
         else:
@@ -260,7 +315,8 @@ class PatrolGraph(GraphStudy):
             chain = best.chain
         value = None if goal is None else best.value
         return {
-            "attack_time": times if self.speed is None else None,
+            "attack_time": self._attack(names) if self._guards else None,
+            "travel_times": self.times(graph),
             "bounds": bounds,
             "chain": chain,
             "team": team,
@@ -270,15 +326,18 @@ class PatrolGraph(GraphStudy):
             "local": self.strategy in ("kemeny", "return-time", "capture"),
         }
 
+    def _attack_times(self, names: Sequence[str]) -> Any:
+        """Return the durations of attacks in steps or, with a speed, in seconds."""
+        if self.attack_times is None:
+            return self.attack_time
+        return patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
+
     def _attack(self, names: Sequence[str]) -> "np.ndarray":
         """Return the durations of attacks in steps or, with a speed, in units of `time_unit`."""
         import numpy as np
 
-        times: Any = self.attack_time
-        if self.attack_times is not None:
-            times = patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
-        unit = 1.0 if self.speed is None else self.time_unit
-        return np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
+        times = np.asarray(self._attack_times(names))
+        return np.floor(times / self.unit + 1e-9).astype(np.int64)
 
 
 def _compared(

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ... import optimize, patrol, space, verify as verification
 from ...base.limits import MAX_CELLS, MAX_VERTICES
+from ...base.secondary import Secondary
 from ..map_study import CellStudy
 from ..parameters import AtLeastOne, Limit, Metres, Needed, Only
 from ..study import Say, about, numbers, silent
@@ -104,19 +105,32 @@ class PatrolMap(CellStudy):
         regions = self._regions(cells, graph)
 
         attack = patrol.Attack(self.attack_times, self.start)
-        patrolled = self._patrolled(graph, visible, regions, attack, say)
+        patrolled, beside = self._patrolled(graph, visible, regions, attack, say), Secondary()
         policies = patrolled["policies"]
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
-            patrolled["frontier"] = patrol.map.capture_frontier(
-                graph, visible, len(policies), attack, self.frontier, seed=self.seed, say=say
+            patrolled["frontier"] = beside.compute(
+                "the trade-off of capture and randomness",
+                lambda: patrol.map.capture_frontier(
+                    graph, visible, len(policies), attack, self.frontier, seed=self.seed, say=say
+                ),
             )
         say("attacking every cell")
         capture = patrol.Capture.of(graph, visible, policies, attack, regions)
+        patrolled["round"] = beside.compute(
+            "the evenly spaced round",
+            lambda: patrol.team.round_on_map(
+                graph, visible, len(policies), self.attack_times[0], capture.contested
+            ),
+        )
+        after = None
         if self.lost is not None and regions is not None:
-            after = patrol.map.reassign(
-                graph, visible, regions, policies, self.lost, share=patrolled["chosen_share"]
+            given = graph, visible, regions, policies, self.lost
+            after = beside.compute(
+                "the division of the map without the lost robot",
+                lambda: patrol.map.reassign(*given, share=patrolled["chosen_share"]),
             )
+        if after is not None:
             left = [policies[robot] for robot in sorted(after.robot.tolist())]
             loss, recovery = (
                 dataclasses.replace(
@@ -141,6 +155,7 @@ class PatrolMap(CellStudy):
             regions=regions,
             smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
+            left_out=beside.left_out,
             **patrolled,
         )
 

@@ -5,12 +5,12 @@ import json
 import math
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.paths import digest, replacing
+from ...base.paths import replacing
+from ...base.results import file_digests
 from ..design import LIST_DIMENSION, RANDOM_DIMENSION
 from ..spec import Spec, packed
 from ..workers.work import Variable
@@ -44,14 +44,8 @@ def export(store: SweepStore) -> None:
     """Write the result of a sweep to its folder, and replace an older result."""
     with replacing(store.zarr) as temporary:
         write_result(store, temporary)
-        files = digests_of_files(temporary)
+        files = file_digests(temporary)
     store.mark_exported(files)
-
-
-def digests_of_files(folder: Path) -> dict[str, str]:
-    """Compute the SHA-256 of each file below a folder, keyed by its relative path."""
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): digest(path) for path in files}
 
 
 def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:

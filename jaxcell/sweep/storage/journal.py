@@ -15,6 +15,8 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from ...base.documents import NewerVersionError
+
 
 JOURNAL = "sweep.journal"
 _MARK = b"\xf5Rec"
@@ -57,6 +59,10 @@ class Record:
     def end(self) -> int:
         return self.start + self.length
 
+    @property
+    def size(self) -> int:
+        return _HEADER + self.length
+
 
 class Journal:
     """The open file of a journal. If `append` is true, records can be added."""
@@ -65,13 +71,14 @@ class Journal:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND if append else os.O_RDONLY
         self._file = os.open(path, flags, 0o666)
         self._synced = time.monotonic()
+        self._end: int | None = None
 
     def close(self) -> None:
         os.close(self._file)
 
     def records(self) -> Iterator[Record | int]:
         """Yield each complete record, and the position in the file of each damaged header."""
-        size = os.fstat(self._file).st_size
+        size = self.size
         if size == 0:
             return
         with mmap.mmap(self._file, size, access=mmap.ACCESS_READ) as data:
@@ -99,19 +106,27 @@ class Journal:
 
     def append(self, kind: Kind, content: bytes, number: int = 0, state: int = 0) -> Record:
         """Append a record, which is kept even if this process is killed afterwards."""
+        if self._end is not None:
+            os.ftruncate(self._file, self._end)
+            self._end = None
         checksum = zlib.crc32(content)
         fields = _FIELDS.pack(_MARK, kind, state, number, len(content), checksum)
         left = memoryview(fields + _CHECKSUM.pack(zlib.crc32(fields)) + content)
-        start = os.fstat(self._file).st_size + _HEADER
+        start = self.size + _HEADER
         while left:
             left = left[os.write(self._file, left) :]
         if time.monotonic() > self._synced + _SECONDS_BETWEEN_SYNCS:
             self.sync()
         return Record(kind, state, number, start, len(content), checksum)
 
-    def cut(self, size: int) -> None:
-        """Truncate the file to `size` bytes, to remove an incomplete record at the end."""
-        os.ftruncate(self._file, size)
+    @property
+    def size(self) -> int:
+        """The size of the file, in bytes."""
+        return os.fstat(self._file).st_size
+
+    def append_at(self, size: int) -> None:
+        """Let the next record begin at `size` bytes; it replaces an incomplete record there."""
+        self._end = size
 
     def sync(self) -> None:
         """Wait until all records are on the disk."""
@@ -126,6 +141,11 @@ def _read_header(data: mmap.mmap, place: int) -> Record | None:
     if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):
         return None
     mark, kind, state, number, length, content = _FIELDS.unpack(fields)
-    if mark != _MARK or kind not in Kind.__members__.values():
+    if mark != _MARK:
         return None
+    if kind not in Kind.__members__.values():
+        raise NewerVersionError(
+            f"{JOURNAL}: it has records of the unknown kind {kind}; a newer jaxcell wrote it, and "
+            "reads it: pip install --upgrade jaxcell"
+        )
     return Record(Kind(kind), state, number, place + _HEADER, length, content)

@@ -14,7 +14,7 @@ import numpy as np
 from ...base.paths import replacing
 from ..spec import Spec
 from .journal import JOURNAL, Journal, Kind, Record
-from .records import Begun, encode
+from .records import Begun, Contents, encode
 from .store import DONE, TO_DO, SweepStore
 
 
@@ -50,6 +50,22 @@ def opened(
             with contextlib.suppress(OSError):
                 store.write_failures()
         store.sync()
+        bulky = store.bulky
+    if bulky:
+        _compact(folder)
+
+
+def _compact(folder: Path) -> None:
+    """Write the journal again without the records that later records replace."""
+    with contextlib.closing(Journal(folder / JOURNAL)) as journal:
+        contents = Contents.read(journal, check=True)
+        if contents.begun is None or contents.damage:
+            return
+        kinds = (Kind.FRAME, Kind.EXPORT) if contents.exported is not None else (Kind.FRAME,)
+        kept = [*contents.chunks.values()]
+        kept += [contents.others[kind] for kind in kinds if kind in contents.others]
+        kept.sort(key=lambda record: record.start)
+        write_journal(folder, contents.begun, journal, kept)
 
 
 def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:

@@ -10,12 +10,14 @@ import msgspec
 import numpy as np
 from numcodecs.zstd import Zstd
 
+from ...base.documents import check_version
 from ..spec import Spec
 from ..workers.work import Computed
 from .journal import JOURNAL, Journal, Kind, Record
 
 
 _ZSTD = Zstd(level=1)
+_VERSION = 1
 
 
 class Begun(msgspec.Struct):
@@ -27,6 +29,8 @@ class Begun(msgspec.Struct):
     "The folder of the specification, relative to the store."
     made: dict[str, Any]
     "The attributes of the result that name the versions, settings and files it depends on."
+    version: int = 1
+    "The version of the journal."
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
@@ -102,6 +106,10 @@ class Contents:
     chunks: dict[int, Record] = dataclasses.field(default_factory=dict)
     exported: Mapping[str, str] | None = None
     "The SHA-256 of each file of the result; `None` if the result is missing or out of date."
+    others: dict[Kind, Record] = dataclasses.field(default_factory=dict)
+    "The last readable record of each kind other than `CHUNK`."
+    superseded: int = 0
+    "The bytes of readable records that later records replace."
     readable: list[Record] = dataclasses.field(default_factory=list)
     damage: dict[str, Record | None] = dataclasses.field(default_factory=dict)
     "The damaged records, keyed by description; `None` stands for one with a damaged header."
@@ -123,18 +131,27 @@ class Contents:
                 read._add(record, content)
         return read
 
+    def put(self, record: Record) -> None:
+        """Replace the last record of the same chunk, or of the same other kind."""
+        if record.kind == Kind.CHUNK:
+            old, self.chunks[record.number] = self.chunks.get(record.number), record
+        else:
+            old, self.others[record.kind] = self.others.get(record.kind), record
+        self.superseded += 0 if old is None else old.size
+
     def _add(self, record: Record, content: bytes) -> None:
         self.readable.append(record)
+        self.put(record)
         # A record after the list of the files means that the result is out of date.
         self.exported = None
         if record.kind == Kind.SPEC:
             self.begun = decode(content, Begun)
+            check_version(self.begun.version, _VERSION, f"{JOURNAL}: ")
         elif record.kind == Kind.FRAME:
             self.frame = decode(content, Computed)
         elif record.kind == Kind.EXPORT:
             self.exported = decode(content, Exported).files
         else:
-            self.chunks[record.number] = record
             self.damage.pop(record.description, None)
 
 

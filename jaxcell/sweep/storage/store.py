@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from ..spec import Chunk, Spec
 from ..workers.work import Computed, Failed, Failure, Job
 from .damage import reading
 from .digests import differences
-from .journal import JOURNAL, Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind
 from .records import Begun, Contents, Exported, Members, check_fits, decode, encode, fill_value
 
 
@@ -35,12 +36,14 @@ class SweepStore:
     def __init__(self, folder: Path, *, append: bool = False) -> None:
         """Open a store for reading. If `append` is true, check all records, and allow writing.
 
-        Chunks with damaged records become `TO_DO`, and an incomplete record at the end is removed.
+        Chunks with damaged records become `TO_DO`. The first new record replaces an incomplete one
+        at the end.
         """
         path = folder / JOURNAL
         if not path.is_file():
             shards = [*map(str, (folder / "shards").glob("*-of-*"))]
-            hint = f", but shards, as {min(shards)}: jaxcell sweep merge {folder}" if shards else ""
+            merge = f"jaxcell sweep merge {shlex.quote(str(folder))}"
+            hint = f", but shards, as {min(shards)}: {merge}" if shards else ""
             raise ValueError(f"{folder}: expected the folder of a sweep; it has no {JOURNAL}{hint}")
         self.folder = folder
         self.zarr = folder / "sweep.zarr"
@@ -50,14 +53,15 @@ class SweepStore:
                 self.contents = Contents.read(self._journal, check=append)
                 if self.contents.begun is None:
                     raise ValueError("its specification cannot be read")
-                self.spec = self.contents.begun.spec(folder)
+            self.spec = self.contents.begun.spec(folder)
+            with reading(folder):
                 if self.frame is None and self.contents.damage and (self.states == DONE).any():
                     raise ValueError("its variables cannot be read")
         except BaseException:
             self.close()
             raise
         if append:
-            self._journal.cut(self.contents.readable[-1].end)
+            self._journal.append_at(self.contents.readable[-1].end)
 
     def close(self) -> None:
         self._journal.close()
@@ -203,13 +207,13 @@ class SweepStore:
         state = FAILED if (states == FAILED).any() else TO_DO
         state = DONE if (states == DONE).all() else state
         values = arrays if (states == DONE).any() else {}
-        self._put(chunk.number, state, Members.of(states, values, failed))
+        self._append(Kind.CHUNK, Members.of(states, values, failed), chunk.number, state)
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
         """Copy a chunk from another store of the same sweep; return its failed members."""
         with reading(other.folder):
             members = other._members(number)
-        self._put(number, other.contents.chunks[number].state, members)
+        self._append(Kind.CHUNK, members, number, other.contents.chunks[number].state)
         return [*self._failures(number, members.failed)]
 
     def mark_exported(self, files: Mapping[str, str]) -> None:
@@ -221,13 +225,14 @@ class SweepStore:
     def sync(self) -> None:
         self._journal.sync()
 
-    def _put(self, number: int, state: int, members: Members) -> None:
-        record = self._append(Kind.CHUNK, members, number, state)
-        self.contents.chunks[number] = record
+    @property
+    def bulky(self) -> bool:
+        """True if more than a sixth of the journal are records that later ones replace."""
+        return 6 * self.contents.superseded > self._journal.size
 
-    def _append(self, kind: Kind, content: Any, number: int = 0, state: int = 0) -> Record:
+    def _append(self, kind: Kind, content: Any, number: int = 0, state: int = 0) -> None:
         self.contents.exported = None
-        return self._journal.append(kind, encode(content), number, state)
+        self.contents.put(self._journal.append(kind, encode(content), number, state))
 
     def _members(self, number: int) -> Members:
         return decode(self._journal.content(self.contents.chunks[number]), Members)

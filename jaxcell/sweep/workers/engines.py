@@ -1,7 +1,8 @@
 """Engines compute chunks in this process, in other processes, or on a Dask cluster.
 
 An engine is a generator. It takes a few jobs per worker at a time, and yields the outcome of each
-job when the job ends. Closing the generator stops the workers at once.
+job when the job ends. It yields `Waiting` when nothing can be computed, and again when that ends.
+Closing the generator stops the workers at once.
 """
 
 import asyncio
@@ -23,10 +24,10 @@ from pathlib import Path
 from typing import Any
 
 from .process import Team
-from .work import Computed, Failed, Job, compute, failure
+from .work import Computed, Failed, Job, Waiting, compute, failure
 
 
-Outcomes = Generator[tuple[Job, Computed | Failed], None, None]
+Outcomes = Generator[tuple[Job, Computed | Failed] | Waiting, None, None]
 Take = Callable[[], Job | None]
 Engine = Callable[[Take], Outcomes]
 
@@ -36,10 +37,12 @@ _JOBS_EACH = 2
 _TOGETHER = 16
 LOOK_SECONDS = 1.0
 """Seconds between two counts of the workers of a cluster; workers may join or leave it."""
+NO_WAIT = Waiting("")
 _GONE = (
     "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
     "resume the sweep with another cluster"
 )
+_EMPTY = "a worker: the cluster has none; start one with `dask worker`, or stop with Ctrl-C"
 # The parts of Dask that log a lost connection.
 _CONNECTION = ("batched", "client", "comm", "core")
 CONNECT_SECONDS = 10
@@ -149,13 +152,16 @@ def _in_turn(
     most: Callable[[], int],
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
+    waiting: Callable[[], Waiting] = lambda: NO_WAIT,
 ) -> Outcomes:
     """Submit jobs from `take`, up to `most()` at once, and yield the outcome of each when it ends.
 
-    `submit` returns the futures of jobs, and `results` the outcomes of futures.
+    `submit` returns the futures of jobs, `results` the outcomes of futures, and `waiting` what the
+    jobs wait for.
     """
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    said = NO_WAIT
     while True:
         while room := max(0, min(most() - len(pending), _TOGETHER)):
             if not (jobs := [*itertools.islice(iter(take, None), room)]):
@@ -165,6 +171,8 @@ def _in_turn(
                 future.add_done_callback(ended.put)
         if not pending:
             return
+        if (now := waiting()) != said:
+            yield (said := now)
         futures = _ended_futures(ended)
         for future, outcome in zip(futures, results(futures), strict=True):
             yield pending.pop(future), outcome
@@ -226,7 +234,9 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
             client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
         stack.enter_context(client)
         try:
-            yield from _in_turn(take, most, submit, results)
+            yield from _in_turn(
+                take, most, submit, results, lambda: NO_WAIT if threads else Waiting(_EMPTY)
+            )
         finally:
             if timeout is not None:
                 with contextlib.suppress(OSError):

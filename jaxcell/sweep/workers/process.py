@@ -3,6 +3,7 @@
 import contextlib
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -15,12 +16,15 @@ from .work import Computed, Failed, Job, compute
 
 # Number of crashed workers after which a job counts as failed.
 _MAX_DEATHS = 3
+START_SECONDS = 600.0
+"""Seconds after which a worker that has not said its first word counts as dead."""
 
 
 class Worker:
     """A child process that computes jobs. It ends when its parent process ends or is killed.
 
-    The standard output of tasks goes to standard error.
+    The processes that a task starts end with it, unless they leave its process group. The standard
+    output of tasks goes to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -35,7 +39,8 @@ class Worker:
                 pass_fds=(number,),
                 stdin=subprocess.DEVNULL,
                 stdout=2,
-                # Only the driver shall get Ctrl-C, which goes to all processes of a terminal.
+                # Only the driver shall get Ctrl-C, which goes to all processes of a terminal, and
+                # the processes of tasks are in the group of their worker.
                 start_new_session=True,
             )
 
@@ -43,6 +48,8 @@ class Worker:
         """Compute a job. The timeout in seconds does not include the start of the process."""
         try:
             if not self._ready:
+                if not self._connection.poll(START_SECONDS):
+                    raise EOFError
                 self._connection.recv()
                 self._ready = True
             self._connection.send(job)
@@ -53,7 +60,9 @@ class Worker:
             raise EOFError from error
 
     def end(self) -> None:
-        self._process.kill()
+        """Kill the worker and the processes of its task."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
 
 
@@ -109,7 +118,7 @@ def serve(descriptor: int) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
                 jobs.put(connection.recv())
-        os._exit(1)
+        os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=read, daemon=True).start()
     # Results are datasets. Import xarray, which takes a second, before the time of a job begins.

@@ -33,6 +33,8 @@ class Progress:
     "Estimated seconds until the end of the run."
     failures: tuple[Failure, ...]
     "The failed members of the chunk that has just ended."
+    waiting: str = ""
+    "The reason why the run waits; empty if it does not wait."
 
 
 class Count:
@@ -47,29 +49,35 @@ class Count:
         self.done += ended
         self._members += members
 
-    def progress(self, failures: tuple[Failure, ...]) -> Progress:
+    def progress(self, failures: tuple[Failure, ...], waiting: str = "") -> Progress:
         self.failed += len(failures)
         seconds = max(self._clock() - self._began, 1e-9)
         each = seconds / ended if (ended := self.done - self._first) else math.nan
         rate, left = self._members / seconds, (self.chunks - self.done) * each
-        return Progress(self.chunks, self.done, self.failed, rate, left, failures)
+        return Progress(self.chunks, self.done, self.failed, rate, left, failures, waiting)
 
 
 @contextlib.contextmanager
 def written_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield a function that writes the progress of a run to a file, at most once per second."""
+    """Yield a function that writes the progress of a run to a file, at most once per second.
+
+    What a run waits for, and the end of the wait, are written at once.
+    """
     path = folder / _FILE
     path.unlink(missing_ok=True)
-    last = -math.inf
+    last, waiting = -math.inf, ""
 
     def write(progress: Progress) -> None:
-        nonlocal last
-        if math.isfinite(progress.left) and time.monotonic() >= last + SECONDS_BETWEEN:
-            last = time.monotonic()
+        nonlocal last, waiting
+        usual = math.isfinite(progress.left) and time.monotonic() >= last + SECONDS_BETWEEN
+        if usual or progress.waiting != waiting:
+            last, waiting = time.monotonic(), progress.waiting
+            known = math.isfinite(progress.left) and not waiting
+            pace = {"rate": progress.rate, "left": progress.left} if known else {}
             with replacing(path) as temporary:
-                now = {"rate": progress.rate, "left": progress.left, "at": clock()}
+                now = {**pace, "waiting": waiting, "at": clock()}
                 temporary.write_text(json.dumps(now), encoding="utf-8")
 
     try:
@@ -80,11 +88,16 @@ def written_down(
 
 def read_down(
     folder: Path, clock: Callable[[], float] = time.time
-) -> tuple[float | None, float | None]:
-    """Read the rate of a run in members per second, and the seconds left; `None` if unknown."""
+) -> tuple[float | None, float | None, str]:
+    """Read the rate of a run in members per second, the seconds left, and what the run waits for.
+
+    The rate and the time are `None` if they are unknown.
+    """
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return None, None
+        return None, None, ""
+    if "rate" not in kept:
+        return None, None, str(kept["waiting"])
     since = max(clock() - float(kept["at"]), 0.0)
-    return float(kept["rate"]), max(float(kept["left"]) - since, 0.0)
+    return float(kept["rate"]), max(float(kept["left"]) - since, 0.0), ""

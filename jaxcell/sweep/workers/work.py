@@ -96,6 +96,14 @@ class Failed:
 
 
 @dataclasses.dataclass(frozen=True)
+class Waiting:
+    """The reason why no job can be computed now, or that there is none."""
+
+    what: str
+    "The thing that jobs need; empty if they are computed."
+
+
+@dataclasses.dataclass(frozen=True)
 class Failure:
     """The failure of a member."""
 

@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -58,7 +59,7 @@ MODULES = {
 }
 
 
-def on_a_robot(*words):
+def on_a_robot(*words, cwd=None):
     """Call jaxcell where only the packages of the group `robot` are, and what these need."""
     # And what the environment of the tests puts into each process.
     modules = [*" ".join(MODULES.values()).split(), "_distutils_hack"]
@@ -67,6 +68,7 @@ def on_a_robot(*words):
         capture_output=True,
         text=True,
         timeout=200,
+        cwd=cwd,
     )
     return ran.returncode, ran.stdout, ran.stderr
 
@@ -92,8 +94,11 @@ def test_a_robot_runs_a_filter_without_the_rest(filter_file, tmp_path):
     assert code == 0, errors
     found = json.loads(said)
     assert found["result"] == "localized"
-    assert {path.name for path in out.iterdir()} == {"run.jsonl", "summary.json"}
-    assert f"jaxcell robot replay {out}/run.jsonl --file filter.jxf --out {out}" in errors
+    assert {path.name for path in out.iterdir()} == {
+        *("result.json", "run.jsonl", "summary.json"),
+    }
+    again = shlex.join([f"{out}/run.jsonl", "--file", "filter.jxf", "--out", str(out)])
+    assert f"jaxcell robot replay {again}" in errors
 
 
 @pytest.mark.parametrize(
@@ -109,7 +114,7 @@ def test_missing_packages_are_named(filter_file, tmp_path, words, message):
     names = {"FILTER": filter_file, "MAP": MAPS / "lab_a.json"}
     if "--live" in words:
         words = [*words, "--simulate", MAPS / "lab_a.json", "--heading", "0"]
-    code, _, errors = on_a_robot(*(names.get(word, word) for word in words))
+    code, _, errors = on_a_robot(*(names.get(word, word) for word in words), cwd=tmp_path)
     assert code == 2
     assert message in errors
     assert errors.count("\n") == 1

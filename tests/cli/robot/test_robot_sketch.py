@@ -33,6 +33,19 @@ def test_a_filter_of_equal_steps_becomes_a_sketch_without_a_heading(tmp_path, ca
     assert capsys.readouterr().out == filter_sketch(load_task(path))
 
 
+def test_a_sketch_confirms_by_as_many_observations_as_asked(filter_file, tmp_path, capsys):
+    assert RobotSketch(file=filter_file, heading=0.0, confirm=7).run() == 0
+    task = load_task(filter_file)
+    assert capsys.readouterr().out == filter_sketch(task, direction=0, confirm=7)
+    with pytest.raises(ValueError, match="confirm: it has an effect only with"):
+        RobotSketch(file=filter_file, heading=0.0, confirm=7, smallest=True).run()
+    policy = tmp_path / "policy.jxf"
+    spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
+    localization_policy(LAB, np.radians([45, 135]), metadata=spec).policy.save(policy)
+    with pytest.raises(ValueError, match="--confirm: the sketch of a policy cannot confirm"):
+        RobotSketch(file=policy, heading=0.0, confirm=7).run()
+
+
 def test_a_minimal_filter_is_smaller(filter_file, capsys):
     assert RobotSketch(file=filter_file, heading=0.0, minimal=True).run() == 0
     states = len(minimize(Filter.load(filter_file)).transition)

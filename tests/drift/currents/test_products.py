@@ -44,7 +44,7 @@ def test_oscar_is_read(tmp_path):
     currents = open_currents(write(tmp_path, products.oscar_old()))
     assert currents.u.shape == (1, 1, 9, 18)
     assert Water.of(currents).wraps
-    i = (currents.lon.values - 20) % 360 / 20
+    i = (currents.lon.values - 20) % 360 / 20 + 1
     row = (80 - currents.lat.values) / 20
     reads(currents, (i / 32 + row / 64)[None], -(i / 32 + row / 64)[None])
     assert float(currents.depth[0]) == 15

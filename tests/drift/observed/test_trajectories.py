@@ -222,7 +222,8 @@ def walks(random, matrix, drifters, steps):
     number, time = np.nonzero(seen)
     lon = np.where(gone, 50.0, 170 + place)[seen] + random.uniform(0.1, 0.9, seen.sum())
     lat = random.uniform(0.1, 0.9, seen.sum())
-    return drift.Trajectories.of(lon, lat, 3600.0 * time, number)
+    lon = np.where(lon >= 180, lon - 360, lon)
+    return drift.Trajectories(lon, lat, 3600.0 * time, number)
 
 
 @pytest.fixture(scope="module")
@@ -260,19 +261,19 @@ def test_the_chain_of_trajectories_is_estimated_within_its_errors(known):
 def test_moves_are_those_of_every_pair_of_observations(seed):
     random = np.random.default_rng(seed)
     number = random.integers(0, 3, 12)
-    hours = random.choice(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 12)
+    days = random.choice(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 12)
     lon, lat = random.uniform(-182, -178, 12), random.uniform(0, 2, 12)
-    seen = drift.Trajectories.of(lon, lat, 3600 * hours, number)
+    seen = drift.Trajectories.of(lon, lat, 86400 * days, number)
     water = drift.boxes(seen, 1.0)
     pairs = [
         (i, j)
         for i in range(seen.lon.size)
         for j in range(seen.lon.size)
-        if seen.drifter[i] == seen.drifter[j] and seen.time[j] - seen.time[i] == 3600
+        if seen.drifter[i] == seen.drifter[j] and seen.time[j] - seen.time[i] == 86400
     ]
     if not pairs:
         return
-    moves = drift.count_moves(seen, water, 3600.0)
+    moves = drift.count_moves(seen, water, 86400.0)
     box = np.stack([np.floor(seen.lon) % 360, np.floor(seen.lat)], axis=1)
     cells = moves.water
     square = np.stack([(cells.lon - 0.5) % 360, cells.lat - 0.5], axis=-1)[cells.row, cells.column]
@@ -310,7 +311,7 @@ def test_a_track_has_no_move_longer_than_itself(every):
     hours, steps = np.arange(0, 20 * 24 + 1, every), 5 * 24 // every
     lon = 0.5 + np.random.default_rng(0).integers(0, 4, (3, hours.size))
     number, time = np.repeat(np.arange(3), hours.size), np.tile(3600.0 * hours, 3)
-    seen = drift.Trajectories.of(lon.ravel(), np.full(lon.size, 0.5), time, number)
+    seen = drift.Trajectories(lon.ravel(), np.full(lon.size, 0.5), time, number)
     moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 5 * 86400.0)
     expected = [
         (before, after)

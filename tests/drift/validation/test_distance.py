@@ -1,7 +1,7 @@
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.drifter import Current
 from seas import sea, water_and_flow
 
 from jaxcell import bundled, drift
@@ -15,14 +15,18 @@ def eastward():
     return water_and_flow(sea(np.full((4, 9), 100.0), np.zeros((4, 9)), np.ones((4, 9), bool)))
 
 
-@pytest.fixture(scope="module")
-def eddies():
-    """The water and the flow of four eddies, which spread drifters nowhere."""
+def four_eddies():
     rows, columns = (np.arange(24) + 0.5) * np.pi / 12 * np.ones((2, 24, 1))
     columns = columns.T
     east, north = np.sin(columns) * np.cos(rows), -np.cos(columns) * np.sin(rows)
     # In six hours they go by some seven cells.
-    return water_and_flow(sea(0.6 * east, 0.6 * north))
+    return sea(0.6 * east, 0.6 * north)
+
+
+@pytest.fixture(scope="module")
+def eddies():
+    """The water and the flow of four eddies, which spread drifters nowhere."""
+    return water_and_flow(four_eddies())
 
 
 def test_an_exact_map_has_distance_0(eastward):
@@ -115,20 +119,24 @@ def test_the_step_depends_on_the_time_that_is_asked():
     assert by_long.total_variation[-1] < 0.5 * by_short.total_variation[-1]
 
 
-def test_the_distance_is_that_from_random_drifters():
-    currents = drift.open_currents(
-        bundled("ocean/gyres.nc"), depths=0, bounds=(-118.1, 33.44, -117.9, 33.54)
-    )
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-    step = 7200.0
-    chain = drift.drift_map(water, flow.mean(), drift.METHODS["drifters"].lasting(step))
+def test_the_distance_is_that_of_drifters_of_a_solver():
+    current, (water, flow) = Current.of(four_eddies()), water_and_flow(four_eddies())
+    step, cells = 7200.0, 24 * 24
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step))
     (distance,) = drift.distances(water, flow, [(chain, step)])
-    anywhere = np.ones(water.cells, bool)
-    drifted = drift.simulate_drifters(
-        jax.random.key(1), water, flow, anywhere, step, 12, drifters=10_000
-    )
-    expected = drift.compare(water, chain, drifted, distance.hours.tolist())
-    np.testing.assert_allclose(distance.total_variation, expected.total_variation, atol=0.03)
+    off = (np.arange(3) - 1) / 3
+    row, column = np.array(current.squares).T[:, :, None, None]
+    begin = np.broadcast_arrays(column + off, row + off[:, None])
+    matrix = chain.to_scipy().toarray()
+    for k, hours in enumerate((6, 24)):
+        x, y, beyond = current.solved(*(one.ravel() for one in begin), 0.0, hours * 3600.0)
+        row, column = (np.floor(place[beyond < 0] + 0.5).astype(int) for place in (y, x))
+        seen = np.bincount(24 * row + column, minlength=cells) / x.size
+        mapped = np.linalg.matrix_power(matrix, hours // 2).sum(axis=0) / cells
+        assert distance.hours[k] == hours
+        apart = (np.abs(seen - mapped).sum() + abs(seen.sum() - mapped.sum())) / 2
+        assert distance.total_variation[k] == pytest.approx(apart, abs=0.03)
+        assert distance.drifters_left[k] == pytest.approx(1 - seen.sum(), abs=0.003)
 
 
 def test_few_drifters_per_cell_give_the_same_distance(eddies):

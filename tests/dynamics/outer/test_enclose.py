@@ -239,3 +239,71 @@ def test_function_with_the_name_of_a_sine_keeps_its_values():
 def test_programs_without_rules_are_refused(map, message):
     with pytest.raises(ValueError, match=message):
         dynamics.Intervals(map).images(np.zeros((1, 1)), np.ones((1, 1)))
+
+
+OF_A_NUMBER = {
+    "corner": lambda a: dynamics.enclose(lambda x, p: x * p, 2.0, a[None], jnp.array([3.0])),
+    "parameter": lambda a: dynamics.enclose(lambda x, p: x * p, a, *jnp.ones((2, 1))),
+    "closure": lambda a: dynamics.enclose(lambda x, p: jnp.sin(x * a), None, *jnp.ones((2, 1))),
+}
+
+
+@pytest.mark.parametrize("name", OF_A_NUMBER)
+@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd])
+def test_derivative_of_an_enclosure_is_refused(name, derivative):
+    def lower(a):
+        return OF_A_NUMBER[name](a)[0][0]
+
+    assert jax.jit(lower)(2.0) != 0
+    with pytest.raises(ValueError, match="enclose: expected no derivative; its"):
+        derivative(lower)(2.0)
+
+
+def halve(x, p):
+    return 0.5 * x
+
+
+@pytest.mark.parametrize("transform", [jax.jit, jax.vmap])
+def test_traces_with_32_bits_are_refused_at_once_with_a_way_on(transform):
+    def image(lower, upper):
+        return dynamics.enclose(halve, None, lower, upper)
+
+    low, high = np.array([[1.0]]), np.array([[2.0]])
+    if transform is jax.jit:
+        low, high = low[0], high[0]
+    with jax.enable_x64(False):
+        with pytest.raises(RuntimeError, match=r"enclose needs 64-bit .*jax_enable_x64"):
+            transform(image)(low, high)
+        plain = image(low.ravel(), high.ravel())
+    np.testing.assert_allclose(plain, [[0.5], [1.0]], rtol=1e-15)
+    np.testing.assert_allclose(transform(image)(low, high)[1].ravel(), [1.0], rtol=1e-15)
+
+
+METHODS = {
+    "enclose": lambda low, high: dynamics.enclose(halve, None, low[0], high[0]),
+    "intervals": dynamics.Intervals(halve).images,
+    "corners": dynamics.Corners(halve).images,
+    "samples": dynamics.Samples(np.zeros((1, 2)), np.zeros((1, 2)), 0.5).images,
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("low", "high", "error"),
+    [
+        ([0.0, np.nan], [1.0, 1.0], "got nan and 1.0 in coordinate 1"),
+        ([0.0, 0.0], [np.nan, 1.0], "got 0.0 and nan in coordinate 0"),
+        ([2.0, 0.0], [1.0, 1.0], "got 2.0 and 1.0 in coordinate 0"),
+    ],
+)
+def test_boxes_that_are_none_are_refused(method, low, high, error):
+    with pytest.raises(ValueError, match=error) as raised:
+        METHODS[method](np.array([low]), np.array([high]))
+    assert "\n" not in str(raised.value)
+
+
+def test_traced_boxes_that_are_none_have_no_image():
+    lower, upper = np.array([[0.0], [np.nan], [2.0]]), np.ones((3, 1))
+    own = jax.jit(jax.vmap(lambda a, b: dynamics.enclose(halve, None, a, b)))
+    image = own(lower, upper)[1].ravel()
+    np.testing.assert_allclose(image, [0.5, np.nan, np.nan], rtol=1e-15)

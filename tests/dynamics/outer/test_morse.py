@@ -186,7 +186,7 @@ def test_images_of_samples_contain_images_of_boxes():
 @pytest.mark.parametrize(
     ("arguments", "depth", "message"),
     [
-        ((henon, HENON), -1, "depth: expected a number from 0"),
+        ((henon, HENON), -1, "depth: expected a whole number from 0"),
         ((henon, Box([0], [1], [4])), 0, "map: "),
         ((lambda x, p: p * x, HENON, np.float64(np.inf)), 0, "expected finite numbers"),
         ((lambda x, p: x, Box([1], [1 + 1e-15], [1])), 4, "bisections leave cells without width"),

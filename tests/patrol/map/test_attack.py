@@ -36,8 +36,10 @@ def small():
 
 def test_the_first_of_equal_cells_up_to_rounding_is_the_weakest():
     caught = np.array([[0.1, 0.3, 0.5, 0.3 - 1e-12], [0.1, 0.3, 0.2, 0.4]])
-    capture = Capture(Attack([1, 2]), caught, caught, np.array([1, 2, 3]))
+    seen = caught[::-1]
+    capture = Capture(Attack([1, 2]), caught, caught, seen, np.array([1, 2, 3]))
     assert capture.weakest.tolist() == [1, 2]
+    assert capture.weakest_watched.tolist() == [2, 1]
 
 
 def test_one_cell_three_ways():

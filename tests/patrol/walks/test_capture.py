@@ -1,4 +1,5 @@
 import itertools
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from walks import by_walks, delays_of
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
 from jaxcell.patrol.walks.arrival import (
+    blind_capture,
     first_passage,
     on_device,
     walk_capture_probabilities,
@@ -39,6 +41,54 @@ def test_capture_against_all_walks(stay, times, attack):
     delays = delays_of(KITE, 1 if times is None else times)
     expected = by_walks(matrix, delays, np.broadcast_to(attack, 4))
     np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+def visited_in(walk, times, here, goal, left):
+    """The probability that a walk from `here` visits `goal` within a time, by all its moves."""
+    return sum(
+        chance * (1 if there == goal else visited_in(walk, times, there, goal, left - time))
+        for there, chance in walk[here].items()
+        if (time := times[frozenset((here, there))]) <= left
+    )
+
+
+@pytest.mark.parametrize("times", [[1, 1, 1, 1], [1, 3, 2, 1]])
+@pytest.mark.parametrize("attack", [2, 5])
+def test_blind_capture_is_that_of_every_time_on_every_edge(times, attack):
+    """Random walks with weights, whose share of moves along an edge is the share of its weight."""
+    edges = [(0, 1), (1, 2), (2, 0), (2, 3)]
+    lasts = {frozenset(edge): time for edge, time in zip(edges, times, strict=True)}
+    missed, matrices = [Fraction(1)] * 4, []
+    for weights in ([1, 1, 1, 1], [3, 1, 4, 2]):
+        walk = {vertex: {} for vertex in range(4)}
+        for (here, there), weight in zip(edges, weights, strict=True):
+            walk[here][there] = walk[there][here] = Fraction(weight)
+        walk = {i: {j: w / sum(row.values()) for j, w in row.items()} for i, row in walk.items()}
+        matrices.append([[float(walk[i].get(j, 0)) for j in range(4)] for i in range(4)])
+        whole = 2 * sum(weight * time for weight, time in zip(weights, times, strict=True))
+        for goal in range(4):
+            caught = Fraction(0)
+            for edge, weight, time in zip(edges, weights, times, strict=True):
+                for end, left in itertools.product(edge, range(1, time + 1)):
+                    if left <= attack:
+                        later = visited_in(walk, lasts, end, goal, attack - left)
+                        caught += Fraction(weight, whole) * (1 if end == goal else later)
+            missed[goal] *= 1 - caught
+    found = blind_capture(KITE, matrices, attack, times)
+    np.testing.assert_allclose(found, [float(1 - miss) for miss in missed], atol=1e-14)
+
+
+def test_blind_capture_of_a_robot_on_a_tour_is_that_of_a_round():
+    """On a cycle of edges of 1, 2, 3 and 4 s, and with a memory that tells to and fro apart."""
+    cycle = Graph([(0, 1), (1, 2), (2, 3), (3, 0)])
+    around = np.roll(np.eye(4), 1, axis=1)
+    np.testing.assert_allclose(blind_capture(cycle, [around], 7, [1, 2, 3, 4]), 0.7)
+    line, to_and_fro = Graph([(0, 1), (1, 2)]), np.zeros((6, 6))
+    for here, there in [(0, 1), (1, 5), (5, 4), (4, 0), (2, 4), (3, 1)]:
+        to_and_fro[here, there] = 1
+    # The middle is left for 2 and for 10 of 12 s; an attack of 4 s begins in the last 4 of them.
+    found = blind_capture(line, [to_and_fro], 4, [1, 5])
+    np.testing.assert_allclose(found, [4 / 12, (2 + 4) / 12, 4 / 12])
 
 
 @pytest.mark.parametrize(

@@ -110,5 +110,6 @@ def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     study = PatrolGraph(file=file, **options)
     found = patrol.GraphPatrol.of(KITE, patrol.random_walk(KITE, np.ones(4)))
     assert study.more(found, print).keys() == {"charged"}
-    assert asked["a"][2:] == (2, 3, 4)
+    assert asked["a"][2:] == (2, 3)
+    assert asked["attack_time"] == 4
     assert asked["names"] == ["0", "1", "2", "3"]

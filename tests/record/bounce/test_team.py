@@ -83,7 +83,7 @@ def test_the_text_says_what_came_out(team, recorded):
     assert "| positions that are visited | 19 |" in text
     assert f"| steps | {len(team.cell) - 1} |" in text
     x, y, theta = map(float, team.cells.centre(int(team.starts[0])))
-    pose = f"{team.starts[0]} ({x:g} m, {y:g} m, {np.rad2deg(theta):g}°)"
+    pose = f"cell {team.starts[0]} ({x:g} m, {y:g} m, {np.rad2deg(theta):g}°)"
     assert f"| 0 | vermilion | {pose} |" in text
     assert "| seed | 0 |" in text
 
@@ -111,8 +111,7 @@ def test_a_team_that_fills_the_map_is_shown():
     team = team_trajectory(cells, list(range(9)), BOUNCE)
     pictures = read_back(team).pictures("step", "/map/grid/visited")
     assert list(pictures) == [0]
-    # There are eight colours: the ninth robot has the first one.
-    assert pictures[0].ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 1]
+    assert pictures[0].ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 9]
 
 
 def test_wide_robots_have_a_remark():

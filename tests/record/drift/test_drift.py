@@ -3,9 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 from recordings import read_back
-from seas import drift_of, sea
+from seas import double_gyre, drift_of, sea
 
 from jaxcell import bundled, drift
+from jaxcell.base.formatting import in_time
 from jaxcell.record.canvas.stream import new_stream
 from jaxcell.record.drift.map import Clock, CurrentMap
 
@@ -280,16 +281,17 @@ def test_many_groups_have_few_colours():
     assert lone.layers[0].warning in recording.text("/groups/text")
 
 
-def test_nearly_closed_sets_are_in_the_recording(leaving):
-    chains = [layer.behaviour.chain for layer in leaving.layers]
-    sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
-    sea = dataclasses.replace(leaving, nearly_closed_sets=sets)
+def test_nearly_closed_sets_are_in_the_recording():
+    closed = drift_of(double_gyre(8, 16), drift.METHODS["drifters"].lasting(2000))
+    chains = [layer.behaviour.chain for layer in closed.layers]
+    sets = drift.ClosedSets.of(closed.waters, chains, closed.step, 2)
+    sea = dataclasses.replace(closed, nearly_closed_sets=sets)
     number = sets.number[0]
-    assert ((number == -2) == ~leaving.currents.water.values[0]).all()
+    assert ((number == -2) == ~closed.currents.water.values[0]).all()
     assert [(number == rank).sum() for rank in sets.rank] == sets.size.tolist()
     recording = read_back(sea, {})
-    shown = kinds(recording, "nearly_closed_0", leaving.waters[0])
+    shown = kinds(recording, "nearly_closed_0", closed.waters[0])
     # 0 is land and 1 is in no set.
     np.testing.assert_array_equal(np.unique(shown), np.unique(number[number > -2] + 2))
     text = recording.text("/nearly_closed/text")
-    assert f"after **{sets.window_hours:.3g} hours**" in text
+    assert f"after **{in_time(sets.window_hours)}**" in text

@@ -251,8 +251,8 @@ def test_the_recording_shows_the_vulnerability(alone, recording):
 def test_an_emphasis_that_lowers_capture_is_remarked(alone):
     worse = dataclasses.replace(alone, share_capture=np.array([0.3, 0.2]))
     remark = "an emphasis of 0.8 lowers the least probability of capture from 0.300 to 0.200"
-    assert worse.remarks == (remark,)
-    assert dataclasses.replace(worse, chosen_share=0.0).remarks == ()
+    assert remark in worse.remarks
+    assert remark not in dataclasses.replace(worse, chosen_share=0.0).remarks
 
 
 def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
@@ -263,7 +263,9 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
     patrol = dataclasses.replace(
         alone, policies=search.policies, search=search, frontier=frontier, share_capture=None
     )
-    assert "the patrol is a local optimum, the best of 1 starts" in patrol.remarks[0]
+    assert (
+        "the patrol is a local optimum of a search from 1 start; another may" in patrol.remarks[0]
+    )
     recording = read_back(patrol)
     assert len(recording.static("/frontier/curve/floors", "Points2D:positions")) == 2
     text = recording.text("/frontier/text")

@@ -139,6 +139,8 @@ class _Visits:
             A_eq=np.append(used < 0, False)[None].astype(float),
             b_eq=[1.0],
         )
+        if program.status != 0:
+            return np.full(targets, 1 / targets)
         shares = np.maximum(0.0, -program.ineqlin.marginals[moves * self.end :])
         return shares / shares.sum()
 

@@ -14,11 +14,14 @@ from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
 from ....optimize.checked import check_count
+from ...team.division import part_of_graph, walk_in_part
 from ..arrival import (
     captured_by_any,
     check_reach,
     first_passage,
     on_device,
+    out_of_reach,
+    parts_within_reach,
     states_at,
     whole_numbers,
 )
@@ -64,7 +67,8 @@ class MaximinCapture:
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
     the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
-    "The least probability of capture over all targets and all positions of robots at the start."
+    """The least probability of capture over all targets and all positions of robots at the start
+    that occur in the long run."""
     certificate: Certificate
 
     @property
@@ -93,7 +97,8 @@ def maximin_capture(
     robot reaches the attacked vertex within the attack time. It knows the chains and sees the
     robots, so it attacks where and when the probability of [`walk_capture_probabilities`][] is
     least. Several robots move independently, each with its own chain, and all are at their worst
-    positions at the same time.
+    positions at the same time. If a robot alone cannot cross the graph within the attack time, each
+    robot of a team patrols a part of the graph, as [`jaxcell.patrol.team.divide_graph`][] finds it.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
     of a soft minimum of logarithms, whose inverse temperature rises, lead near the optimum. If all
@@ -141,6 +146,11 @@ def maximin_capture(
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     whole = _with_memory(graph, memory, stay)
     polytope = ChainPolytope.on(whole, stay=stay)
+    if robots > 1 and out_of_reach(delays, attack, stay=stay) is not None:
+        options = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
+        options |= {"stay": stay, "memory": memory}
+        region = parts_within_reach(graph, delays, attack, robots, stay=stay)
+        return _in_parts(graph, region, attack, travel_times, known, options)
     check_reach(delays, attack, stay=stay)
     delays = np.tile(delays, (memory, memory))
     arguments = on_device(delays, attack)
@@ -181,6 +191,37 @@ def maximin_capture(
     if copies is not None and (before := _value(copies, arguments)) > value:
         matrices, value = copies, before
     return MaximinCapture(matrices, value, certificate)
+
+
+def _in_parts(
+    graph: Graph,
+    region: Int[np.ndarray, "vertices"],
+    attack: Int[np.ndarray, "vertices"],
+    travel_times: Any,
+    known: Float[np.ndarray, "robots _ _"] | None,
+    options: dict[str, Any],
+) -> MaximinCapture:
+    """Find chains of robots that each patrol a part of a graph."""
+    walks, found = [], []
+    for robot in range(int(region.max()) + 1):
+        inside = np.flatnonzero(region == robot)
+        part = part_of_graph(graph, inside)
+        edges = np.isin(graph.edges, inside).all(axis=1)
+        times = None if travel_times is None else np.asarray(travel_times)[edges]
+        before = None
+        if known is not None:
+            states = len(known[robot]) // graph.vertices
+            own = (graph.vertices * np.arange(states)[:, None] + inside).ravel()
+            before = known[robot][np.ix_(own, own)][None]
+            # A known walk that leaves the part is no start.
+            before = before if np.allclose(before.sum(axis=2), 1) else None
+        best = maximin_capture(part, attack[inside], travel_times=times, known=before, **options)
+        walks.append(walk_in_part(graph, inside, best.matrices[0]))
+        found.append(best)
+    weakest = min(found, key=lambda part: part.value)
+    steps = sum(part.certificate.iterations for part in found)
+    certificate = dataclasses.replace(weakest.certificate, iterations=steps)
+    return MaximinCapture(np.stack(walks), weakest.value, certificate)
 
 
 def _copied(

@@ -1,0 +1,151 @@
+"""Probabilities of the cells of a box after normal noise, from its distribution function."""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy.sparse import csr_array
+from scipy.special import ndtr
+
+from ...base.wide import traced
+from ...space.box import Axis, Box
+from ...space.cells import TOLERANCE
+
+
+# Standard deviations beyond which the normal distribution function is 0 in 64 bits.
+_NEVER = 40
+
+
+def transition_rows(
+    box: Box,
+    image: Float[np.ndarray, "rows points axes"],
+    deviation: Float[np.ndarray, "axes"],
+    cut: float,
+) -> csr_array:
+    """Compute the probabilities of all cells after normal noise is added to images of points.
+
+    Each row is the mean over its points. Along an axis, the probability of a cell is the difference
+    between the values of the distribution function at its two faces. Cells up to `cut` standard
+    deviations from an image have a probability. The last of these cells also gets the probability
+    of all points that are farther away, so that no mass is lost. Points outside the box, and images
+    that are not finite, are missing from the row.
+    """
+    points, scale = image.shape[1], deviation / box.width
+    finite = np.isfinite(image).all(axis=2)
+    weight = finite / points
+    place = (box.wrapped(np.where(finite[..., None], image, 0.0)) - box.lower) / box.width
+    # One window of cells is enough for the points of a row, if their images are near each other.
+    near = (np.ptp(place, axis=1) <= cut * scale + 1).all(axis=1)
+    far = np.flatnonzero(~near)
+    parts = [
+        (np.flatnonzero(near), place[near], weight[near]),
+        (
+            np.repeat(far, points),
+            place[far].reshape(-1, 1, box.dimensions),
+            weight[far].reshape(-1, 1),
+        ),
+    ]
+    entries = [_entries(box, *part, scale, cut) for part in parts if part[0].size]
+    row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+    kept = value > 0
+    entry = value[kept], (row[kept], column[kept])
+    return csr_array(entry, shape=(len(image), box.size))
+
+
+def _entries(
+    box: Box,
+    row: Int[np.ndarray, "windows"],
+    place: Float[np.ndarray, "windows points axes"],
+    weight: Float[np.ndarray, "windows points"],
+    scale: Float[np.ndarray, "axes"],
+    cut: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """List rows, columns and probabilities of the cells in one window for each of the rows."""
+    value = weight.reshape(*place.shape[:2], 1)
+    column = np.zeros((len(row), 1), np.int64)
+    for axis, (count, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        first, along = _along(count, kind, place[..., axis], scale[axis], cut)
+        index = (first[:, None] + np.arange(along.shape[-1])) % count
+        column = (count * column[:, :, None] + index[:, None]).reshape(len(row), -1)
+        if axis + 1 < box.dimensions:
+            value = (value[..., None] * along[:, :, None]).reshape(*place.shape[:2], -1)
+        else:
+            value = value.swapaxes(1, 2) @ along
+    return np.repeat(row, column.shape[1]), column.ravel(), value.ravel()
+
+
+def _along(
+    count: int, kind: Axis, place: Float[np.ndarray, "windows points"], scale: float, cut: float
+) -> tuple[Int[np.ndarray, "windows"], Float[np.ndarray, "windows points width"]]:
+    """Compute the first cell of windows along one axis, and the probabilities of their cells.
+
+    `place` and the standard deviation `scale` are in units of cells.
+    """
+    if kind != "periodic":
+        place = np.clip(place, -1 - _NEVER * scale, count + 1 + _NEVER * scale)
+    ends = place.min(axis=1) - cut * scale, place.max(axis=1) + cut * scale
+    first, last = (np.floor(end + TOLERANCE).astype(np.int64) for end in ends)
+    width = int((last - first).max()) + 1
+    if kind != "periodic":
+        width = min(width, count)
+        first = np.clip(first, 0, count - width)
+    face = (first[:, None] + np.arange(width + 1.0))[:, None] - place[..., None]
+    leaves = kind == "sink"
+    face[~(leaves & (first == 0)), :, 0] = -np.inf
+    face[~(leaves & (first + width == count)), :, -1] = np.inf
+    if not scale:
+        return first, np.diff((face > TOLERANCE).astype(float))
+    return first, _between(face[..., :-1] / scale, face[..., 1:] / scale)
+
+
+def _between(low: Any, high: Any) -> Any:
+    """Compute the probability that a normal variable is between two numbers, with all digits."""
+    xp = low.__array_namespace__()
+    # Differences in the upper tail would lose all digits: they are taken in the lower one.
+    above = low > 0
+    low, high = xp.where(above, -high, low), xp.where(above, -low, high)
+    below = ndtr if xp is np else jax.scipy.special.ndtr
+    return below(high) - below(low)
+
+
+def all_probabilities(
+    box: Box, image: Float[Array, "points axes"], noise: tuple[Any, ...]
+) -> Float[Array, "cells"]:
+    """Compute the mean over points of the probabilities of all cells after noise, in JAX.
+
+    The results are those of [`transition_rows`][] without a cut. They have derivatives by the
+    images and by `noise`, a standard deviation for each axis, where it is not the number 0.
+    """
+    finite = jnp.isfinite(image).all(axis=1, keepdims=True)
+    place = box.wrapped(jnp.where(finite, image, 0.0))
+    value = finite.astype(float) / len(image)
+    for axis, deviation in enumerate(noise):
+        chance = _along_all(box, axis, place[:, axis], deviation)
+        if axis + 1 < box.dimensions:
+            value = (value[:, :, None] * chance[:, None]).reshape(len(image), -1)
+        else:
+            value = value.T @ chance
+    return value.ravel()
+
+
+def _along_all(
+    box: Box, axis: int, place: Float[Array, "points"], noise: Any
+) -> Float[Array, "points cells"]:
+    count, kind, width = box.cells[axis], box.axes[axis], float(box.width[axis])
+    still = not traced(noise) and float(noise) == 0
+    turns = 0
+    if kind == "periodic":
+        if traced(noise):
+            raise ValueError("noise: along a periodic axis expected a number, got a traced array")
+        turns = math.ceil(_NEVER * float(noise) / width / count)
+    faces = np.arange(-turns * count, (turns + 1) * count + 1.0)
+    face = faces[None] - ((place - box.lower[axis]) / width)[:, None]
+    at = jnp.where(face > TOLERANCE, _NEVER, -_NEVER) if still else face * width / noise
+    # Far out the distribution function is constant, and has no infinite derivatives.
+    at = jnp.clip(at, -_NEVER, _NEVER).astype(float)
+    if kind != "sink":
+        at = at.at[:, 0].set(-_NEVER).at[:, -1].set(_NEVER)
+    return _between(at[:, :-1], at[:, 1:]).reshape(len(place), -1, count).sum(axis=1)

@@ -1,0 +1,312 @@
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Bool, Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...optimize import Graph, greedy_cover, shortest_tour
+from ...optimize.checked import check_count, one_each
+from .division import divide_graph, part_of_graph
+from .times import check_whole, names_of
+
+
+# Rounding error of a time, relative, by which an attack does not become longer.
+_ROUNDING = 1e-9
+# Largest number of divisions that are compared; their numbers of parts grow by a factor.
+_DIVISIONS = 12
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Round(Result):
+    """Robots that follow closed tours at equal intervals, which a shared clock keeps.
+
+    All robots follow one tour, or each tour is on a part of the graph and has some of the robots.
+    """
+
+    title: ClassVar[str] = "Evenly spaced round"
+    tables: ClassVar[Mapping[str, str]] = {"tour": "tours"}
+
+    robots: Annotated[
+        Int[np.ndarray, "tours"], quantity("tour", "robots that follow the tour", kind="count")
+    ]
+    stops: Annotated[
+        np.ndarray | None, quantity("tour stop", "vertices in order", kind="text", listed=True)
+    ] = None
+    "Array `[tours, stops]` of names of vertices, padded with empty names; `None` on a map."
+    duration: Float[np.ndarray, "tours"]
+    "The time that a robot takes for each tour, in units."
+    longest: float
+    """The longest time between visits to a vertex by any robot, in units; on a map, between views
+    of a cell."""
+    unit: float | None = None
+    "The unit of time in seconds, or `None` for steps."
+    least_capture: Annotated[
+        float | None,
+        quantity("", "least capture of attacks that begin at any time", "1", kind="share"),
+    ] = None
+    "The least probability over places, for an adversary that does not see the robots."
+    watched_capture: Annotated[
+        float | None,
+        quantity("", "least capture if the adversary sees the robots", "1", kind="share"),
+    ] = None
+    "1 if no attack succeeds; 0 if an adversary that sees the robots can find a time and a place."
+
+    @property
+    def followers(self) -> str:
+        """The robots and their tours, as a noun phrase."""
+        tours, robots = self.robots.size, int(self.robots.sum())
+        if robots == 1:
+            return "a robot on a closed tour"
+        if tours == 1:
+            return "evenly spaced robots on one closed tour, which keep a shared clock"
+        if tours == robots:
+            return f"one robot on a closed tour of each of {tours} parts"
+        return f"robots on closed tours of {tours} parts, evenly spaced by a shared clock"
+
+    @derived("tour", "time that a robot takes for the tour", "steps", kind="time")
+    def steps(self) -> Float[np.ndarray, "tours"] | None:
+        return None if self.unit else self.duration
+
+    @derived("", "longest time that a place is not visited or seen", "steps", kind="time")
+    def steps_between(self) -> float | None:
+        return None if self.unit else self.longest
+
+    @derived("tour", "time that a robot takes for the tour", "s", kind="time")
+    def seconds(self) -> Float[np.ndarray, "tours"] | None:
+        return self.unit * self.duration if self.unit else None
+
+    @derived("", "longest time that a place is not visited or seen", "s", kind="time")
+    def seconds_between(self) -> float | None:
+        return self.unit * self.longest if self.unit else None
+
+
+def evenly_spaced_round(
+    graph: Graph,
+    robots: int,
+    attack_time: Any = None,
+    *,
+    travel_times: Any = None,
+    unit: float | None = None,
+    names: Sequence[str] | None = None,
+) -> Round:
+    """Follow short closed tours that pass all vertices with evenly spaced robots.
+
+    All robots of a connected graph follow one tour, or each tour is on a part of the graph, as
+    [`divide_graph`][] finds it, and has one or more robots. The round that captures most is
+    returned, without attacks the round with the shortest time between visits. Each connected
+    component of a graph has its own tours.
+
+    The robots have a shared clock: each robot is at the place of the next one a fixed time later.
+    An attack begins as a robot leaves a vertex, or at any other time.
+
+    **Arguments:**
+
+    - `graph`: a graph.
+    - `robots`: number of robots, at least one for each connected component.
+    - `attack_time`: duration of an attack, or array `[vertices]` of them.
+    - `travel_times`: array `[edges]`, travel time of each edge; by default 1.
+    - `unit`: duration of a unit of time, in seconds; by default times are in steps, and whole
+        numbers.
+    - `names`: names of the vertices; by default their numbers.
+
+    **Returns:** [`Round`][].
+
+    Two robots on a cycle of six vertices visit each vertex in every third step, and two robots on a
+    line of six each go to and fro in one half:
+
+        >>> from jaxcell import patrol
+        >>> cycle = patrol.Graph([(i, (i + 1) % 6) for i in range(6)])
+        >>> found = patrol.team.evenly_spaced_round(cycle, 2, attack_time=3)
+        >>> found.longest, found.least_capture, found.watched_capture
+        (3.0, 1.0, 1.0)
+        >>> line = patrol.Graph([(i, i + 1) for i in range(5)])
+        >>> patrol.team.evenly_spaced_round(line, 2, attack_time=4).stops.tolist()
+        [['0', '1', '2', '1'], ['3', '4', '5', '4']]
+    """
+    check_count("robots", robots)
+    times = _times("travel_times", travel_times, len(graph.edges), "edge", unit)
+    attack = np.full(graph.vertices, np.inf)
+    if attack_time is not None:
+        attack = _times("attack_time", attack_time, graph.vertices, "vertex", unit).astype(float)
+    weighted = Graph(graph.edges, graph.vertices, ways=times)
+    count, component = scipy.sparse.csgraph.connected_components(weighted.matrix(weighted.lengths))
+    if robots < count:
+        raise ValueError(
+            f"robots: expected at least {count}, one for each connected component of the graph, "
+            f"got {robots}"
+        )
+    components = [np.flatnonzero(component == part) for part in range(count)]
+    alone = [_Tour.of(weighted, inside, times.dtype) for inside in components]
+    best = [
+        max(
+            (_Team.of(tours, team) for tours in _tours(weighted, tour, team, times.dtype)),
+            key=lambda one: one.rank(attack),
+        )
+        for tour, team in zip(alone, _shared_out(alone, robots), strict=True)
+    ]
+    tours = [tour for team in best for tour in team.tours]
+    gaps = {vertex: each for team in best for vertex, each in team.gaps.items()}
+    called, most = names_of(graph.vertices, names), max(tour.stops.size for tour in tours)
+    stops = [[called[v] for v in tour.stops.tolist()] for tour in tours]
+    found = Round(
+        robots=np.array([robots for team in best for robots in team.robots]),
+        stops=np.array([each + [""] * (most - len(each)) for each in stops]),
+        duration=np.array([float(tour.duration) for tour in tours]),
+        longest=_longest(gaps.values()),
+        unit=unit,
+    )
+    if attack_time is None:
+        return found
+    least, watched = _least([gaps[vertex] for vertex in range(graph.vertices)], attack, 0)
+    return dataclasses.replace(found, least_capture=least, watched_capture=watched)
+
+
+class _Tour(NamedTuple):
+    """A closed tour of some vertices: its stops, the times when it leaves them, its duration."""
+
+    stops: Int[np.ndarray, "stops"]
+    begins: Float[np.ndarray, "stops"] | Int[np.ndarray, "stops"]
+    duration: float | int
+
+    @classmethod
+    def of(cls, graph: Graph, inside: Int[np.ndarray, "part"], kind: Any) -> "_Tour":
+        """Find a short tour of the vertices `inside`; its times have the type `kind`."""
+        if inside.size == 1:
+            return cls(inside, np.zeros(1, kind), 0)
+        part = part_of_graph(graph, inside)
+        tour = shortest_tour(part, range(part.vertices))
+        lasts = part.matrix(part.lengths).toarray().astype(kind)[tour, np.roll(tour, -1)]
+        return cls(inside[tour], np.cumsum(lasts) - lasts, lasts.sum().item())
+
+
+class _Team(NamedTuple):
+    """Robots on tours of different vertices, and the times between visits to each vertex."""
+
+    tours: list[_Tour]
+    robots: list[int]
+    gaps: dict[int, Float[np.ndarray, "_"]]
+
+    @classmethod
+    def of(cls, tours: list[_Tour], robots: int) -> "_Team":
+        shared = _shared_out(tours, robots)
+        gaps = {
+            vertex: _gaps(tour.begins[tour.stops == vertex], tour.duration, count)
+            for tour, count in zip(tours, shared, strict=True)
+            for vertex in np.unique(tour.stops).tolist()
+        }
+        return cls(tours, shared, gaps)
+
+    def rank(self, attack: Float[np.ndarray, "vertices"]) -> tuple[float, float, float]:
+        """Compute what a better team has more of; the last number is a shorter time."""
+        least, watched = _least(list(self.gaps.values()), attack[list(self.gaps)], 0)
+        return watched, least, -_longest(self.gaps.values())
+
+
+def _tours(graph: Graph, whole: _Tour, robots: int, kind: Any) -> Iterator[list[_Tour]]:
+    """Yield the tour of a connected component, and those of divisions into up to `robots` parts."""
+    yield [whole]
+    inside = np.unique(whole.stops)
+    most = min(robots, inside.size // 2)
+    several = np.geomspace(2, max(2, most), _DIVISIONS).round().astype(int)
+    for parts in np.unique(several[several <= most]).tolist():
+        try:
+            region = divide_graph(part_of_graph(graph, inside), parts)
+        except ValueError:
+            # Some part of each division would be a single vertex.
+            continue
+        yield [_Tour.of(graph, inside[region == part], kind) for part in range(parts)]
+
+
+def _shared_out(tours: Sequence[_Tour], robots: int) -> list[int]:
+    """Return the number of robots on each tour that makes the longest interval shortest."""
+    shared = np.ones(len(tours), np.int64)
+    duration = np.array([tour.duration for tour in tours], float)
+    for _ in range(robots - len(tours)):
+        shared[np.argmax(duration / shared)] += 1
+    return shared.tolist()
+
+
+def round_on_map(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    robots: int,
+    attack_time: int,
+    places: Int[np.ndarray, "places"],
+) -> Round | None:
+    """Follow a short closed tour that sees all cells of a map with evenly spaced robots.
+
+    The tours through the [`jaxcell.optimize.greedy_cover`][] of each robot are compared; the round
+    is on the tour with the most capture.
+
+    **Arguments:** the graph of the cells; `visible[i, j]` is true if a robot in cell `i` sees cell
+    `j`; the number of robots; the number of steps of an attack, which begins when no robot sees its
+    cell; and the cells that may be attacked. **Returns:** [`Round`][], or `None` if all cells are
+    seen from a single one.
+    """
+    rounds = []
+    for robot in range(robots):
+        cover = greedy_cover(visible, robot).chosen.tolist()
+        if len(cover) < 2:
+            return None
+        seen = visible[shortest_tour(graph, cover)]
+        gaps = [_gaps(np.flatnonzero(seen[:, place]), len(seen), robots) for place in places]
+        least, watched = _least(gaps, np.full(len(gaps), float(attack_time)), 1)
+        rounds.append(
+            Round(
+                robots=np.array([robots]),
+                duration=np.array([float(len(seen))]),
+                longest=_longest(gaps),
+                least_capture=least,
+                watched_capture=watched,
+            )
+        )
+    return max(rounds, key=lambda one: (one.least_capture, -one.longest))
+
+
+def _times(
+    name: str, given: Any, count: int, what: str, unit: float | None
+) -> Float[np.ndarray, "count"] | Int[np.ndarray, "count"]:
+    """Return `count` times, by default 1: whole numbers of steps, or of any units."""
+    given = 1 if given is None else given
+    if unit is None:
+        return check_whole(name, given, count, what)
+    each = np.full(count, given) if np.ndim(given) == 0 else given
+    return one_each(name, each, count, f"per {what}")
+
+
+def _gaps(
+    visits: Float[np.ndarray, "_"] | Int[np.ndarray, "_"], period: float | int, robots: int
+) -> Float[np.ndarray, "visits"]:
+    """Return the times between visits of any robot, for the times when robot 0 visits a place.
+
+    Robots follow each other at whole times if the visits of robot 0 are at whole times."""
+    if visits.size == 0:
+        return np.array([np.inf])
+    if not period:
+        return np.zeros(1)
+    whole = np.issubdtype(visits.dtype, np.integer)
+    apart = np.arange(robots) * period // robots if whole else np.arange(robots) * period / robots
+    times = np.unique((visits[:, None] + apart) % period)
+    return np.diff(times, append=times[0] + period).astype(float)
+
+
+def _longest(gaps: Iterable[Float[np.ndarray, "_"]]) -> float:
+    return float(max((each.max() for each in gaps), default=0.0))
+
+
+def _least(
+    gaps: Sequence[Float[np.ndarray, "_"]], attack: Float[np.ndarray, "places"], away: int
+) -> tuple[float, float]:
+    """Compute the least capture of attacks, at any time, and at the worst time.
+
+    Attacks begin at most `gap - away` steps before a visit."""
+    least, watched = 1.0, 1.0
+    for each, time in zip(gaps, attack.tolist(), strict=True):
+        hidden = each - away
+        if hidden.max() > time * (1 + _ROUNDING):
+            watched = 0.0
+            least = min(least, float(np.minimum(hidden, time).sum() / hidden.sum()))
+    return least, watched

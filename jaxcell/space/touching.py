@@ -1,0 +1,54 @@
+"""The steps of a robot that touch a wall, without being blocked.
+
+In the model a robot may touch a corner or drive along a wall, but a real robot leaves its path by
+millimetres, and may bump there.
+"""
+
+import numpy as np
+import shapely
+from jaxtyping import Bool
+
+from .cells import CellSpace
+from .motion import CELL_BY_CELL, Motion
+from .occupancy import TOLERANCE, in_squares
+from .segments import displacement
+from .steps import Steps
+
+
+MOST_STEPS = 1_000_000
+"The largest number of steps that are tested."
+
+
+def touching_steps(
+    cells: CellSpace, motion: Motion = CELL_BY_CELL
+) -> Bool[np.ndarray, "directions positions"]:
+    """Compute a mask of the steps from the centres of cells that touch a wall, but are not blocked.
+
+    The mask is empty without the swept rule, and for more than `MOST_STEPS` cells.
+    """
+    touches = np.zeros((cells.directions, cells.positions), bool)
+    if motion.collision != "swept" or touches.size > MOST_STEPS:
+        return touches
+    steps = Steps.of(cells, motion)
+    walls = free_space_in_cells(cells).boundary
+    shapely.prepare(walls)
+    row, column = np.divmod(cells.square, cells.position_of_square.shape[1])
+    centres = np.stack([column, row], axis=1) + 0.5
+    moved = (steps.targets(cells) != np.arange(cells.positions))[steps.way]
+    length = motion.in_cells(cells.cell)
+    for direction, touch in enumerate(touches):
+        begin = centres[moved[direction]]
+        step = displacement(direction, cells.directions, length)
+        paths = shapely.linestrings(np.stack([begin, begin + step], axis=1))
+        touch[moved[direction]] = shapely.dwithin(paths, walls, TOLERANCE)
+    return touches
+
+
+def free_space_in_cells(cells: CellSpace) -> shapely.Geometry:
+    """Return the free space, in cells from the lower left corner of the grid."""
+    if cells.workspace is None:
+        row, column = np.divmod(cells.square, cells.position_of_square.shape[1])
+        return shapely.union_all(shapely.box(column, row, column + 1, row + 1))
+    return shapely.transform(
+        cells.workspace.free_space, lambda at: in_squares(at, cells.origin, cells.cell)
+    )

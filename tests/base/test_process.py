@@ -1,0 +1,62 @@
+import signal
+import subprocess
+import sys
+
+import pytest
+from waiting import is_running, wait_until
+
+from jaxcell.base.process import guarded
+
+
+_STARTS = """
+import subprocess, sys, time
+from jaxcell.base.process import guarded
+child = "import os, time; print(os.getpid(), flush=True); time.sleep(300)"
+command = guarded([sys.executable, "-c", child])
+server = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+print(server.pid, flush=True)
+server.wait()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_guarded_command_ends_with_the_process_that_started_it(number):
+    command = [sys.executable, "-c", _STARTS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        pids = [int(process.stdout.readline()) for _ in range(2)]
+        process.send_signal(number)
+    wait_until(lambda: not any(map(is_running, pids)))
+
+
+def test_a_guarded_command_ends_with_its_own_status():
+    command = guarded([sys.executable, "-c", "raise SystemExit(7)"])
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        assert process.wait() == 7
+
+
+_DISCARDS = """
+import signal, sys, time
+from jaxcell import cli
+from jaxcell.cli import app
+class Slow:
+    def __del__(self):
+        print("ready", flush=True)
+        time.sleep(300)
+def run(_):
+    Slow()
+    print("deaf", flush=True)
+    time.sleep(300)
+app.run = run
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(cli.main([]))
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_whose_exception_is_discarded_comes_again(number, status):
+    command = [sys.executable, "-c", _DISCARDS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        process.stdout.read()
+    assert process.returncode == status
