@@ -25,7 +25,7 @@ def cut_along_axes(
 
     The polygons have no holes. Vertices are rounded to multiples of `rounding`.
 
-    **Returns:** `None` if an edge is oblique, or if general polygons are faster because the vertices
+    **Returns:** `None` if an edge is oblique, or if general polygons are faster because vertices
     have many different coordinates.
 
     **Raises:** `MemoryError` if the outlines do not fit in the free memory.
