@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 
 PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
@@ -16,9 +17,13 @@ LIBRARIES = 200_000_000
 """Assumed minimum number of bytes that Python, JAX and other loaded libraries use."""
 NEGLIGIBLE = 20_000_000
 """Requests of at most this number of bytes are accepted without measuring the free memory."""
-# The addresses that JAX reserves when it starts, and for each processor; below that a
-# command on two processors hung or aborted.
-_JAX_ADDRESSES, _THREAD_ADDRESSES = 1_200_000_000, 100_000_000
+# The addresses that a library and those before it reserve when they start, and for each processor.
+# Below that a command on two processors hung or aborted.
+_ADDRESSES = {
+    "NumPy": (120_000_000, 40_000_000),
+    "xarray": (550_000_000, 40_000_000),
+    "JAX": (1_700_000_000, 100_000_000),
+}
 LIMIT = "JAXCELL_MEMORY"
 """Environment variable with the memory limit of a process, such as `8G`."""
 
@@ -65,16 +70,18 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
         )
 
 
-def check_addresses_for_jax() -> None:
-    """Raise `MemoryError` if `ulimit -v` leaves too few addresses for JAX.
+def check_addresses(library: Literal["NumPy", "xarray", "JAX"]) -> None:
+    """Raise `MemoryError` if `ulimit -v` leaves too few addresses for a library.
 
-    XLA hangs or aborts if it cannot start its threads.
+    XLA and OpenBLAS hang or abort if they cannot start their threads, so this check comes before
+    the first import.
     """
-    needed = _JAX_ADDRESSES + _THREAD_ADDRESSES * (os.cpu_count() or 1)
+    base, thread = _ADDRESSES[library]
+    needed = base + thread * (os.cpu_count() or 1)
     for left, limit in _addresses():
         if left < needed:
             raise MemoryError(
-                f"JAX reserves about {gigabytes(needed)} of addresses, and "
+                f"{library} reserves about {gigabytes(needed)} of addresses, and "
                 f"{gigabytes(max(left, 0))} are left: {limit}"
             )
 

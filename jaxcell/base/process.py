@@ -126,14 +126,26 @@ def leave_signals(handled: Sequence[signal.Signals]) -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def _exit(number: int, _: FrameType | None) -> None:
+def _exit(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_name in _CALLED_BY_COMPILED_CODE:
+            _send_again(number)
+            return
+        frame = frame.f_back
     _received.append(number)
     raise SystemExit(128 + number)
 
 
+# Compiled code calls these methods in hash tables. JAX makes another error of an exception there,
+# and C++ may abort.
+_CALLED_BY_COMPILED_CODE = ("__eq__", "__hash__")
 _received: list[int] = []
 # Seconds after which a signal is sent again.
 _AGAIN = 0.05
+
+
+def _send_again(number: int) -> None:
+    threading.Timer(_AGAIN, os.kill, [os.getpid(), number]).start()
 
 
 def is_ending() -> bool:
@@ -158,7 +170,7 @@ def signals_sent_again() -> Iterator[None]:
         if not number:
             before(discarded)
             return
-        threading.Timer(_AGAIN, os.kill, [os.getpid(), number]).start()
+        _send_again(number)
 
     sys.unraisablehook = hook
     try:

@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from ..base.bundled import with_path
-from ..base.memory import LIMIT, read_size
+from ..base.memory import LIMIT, check_addresses, read_size
 from ..study import STUDIES
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
@@ -26,7 +26,7 @@ from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
 from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
-from .study_command import Run, command_of
+from .study_command import Run, StudyCommand, command_of
 from .sweep.indices import SweepIndices
 from .sweep.run import Sweep, SweepMerge, SweepState
 from .sweep.view import SweepView
@@ -74,7 +74,8 @@ _MAX_LETTERS = 2000
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
     """Format an error as one line of bounded length, without the system's number of the error."""
-    text = str(error)
+    # Python itself says nothing.
+    text = str(error) or "the memory is too little"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
     text = " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
@@ -94,6 +95,13 @@ def run(args: Sequence[str]) -> int:
         args = _limited(args)
         _refuse_empty(args)
         name, command = read(args)
+        check_addresses(
+            "JAX"
+            if isinstance(command, StudyCommand | Demo)
+            else "xarray"
+            if isinstance(command, Sweep | SweepMerge | SweepIndices)
+            else "NumPy"
+        )
         if (out := getattr(command, "out", None)) is not None:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
         with noting_warnings(type(command)):
@@ -148,6 +156,7 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
 
+        check_addresses("JAX")
         name = f"run {words[1]}"
         kind, rest = command_of(load_study(words[1]), name), words[2:]
     else:

@@ -12,10 +12,8 @@ from .terminal import status
 def starting() -> Iterator[None]:
     """Configure JAX for a command, and show a status during imports that take seconds."""
     with status("loading JAX"):
-        from ..base.memory import check_addresses_for_jax
         from ..base.runtime import configure_jax
 
-        check_addresses_for_jax()
         configure_jax()
         yield
 

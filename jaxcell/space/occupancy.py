@@ -4,7 +4,6 @@ A grid is a Boolean array, true where a square is blocked, with row 0 at the bot
 the left.
 """
 
-import itertools
 import math
 
 import numpy as np
@@ -37,7 +36,9 @@ def in_squares(
     return np.round((metres - np.asarray(corner)) / cell, digits)
 
 
-def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndarray, "_ 2"]]:
+def blocked_rings(
+    blocked: Bool[np.ndarray, "rows columns"],
+) -> tuple[Int[np.ndarray, "corners 2"], Int[np.ndarray, "_"]]:
     """Divide the blocked squares of a grid into simple polygons that do not overlap.
 
     A polygon has no holes, so it cannot surround free squares. The squares are therefore divided as
@@ -45,7 +46,8 @@ def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndar
     run below it only if neither of the two overlaps a third run in these rows. A wall around a room
     becomes four polygons.
 
-    The vertices of each polygon are counter-clockwise, in units of squares.
+    **Returns:** the vertices of all polygons, counter-clockwise and in units of squares; and the
+    indices of the first vertices of all polygons but the first, as `np.split` takes them.
     """
     columns = blocked.shape[1]
     steps = np.diff(np.pad(blocked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
@@ -63,30 +65,20 @@ def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndar
 
     follows = below == 1
     follows[follows] = above[first_below[follows]] == 1
-    successor = np.full(row.size, -1)
-    successor[first_below[follows]] = np.flatnonzero(follows)
-
-    rings = []
-    for head in np.flatnonzero(~follows).tolist():
-        chain = [head]
-        while (run := successor[chain[-1]]) >= 0:
-            chain.append(run)
-        rings.append(_outline(left[chain].tolist(), right[chain].tolist(), int(row[head])))
-    return rings
-
-
-def _outline(left: list[int], right: list[int], bottom: int) -> Int[np.ndarray, "_ 2"]:
-    """Trace the polygon around runs in successive rows from `bottom`, without collinear vertices.
-
-    `left` and `right` are the ends of the run in each row.
-    """
-    going_up, going_down = [(right[0], bottom)], [(left[0], bottom)]
-    for side, ends in ((going_up, right), (going_down, left)):
-        for height, (lower, upper) in enumerate(itertools.pairwise(ends), bottom + 1):
-            if lower != upper:
-                side += [(lower, height), (upper, height)]
-        side.append((ends[-1], bottom + len(ends)))
-    return np.array(going_up + going_down[::-1])
+    head = np.where(follows, first_below, np.arange(row.size))
+    while (head[head] != head).any():
+        head = head[head]
+    # Both ends of the right side of each run, going up, then those of the left side, going down.
+    height = 2 * row + np.array([[0], [1], [0], [1]])
+    side = np.array([[1], [1], [-1], [-1]])
+    order = np.lexsort(((side * height).ravel(), np.repeat(-side, row.size), np.tile(head, 4)))
+    corners = np.stack([np.where(side > 0, right, left), (height + 1) // 2], axis=2)
+    corners, ring = corners.reshape(-1, 2)[order], np.tile(head, 4)[order]
+    # Where a side continues straight, the ends of its runs are equal.
+    straight = np.zeros(ring.size, bool)
+    straight[:-1] = (ring[1:] == ring[:-1]) & (corners[1:] == corners[:-1]).all(axis=1)
+    bend = ~(straight | np.roll(straight, 1))
+    return corners[bend], np.unique(ring[bend], return_index=True)[1][1:]
 
 
 def rasterise(

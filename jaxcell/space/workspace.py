@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from ..base.limits import Unknown
 from .maps.map_files import read_map, write_map
+from .outlines import cut_along_axes
 
 
 Ring: TypeAlias = npt.ArrayLike | shapely.Polygon
@@ -73,11 +74,10 @@ class Workspace:
         **Raises:** `ValueError` for a polygon that crosses or touches itself or has no area, a
         vertex beyond 10^7 m, an obstacle outside, or a map in which the robot fits nowhere.
         """
-        boundary = _ring("boundary", boundary)
-        rings = tuple(_ring(f"obstacles[{i}]", ring) for i, ring in enumerate(obstacles))
+        boundary, *rings = (_ring(_field(i), ring) for i, ring in enumerate([boundary, *obstacles]))
         values = {
             "boundary": boundary,
-            "obstacles": rings,
+            "obstacles": tuple(rings),
             "robot_radius": _number("robot_radius", robot_radius),
             "name": name,
             "cell": None if cell is None else _number("cell", cell),
@@ -85,6 +85,7 @@ class Workspace:
         }
         for field, value in values.items():
             object.__setattr__(self, field, value)
+        _check_coordinates([boundary, *rings])
         _check_polygons(self._shapes, coordinate_rounding(boundary, rings))
         self._check_numbers()
         if self.environment.is_empty:
@@ -126,6 +127,9 @@ class Workspace:
         the rounding of float64 separates their vertices.
         """
         rounding = coordinate_rounding(self.boundary, self.obstacles)
+        along_axes = cut_along_axes(self._shapes, rounding)
+        if along_axes is not None:
+            return along_axes
         # NumPy would warn of the denormal numbers that GEOS meets in slivers.
         with np.errstate(all="ignore"):
             union = shapely.disjoint_subset_union_all(self._shapes[1:])
@@ -202,6 +206,11 @@ def _number(field: str, value: object) -> float:
     return float(value)
 
 
+def _field(number: int | np.integer) -> str:
+    """Name the boundary, which has the number 0, or an obstacle."""
+    return f"obstacles[{number - 1}]" if number else "boundary"
+
+
 def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
     if isinstance(ring, shapely.Polygon):
         if ring.interiors:
@@ -221,24 +230,34 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
         raise ValueError(
             f"{field}: expected pairs of numbers [x, y], got an array of shape {vertices.shape}"
         )
-    wrong = np.flatnonzero(~(np.abs(vertices) <= _LARGEST_COORDINATE).all(axis=1))
-    if wrong.size:
-        x, y = vertices[wrong[0]]
-        raise ValueError(
-            f"{field}: vertex {wrong[0]} is ({x:g}, {y:g}); "
-            f"expected finite numbers of at most {_LARGEST_COORDINATE:g} m"
-        )
-    distinct = len(set(map(tuple, vertices.tolist())))
+    # Lists, because NumPy is slow for a few numbers, and a map may have a million obstacles.
+    points = list(map(tuple, vertices.tolist()))
+    distinct = len(set(points))
     if distinct < 3:
         raise ValueError(f"{field}: it has {distinct} distinct vertices; at least 3 are needed")
-    while (vertices[0] == vertices[-1]).all():
-        vertices = vertices[:-1]
+    while points[0] == points[-1]:
+        points.pop()
+    vertices = vertices[: len(points)]
     vertices.setflags(write=False)
     return vertices
 
 
+def _check_coordinates(rings: Sequence[Float[np.ndarray, "_ 2"]]) -> None:
+    """Refuse coordinates that are not finite or too large."""
+    points = np.concatenate(rings)
+    wrong = np.flatnonzero(~(np.abs(points) <= _LARGEST_COORDINATE).all(axis=1))
+    if wrong.size:
+        starts = np.cumsum([0, *map(len, rings)])
+        ring = int(np.searchsorted(starts, wrong[0], side="right")) - 1
+        x, y = points[wrong[0]]
+        raise ValueError(
+            f"{_field(ring)}: vertex {wrong[0] - starts[ring]} is ({x:g}, {y:g}); "
+            f"expected finite numbers of at most {_LARGEST_COORDINATE:g} m"
+        )
+
+
 def coordinate_rounding(
-    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
+    boundary: Float[np.ndarray, "vertices 2"], obstacles: Sequence[Float[np.ndarray, "_ 2"]]
 ) -> float:
     """Compute the unit to which vertices are rounded; it exceeds rounding errors of float64."""
     largest = np.abs(np.concatenate((boundary, *obstacles))).max()
@@ -263,13 +282,12 @@ def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
 
 def _check_polygons(shapes: np.ndarray, rounding: float) -> None:
     """Refuse polygons that have no area or touch themselves, and obstacles outside the boundary."""
-    fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(shapes) - 1))]
-
+    small = np.flatnonzero(shapely.area(shapes) <= rounding * shapely.length(shapes))
     # The hull, because the areas of the two halves of a bow tie cancel.
-    hulls = shapely.convex_hull(shapes)
-    flat = np.flatnonzero(shapely.area(hulls) <= rounding * shapely.length(hulls))
+    hulls = shapely.convex_hull(shapes[small])
+    flat = small[shapely.area(hulls) <= rounding * shapely.length(hulls)]
     if flat.size:
-        raise ValueError(f"{fields[flat[0]]}: zero area; all its vertices lie on one line")
+        raise ValueError(f"{_field(flat[0])}: zero area; all its vertices lie on one line")
 
     crossed = np.flatnonzero(~shapely.is_valid(shapes))
     if crossed.size:
@@ -277,9 +295,9 @@ def _check_polygons(shapes: np.ndarray, rounding: float) -> None:
         place = re.fullmatch(r"(?:Ring )?(.*)\[(\S+) (\S+)\]", reason)
         if place:
             reason = f"{place[1].lower()} at ({place[2]}, {place[3]})"
-        raise ValueError(f"{fields[crossed[0]]}: {reason}; its edges may meet only at their ends")
+        raise ValueError(f"{_field(crossed[0])}: {reason}; its edges may meet only at their ends")
 
     shapely.prepare(shapes[0])
     outside = np.flatnonzero(~shapely.relate_pattern(shapes[0], shapes[1:], "T********"))
     if outside.size:
-        raise ValueError(f"{fields[1 + outside[0]]}: it lies wholly outside the boundary")
+        raise ValueError(f"{_field(1 + outside[0])}: it lies wholly outside the boundary")

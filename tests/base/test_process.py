@@ -5,6 +5,7 @@ import sys
 import pytest
 from waiting import is_running, wait_until
 
+from jaxcell.base import process
 from jaxcell.base.process import guarded
 
 
@@ -60,3 +61,27 @@ def test_a_signal_whose_exception_is_discarded_comes_again(number, status):
         process.send_signal(number)
         process.stdout.read()
     assert process.returncode == status
+
+
+class Interrupted:
+    """A key of a hash table during whose hash or comparison SIGTERM comes."""
+
+    def __hash__(self):
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    def __eq__(self, other):
+        signal.raise_signal(signal.SIGTERM)
+        return self is other
+
+
+@pytest.mark.parametrize("use", [hash, lambda key: key == 0])
+def test_a_signal_waits_for_methods_that_compiled_code_calls(use, monkeypatch):
+    monkeypatch.setattr(process, "_received", [])
+    handled = process.end_by_signals()
+    try:
+        assert use(Interrupted()) == 0
+        with pytest.raises(SystemExit):
+            wait_until(lambda: False)
+    finally:
+        process.leave_signals(handled)

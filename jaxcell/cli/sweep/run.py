@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from ... import sweep
+from ...base.memory import check_addresses
 from ...base.paths import replacing
 from ...base.process import library_writes
 from ...study.parameters import Only, check
@@ -67,6 +68,9 @@ class Sweep(Printing):
         if self.scheduler_file is not None:
             engine = sweep.scheduler_address(self.scheduler_file)
         spec = sweep.Spec.load(self.spec)
+        if ":" not in spec.task:
+            # The studies of the library use JAX; other tasks may not.
+            check_addresses("JAX")
         whole = Path("runs") / self.spec.stem if self.out is None else self.out
         shard = None if self.shard is None else sweep.Shard.read(self.shard)
         out = whole if shard is None else shard.folder(whole)

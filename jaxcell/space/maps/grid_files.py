@@ -233,9 +233,10 @@ def _grid_fields(
         raise ValueError("the grid has no free square")
     rows, columns = blocked.shape
     rectangle = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)])
+    corners, starts = blocked_rings(blocked)
     return {
         "boundary": np.array(origin) + cell * rectangle,
-        "obstacles": [np.array(origin) + cell * ring for ring in blocked_rings(blocked)],
+        "obstacles": np.split(np.array(origin) + cell * corners, starts) if blocked.any() else [],
         "cell": cell,
     }
 
