@@ -76,11 +76,12 @@ def without_flags():
 
 @pytest.fixture(scope="module")
 def few_drifters():
-    """Maps are compared with 4 drifters from each cell, in place of 36."""
-    from jaxcell.drift.validation import distance
+    """Maps are compared with 4 drifters from each cell, in place of 36, and 1,000 of releases."""
+    from jaxcell.drift.validation import distance, release
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(distance, "SAMPLING", distance.Sampling(most=2))
+        patch.setattr(release, "_SAMPLING", distance.Sampling(drifters=1000, most=1000))
         yield
 
 
