@@ -19,10 +19,11 @@ class Evidence:
     estimated as by Krichevsky and Trofimov (1981): if `a` of `n` earlier observations in the same
     context were equal to this one, its probability is `(a + 1/2) / (n + 1)`.
 
-    By Ville's inequality (1939), a robot that moves as its map says ever has evidence of `-d` or
-    less with a probability of at most `10**(-d / 10)`, and a rival ever has evidence of `d` or more
-    with at most this probability. Both hold for any length of a run, and if the robot chooses its
-    angles. A robot on another map is neither of them, so its error can only be measured.
+    By Ville's inequality (1939), the evidence of a robot that moves as its map says ever falls to
+    `-d` with a probability of at most `10**(-d / 10)`, and that of observations drawn from the
+    rival ever reaches `d` with at most this probability. Both hold for any length of a run, and if
+    the robot chooses its angles. A robot on another map is neither, so its rate of errors can only
+    be measured.
 
     A robot bumps at each third step. A map that foretells this earns the factor 1,200 in 30 steps,
     and one that foretells nothing loses more, because the rival learns:
