@@ -65,7 +65,7 @@ class Evidence:
 
     @property
     def words(self) -> str:
-        """How well the map explains the observations, as the end of a sentence."""
+        """The end of a sentence that says how well the map explains the observations."""
         times = 10 ** (min(abs(self.decibans), 3000) / 10)
         better = "better" if self.decibans >= 0 else "worse"
         return (
