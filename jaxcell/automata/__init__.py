@@ -36,8 +36,8 @@ states and the same colours. `smallest` finds the smallest machine with the same
 `fewest_bytes` the machine with the smallest tables, whose size `machine_bytes` computes.
 `equivalence` finds equivalent states of a machine with inputs, `homing_sequence` a fixed sequence
 of inputs that identifies its state, and `adaptive_choice` inputs that depend on observations.
-`credible` and `expected_entropy` evaluate beliefs. `to_c_header`, `policy_to_c_header`,
-`machine_to_c_header`, `to_dot`, `to_json` and `to_jflap` write files.
+`credible` and `expected_entropy` evaluate beliefs, and `Evidence` their map. `to_c_header`,
+`policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json` and `to_jflap` write files.
 """
 
 from ..base.hosted import attach

@@ -8,6 +8,7 @@ from .bounded import Bounded as Bounded
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import Environments as Environments, EnvironmentsState as EnvironmentsState
 from .equivalent import equivalence as equivalence
+from .evidence import Evidence as Evidence
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
 from .formats.c_header import to_c_header as to_c_header
 from .formats.c_machine import (

@@ -29,6 +29,8 @@ class BeliefState:
     "The probability that the robot is nowhere on the map, which is 1 minus the sum of `weight`."
     turn: int | None = None
     "After a bump, the index of the angle by which the robot turns; after a step, `None`."
+    expected: float = 1.0
+    "The probability of the last observation on the map, given the observations before it."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,8 +80,10 @@ class Belief:
     def _after(self, state: BeliefState, event: int, turn: int | None) -> BeliefState:
         weight = self.hidden.after(event, state.weight)
         nowhere = _COIN * (state.nowhere + _LOST * (1 - state.nowhere))
-        total = weight.sum() * (1 - _LOST) + nowhere
-        return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
+        here, before = float(weight.sum()), float(state.weight.sum())
+        total = here * (1 - _LOST) + nowhere
+        weight, expected = weight * ((1 - _LOST) / total), here / before if before else 0.0
+        return BeliefState(weight, float(nowhere / total), turn, expected)
 
     def estimate(self, state: BeliefState) -> Estimate:
         """Return the smallest set of configurations whose total probability is at least `share`."""

@@ -2,7 +2,7 @@ import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, TypeAlias
 
-from ..automata import Belief, Filter, Policy
+from ..automata import Belief, Evidence, Filter, Policy
 from ..automata.belief import NOWHERE, SMALL
 from ..automata.filter import CONFIRM
 from .outcome import RunOutcome, observed
@@ -19,7 +19,8 @@ class Follower(abc.ABC):
     """The state of a run in which observations localize a robot whose start is unknown.
 
     On a wrong map, too, the observations soon leave one configuration. So the robot goes on, and it
-    is localized only when `confirm` further observations have not refuted the map.
+    is localized only when `confirm` further observations have not refuted the map. A belief needs
+    evidence for its map instead.
     """
 
     kind: ClassVar[str]
@@ -31,7 +32,7 @@ class Follower(abc.ABC):
     result: Literal["localized", "refuted"] | None
     "The result of the run, or `None` before its end."
     confirm: int
-    "The number of further observations that confirm the place of the robot."
+    "The number of further observations, or decibans, that confirm the place of the robot."
     agreed: int | None
     "The number of observations since the place of the robot was first known, or `None` before."
 
@@ -51,7 +52,7 @@ class Follower(abc.ABC):
             self.agreed += 1
         elif self._known:
             self.agreed = 0
-        if self._known and self.agreed is not None and self.agreed >= self.confirm:
+        if self._known and self._confirmed:
             self.result = "localized"
 
     def _update(self, observation: int) -> None:
@@ -65,6 +66,11 @@ class Follower(abc.ABC):
     @abc.abstractmethod
     def _known(self) -> bool:
         """True if the place of the robot is known now, unless the map is wrong."""
+
+    @property
+    def _confirmed(self) -> bool:
+        """True if the place of the robot, once known, has been confirmed."""
+        return self.agreed is not None and self.agreed >= self.confirm
 
     @property
     def over(self) -> bool:
@@ -99,6 +105,11 @@ class Follower(abc.ABC):
         return f"{known}, and {agreed} more agreed" if agreed else known
 
     @property
+    def _proof(self) -> str:
+        """What confirms the place of the robot, in words."""
+        return f"{self.confirm} observations"
+
+    @property
     def refuted(self) -> str:
         """A sentence that explains the result `"refuted"`."""
         return (
@@ -128,7 +139,7 @@ class Follower(abc.ABC):
                 reason += f" (its place was known, and {self.agreed} more observations had agreed)"
             reason = observed(reason, self.observations)
         elif self.agreed is not None:
-            reason = f"not confirmed by {self.confirm} observations: {self.localized}"
+            reason = f"not confirmed by {self._proof}: {self.localized}"
         else:
             count = len(self.observations)
             reason = f"not localized after {count} observations; {self.places} left"
@@ -218,9 +229,10 @@ class BeliefFollower(Follower):
     """The belief about the configuration of a slipping robot during a run.
 
     The robot is localized when its credible set, the fewest configurations with a total probability
-    of at least `belief.share`, has at most four configurations, and again after the observations
-    that confirm it. The map is refuted when the probability that the robot is nowhere on it exceeds
-    0.99.
+    of at least `belief.share`, has at most four configurations, and there are `confirm` decibans of
+    [`jaxcell.automata.Evidence`][] for the map. The map is refuted by 30 decibans against it, or
+    when the probability that the robot is nowhere on it exceeds 0.99. With `confirm=0` the evidence
+    is not used.
     """
 
     kind = "belief"
@@ -228,14 +240,26 @@ class BeliefFollower(Follower):
     def __init__(self, belief: Belief, *, confirm: int = CONFIRM) -> None:
         super().__init__(confirm)
         self._belief, self._state = belief, belief.start()
+        self.evidence = Evidence()
+        "The evidence for the map."
         self.estimate = belief.estimate(self._state)
         "The credible set after the last observation."
 
     def _update(self, observation: int) -> None:
         self._state = self._belief.observe(self._state, observation)
         self.estimate = self._belief.estimate(self._state)
-        if self.estimate.nowhere > NOWHERE:
+        self.evidence.observe(observation, self._state.expected)
+        doubted = self.confirm > 0 and self.evidence.decibans <= -CONFIRM
+        if self.estimate.nowhere > NOWHERE or doubted:
             self.result = "refuted"
+
+    @property
+    def _confirmed(self) -> bool:
+        return not self.confirm or self.evidence.decibans >= self.confirm
+
+    @property
+    def _proof(self) -> str:
+        return f"evidence of {self.confirm} decibans"
 
     @property
     def _known(self) -> bool:
@@ -259,6 +283,7 @@ class BeliefFollower(Follower):
         return {
             "credible": int(cells.size),
             "nowhere": round(self.estimate.nowhere, 6),
+            "decibans": round(max(self.evidence.decibans, -1e6), 2),
             "likeliest": int(cells[0]) if cells.size else None,
         }
 
@@ -266,14 +291,19 @@ class BeliefFollower(Follower):
     def localized(self) -> str:
         return (
             f"localized to {self.places}, which hold the robot with probability "
-            f"{float(self.estimate.probability.sum()):.3g}, after {self._known_after}"
+            f"{float(self.estimate.probability.sum()):.3g}, after {len(self.observations)} "
+            f"observations; {self.evidence.words}"
         )
 
     @property
     def refuted(self) -> str:
+        count = len(self.observations)
+        why = f"with probability {self.estimate.nowhere:.3g}"
+        if self.estimate.nowhere <= NOWHERE:
+            why = self.evidence.words
         return (
-            f"the belief is nowhere on the map after {len(self.observations)} observations, with "
-            f"probability {self.estimate.nowhere:.3g}: the robot is on another map, or slips more"
+            f"the belief is nowhere on the map after {count} observations, {why}: the robot is on "
+            "another map, or slips more"
         )
 
 

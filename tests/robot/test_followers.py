@@ -210,14 +210,14 @@ def belief_of(cells, slack=0.05):
 def test_a_belief_localizes_a_robot(logged):
     cells = corridor(7)
     belief = belief_of(cells)
-    noise = Noise(distance=0.01, rotation=0.01, veer=0.01)
+    noise = Noise(distance=0.005, rotation=0.005, veer=0.005)
     walker, body = walker_in(cells, 2, noise=noise, rng=np.random.default_rng(1))
     outcome, run = logged(walker, lambda: BeliefFollower(belief), [math.pi])
     assert outcome.result == "localized"
     assert place_of(cells, body) in outcome.cells
     assert len(outcome.cells) <= 4
     events = [event for event in run.events if event["event"] == "observation"]
-    assert {"credible", "nowhere", "likeliest"} <= events[-1].keys()
+    assert {"credible", "nowhere", "likeliest", "decibans"} <= events[-1].keys()
     assert events[-1]["credible"] == len(outcome.cells)
 
 

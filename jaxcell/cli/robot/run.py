@@ -77,7 +77,9 @@ class RobotRun(Printing):
     confirm: Annotated[int | None, Limit(ge=0), Only(resume=False)] = None
     """Number of further observations that must agree with the map before the robot is localized, by
     default 30; for a robot that starts anywhere, number of further bumps, by default 20. A filter
-    leaves one configuration on a wrong map, too, unless further observations refute it."""
+    leaves one configuration on a wrong map, too, unless further observations refute it. For a
+    belief, decibans of evidence, by default 30: the map must explain the observations 10^(N/10)
+    times better than a predictor that learns from them. With 0 an answer is not confirmed."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20
