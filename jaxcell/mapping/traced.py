@@ -48,14 +48,18 @@ def on_host(
     per member, and returns results with a row per member. Members whose results are not finite, or
     all if it raises a `RuntimeError`, are left to `compute`.
     """
-    one_by_one, whole = jax.tree.flatten(chains, is_leaf=lambda one: isinstance(one, Chain))
+    whole: Any
+    tree: Any
+    outer: Any
+    each, whole = jax.tree.flatten(chains, is_leaf=lambda one: isinstance(one, Chain))
     if not traced(chains, args):
         args = tuple(np.asarray(x) if isinstance(x, jax.Array) else x for x in args)
-        return compute(whole.unflatten(map(Chain.to_scipy, one_by_one)), *args)
+        return compute(whole.unflatten(map(Chain.to_scipy, each)), *args)
     rest, tree = jax.tree.flatten(args)
-    slots = [x for one in one_by_one for x in (one.image, one.probability)]
+    slots = [x for one in each for x in (one.image, one.probability)]
     given, count = jax.lax.stop_gradient([*slots, *rest]), len(slots)
-    axes, (forms, outer) = [np.ndim(x) for x in given], jax.tree.flatten(form)
+    forms, outer = jax.tree.flatten(form)
+    axes = [np.ndim(x) for x in given]
 
     def alone(values: list[Any]) -> list[Any]:
         args = tree.unflatten(map(_value_of, values[count:]))
@@ -64,7 +68,7 @@ def on_host(
             result = outer.flatten_up_to(compute(whole.unflatten(matrices), *args))
         except (ValueError, RuntimeError, ArithmeticError):
             result = [np.full(part.shape, _FAILED[part.dtype.kind]) for part in forms]
-        return [_filled(*each) for each in zip(forms, result, strict=True)]
+        return [_filled(*pair) for pair in zip(forms, result, strict=True)]
 
     def together(values: list[Any], part: Int[np.ndarray, "part"]) -> list[Any]:
         if of_steps:
@@ -81,7 +85,7 @@ def on_host(
         lead = np.broadcast_shapes(*leads)
         if not lead:
             return outer.unflatten(alone(values))
-        values = [rows(*each, lead) for each in zip(values, axes, strict=True)]
+        values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
         results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
         left = np.ones(math.prod(lead), bool)
         with contextlib.suppress(RuntimeError):

@@ -71,8 +71,8 @@ def limiting_distribution(
     group = check_groups(chain, groups)
     share, leaving, *about = _weights(chain, groups, group, weights)
     form = like(float, chain.cells), *CERTIFIED
-    about = chain, group, share, *about
-    value, products, residual = on_host(_limit, form, *about, many=_limit_of_many)
+    given = chain, group, share, *about
+    value, products, residual = on_host(_limit, form, *given, many=_limit_of_many)
     certificate = Certificate(products, residual, _TOLERANCE)
     certificate.check("limiting_distribution", throw)
     if traced(chain, groups, share):

@@ -86,10 +86,11 @@ def _solved(
     if not b.any():
         return x
     # Solvers expect numbers that are not negative.
-    columns = np.stack([np.maximum(b, 0), np.maximum(-b, 0)], axis=1)
+    signs = [sign for sign in (1, -1) if (sign * b).max() > 0]
+    columns = np.maximum(np.outer(b, signs), 0)
     part = Transient.of(matrix, inside)
-    more, less = (part.visited(columns) if adjoint else part.expect(columns).value[:, :2]).T
-    x[inside] = more - less
+    solved = part.visited(columns) if adjoint else part.expect(columns).value[:, :-1]
+    x[inside] = solved @ signs
     return x
 
 

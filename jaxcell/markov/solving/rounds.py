@@ -8,6 +8,7 @@ as those with one certain step.
 
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -43,7 +44,7 @@ def eliminated(
     if plan is None:
         raise RuntimeError("elimination in rounds: too many multiplications")
     chance = np.zeros((plan.tail.size, batch.chance.shape[1]))
-    sums.add(chance, batch.chance[used])
+    chance[: sums.shape[0]] = sums @ batch.chance[used]
     x = np.zeros((inside.size, max(right.shape[1], chance.shape[1])))
     x[inside], sure = plan.solve(chance, np.broadcast_to(right, x.shape)[inside], adjoint)
     x[:, ~sure] = np.nan
@@ -85,16 +86,23 @@ class Plan:
 
     @classmethod
     def of(
-        cls, states: int, tail: Int[np.ndarray, "steps"], head: Int[np.ndarray, "steps"]
+        cls,
+        states: int,
+        tail: Int[np.ndarray, "steps"],
+        head: Int[np.ndarray, "steps"],
+        terms: int,
     ) -> "Plan | None":
-        """Plan the elimination of a chain with these steps, or return `None` if it is too long."""
+        """Plan the elimination of a chain with these steps, or return `None` if it is too long.
+
+        The probability of each step is a sum of at most `terms` numbers.
+        """
         most = _MOST + _MOST_PER_STEP * tail.size
         rank = np.random.default_rng(_SEED).permutation(states + 1)
         never = np.iinfo(np.int64).max
         width = states + 1
         tails, heads, step, count = [tail], [head], np.arange(tail.size), tail.size
         left = np.arange(width) < states
-        rounds, work, error = [], 0, 0
+        rounds, work, error = [], 0, 2 * states * (terms + 2)
         while left.any():
             m, n = (np.bincount(end, minlength=width) for end in (head, tail))
             # States that cause fewer new steps than their neighbours; equals are in random order.
@@ -104,6 +112,10 @@ class Plan:
             np.minimum.at(least, head, cost[tail])
             now = left & (cost < least)
             left &= ~now
+            work += int((m * n)[now].sum())
+            if work > most:
+                return None
+            error += int(((2 * m + 2) * (n + 8))[now].sum())
             (into,), (out,) = np.nonzero(now[head]), np.nonzero(now[tail])
             # All pairs of a step to a state and a step from it, except those that return.
             out = out[np.argsort(tail[out], kind="stable")]
@@ -113,17 +125,18 @@ class Plan:
             second = out[np.arange(first.size) + begin[first]]
             onward = tail[into[first]] != head[second]
             first, second = first[onward], second[onward]
-            work += first.size
-            error += int(((2 * m + 2) * (n + 8))[now].sum())
-            if work > most:
-                return None
             (kept,) = np.nonzero(~(now[tail] | now[head]))
             ways = tail[into[first]] * width + head[second]
-            # Steps that arise get numbers after all others.
-            ends, where = np.unique(
-                np.append(tail[kept] * width + head[kept], ways), return_index=True
+            # A way that is not a step yet becomes one, with a new number.
+            ends, where, place = np.unique(
+                np.append(tail[kept] * width + head[kept], ways),
+                return_index=True,
+                return_inverse=True,
             )
-            new = ends[where >= kept.size]
+            old = where < kept.size
+            number = count - 1 + np.cumsum(~old)
+            number[old] = step[kept[where[old]]]
+            new = ends[~old]
             rounds.append(
                 Round(
                     step[out],
@@ -134,7 +147,7 @@ class Plan:
                     Sums.of(tail[into]),
                     first,
                     step[second],
-                    Sums.of(_numbers(ends, where, step[kept], count)[np.searchsorted(ends, ways)]),
+                    Sums.of(number[place[kept.size :]]),
                 )
             )
             tails.append(new // width)
@@ -142,9 +155,8 @@ class Plan:
             tail, head = np.append(tail[kept], tails[-1]), np.append(head[kept], heads[-1])
             step = np.append(step[kept], np.arange(count, count + new.size))
             count += new.size
-        return cls(
-            states, np.concatenate(tails), np.concatenate(heads), rounds, 2 * error * _HALF_ULP
-        )
+        ends = np.concatenate(tails), np.concatenate(heads)
+        return cls(states, *ends, rounds, error * _HALF_ULP)
 
     def solve(
         self,
@@ -180,25 +192,18 @@ class Plan:
         return x[:-1], np.broadcast_to(sure, right.shape[1])
 
 
-def _numbers(ends, where, step, count):  # type: ignore[no-untyped-def]
-    """Return the number of the step for each of `ends`; new ones are numbered from `count`."""
-    old = where < step.size
-    numbers = np.cumsum(~old) - 1 + count
-    numbers[old] = step[where[old]]
-    return numbers
-
-
 @functools.lru_cache(maxsize=16)
 def _plan(
     tail: bytes, head: bytes, inside: bytes
-) -> tuple[Int[np.ndarray, "used"], Sums, Plan | None]:
-    """Plan the elimination of the cells `inside`, with sums that merge the used steps."""
+) -> tuple[Int[np.ndarray, "used"], Any, Plan | None]:
+    """Plan the elimination of the cells `inside`; return the steps that count, and their sums."""
     begin, end = (np.frombuffer(each, np.int64) for each in (tail, head))
     mask = np.append(np.frombuffer(inside, bool), False)
     states = int(mask.sum())
     place = np.where(mask, np.cumsum(mask) - 1, states)
     begin, end = place[begin], place[end]
     (used,) = np.nonzero((begin < states) & (begin != end))
-    pairs, number = np.unique(begin[used] * (states + 1) + end[used], return_inverse=True)
-    plan = Plan.of(states, *np.divmod(pairs, states + 1))
-    return used, Sums.of(number), plan
+    sums = Sums.of(begin[used] * (states + 1) + end[used])
+    terms = int(np.diff(sums.matrix.indptr).max(initial=1))
+    plan = Plan.of(states, *np.divmod(sums.number, states + 1), terms)
+    return used, sums.matrix, plan
