@@ -88,6 +88,6 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 
 def _inverse(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     # XLA merges equal operations, so a program that computes several quantities of a matrix inverts
-    # it once. With jaxlib 0.10, two factorisations of a batch can wait for each other for ever.
+    # it once. With jaxlib 0.10, two factorisations of a batch can wait for each other without end.
     cells = P.shape[-1]
     return jnp.linalg.inv(jnp.eye(cells, dtype=P.dtype) - P + 1 / cells)

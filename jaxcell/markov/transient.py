@@ -161,7 +161,9 @@ class Transient:
         return visits[:, 0], products, float(np.fmin(relative + self._inputs, left + short))
 
 
-def _summed(index: Int[np.ndarray, "part"], rows: _Columns, size: int) -> _Columns:
+def _summed(
+    index: Int[np.ndarray, "part"], rows: _Columns, size: int
+) -> Float[np.ndarray, "sums columns"]:
     """Sum the rows that have the same index."""
     return np.stack([np.bincount(index, column, size) for column in rows.T], axis=1)
 

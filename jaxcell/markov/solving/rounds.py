@@ -56,19 +56,23 @@ class Round:
     """States that are eliminated at once."""
 
     out: Int[np.ndarray, "out"]
-    "The steps from the states; by state, and by the state to which they lead."
-    here: Sums
-    after: Sums
+    "The steps from the states."
     into: Int[np.ndarray, "into"]
-    "The steps to the states; by state, and by the state from which they lead."
-    there: Sums
-    before: Sums
+    "The steps to the states."
     first: Int[np.ndarray, "ways"]
     "For each way through a state, the index in `into` of its first step."
     second: Int[np.ndarray, "ways"]
     "The second step of each way."
+    here: Sums
+    "Sums over the steps `out`, for the states."
+    after: Sums
+    "Sums over the steps `out`, for the states to which they lead."
+    there: Sums
+    "Sums over the steps `into`, for the states."
+    before: Sums
+    "Sums over the steps `into`, for the states from which they lead."
     whole: Sums
-    "The step whose probability grows by that of each way."
+    "Sums over the ways, for the steps whose probabilities they increase."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,28 +132,15 @@ class Plan:
             (kept,) = np.nonzero(~(now[tail] | now[head]))
             ways = tail[into[first]] * width + head[second]
             # A way that is not a step yet becomes one, with a new number.
-            ends, where, place = np.unique(
-                np.append(tail[kept] * width + head[kept], ways),
-                return_index=True,
-                return_inverse=True,
-            )
+            pairs = np.append(tail[kept] * width + head[kept], ways)
+            ends, where, place = np.unique(pairs, return_index=True, return_inverse=True)
             old = where < kept.size
             number = count - 1 + np.cumsum(~old)
             number[old] = step[kept[where[old]]]
             new = ends[~old]
-            rounds.append(
-                Round(
-                    step[out],
-                    Sums.of(tail[out]),
-                    Sums.of(head[out]),
-                    step[into],
-                    Sums.of(head[into]),
-                    Sums.of(tail[into]),
-                    first,
-                    step[second],
-                    Sums.of(number[place[kept.size :]]),
-                )
-            )
+            whole = number[place[kept.size :]]
+            sums = map(Sums.of, (tail[out], head[out], head[into], tail[into], whole))
+            rounds.append(Round(step[out], step[into], first, step[second], *sums))
             tails.append(new // width)
             heads.append(new % width)
             tail, head = np.append(tail[kept], tails[-1]), np.append(head[kept], heads[-1])
