@@ -49,7 +49,8 @@ class PersistentGroups:
         # Whole periods lead from cells at a phase to cells at the same phase.
         phases = self._chain.cells // self.group.shape[0]
         compute = functools.partial(periods, rows=rows)
-        return jax.device_put(on_host(compute, like(int, rows), self._chain, group)) // phases
+        period = on_host(compute, like(int, rows), self._chain, group, of_steps=True)
+        return jax.device_put(period) // phases
 
 
 def _sizes(group: Int[np.ndarray, "cells"], rows: int) -> Int[np.ndarray, "groups"]:
@@ -153,7 +154,7 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     if isinstance(chain, ChainSequence):
         return persistent_groups(chain.unrolled).first(chain.cells)
     form = like(int, chain.cells), like(int), like(int, chain.cells)
-    group, count, size = on_host(closed_classes, form, chain)
+    group, count, size = on_host(closed_classes, form, chain, of_steps=True)
     group, size = jax.device_put((group, size))
     return PersistentGroups(group, count, size, chain)
 

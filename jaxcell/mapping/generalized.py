@@ -100,20 +100,7 @@ class Chain:
 
     @functools.cached_property
     def _matrix(self) -> scipy.sparse.csr_array:
-        image, probability = np.asarray(self.image), np.asarray(self.probability)
-        cells = image.shape[1]
-        # Slots of probability 0, most slots of a sparse chain, are dropped before sorting.
-        used = probability > 0
-        cell, branch = np.divmod(np.flatnonzero(np.ascontiguousarray(used.T)), probability.shape[0])
-        # The search of scipy for components converts larger integers to this type each time.
-        small = np.int32 if cell.size < 2**31 else np.int64
-        end = np.concatenate([[0], np.cumsum(used.sum(axis=0))]).astype(small)
-        rows = (probability[branch, cell], image[branch, cell].astype(small, copy=False), end)
-        matrix = scipy.sparse.csr_array(rows, shape=(cells, cells))
-        matrix.sum_duplicates()
-        for part in (matrix.data, matrix.indices, matrix.indptr):
-            part.flags.writeable = False
-        return matrix
+        return matrix_of(np.asarray(self.image), np.asarray(self.probability))
 
     @functools.cached_property
     def can_leave(self) -> Bool[np.ndarray, "cells"]:
@@ -228,6 +215,36 @@ def slots_of(
     probability = np.zeros((branches, cells), np.float64 if whole else rows.dtype)
     probability[slot, cell] = rows.data
     return image, probability
+
+
+def matrix_of(
+    image: Int[np.ndarray, "branches cells"], probability: Float[np.ndarray, "branches cells"]
+) -> scipy.sparse.csr_array:
+    """Compute [`Chain.to_scipy`][] from the arrays of a chain."""
+    cells = image.shape[1]
+    # Slots of probability 0, most slots of a sparse chain, are dropped before sorting.
+    used = probability > 0
+    cell, branch = np.divmod(np.flatnonzero(np.ascontiguousarray(used.T)), probability.shape[0])
+    # The search of scipy for components converts larger integers to this type each time.
+    small = np.int32 if cell.size < 2**31 else np.int64
+    end = np.concatenate([[0], np.cumsum(used.sum(axis=0))]).astype(small)
+    rows = (probability[branch, cell], image[branch, cell].astype(small, copy=False), end)
+    matrix = scipy.sparse.csr_array(rows, shape=(cells, cells))
+    matrix.sum_duplicates()
+    for part in (matrix.data, matrix.indices, matrix.indptr):
+        part.flags.writeable = False
+    return matrix
+
+
+def leaving_slots(
+    probability: Float[np.ndarray, "*chains branches cells"],
+) -> Float[np.ndarray, "*chains cells"]:
+    """Compute [`Chain.leaving`][] from the probabilities of one or several chains."""
+    missing = 1 - probability.sum(axis=-2)
+    if (missing > _ROUNDING / 2).any():
+        coarse = np.floor(probability * _COARSE) / _COARSE
+        missing = 1 - coarse.sum(axis=-2) - (probability - coarse).sum(axis=-2)
+    return np.where(missing > _ROUNDING, missing, 0.0)
 
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:

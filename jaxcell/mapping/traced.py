@@ -5,15 +5,19 @@ traced by `jit`, `vmap` or `grad` computes them on the host when it runs, so tha
 same. A program cannot raise errors: values that cannot be computed are NaN, -1 or `False`.
 """
 
+import contextlib
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Bool, Int
 
 from ..base.wide import traced
-from .generalized import Chain
+from .batch import Batch, alike, rows
+from .generalized import Chain, matrix_of
 
 
 _FAILED = {"f": np.nan, "c": np.nan, "i": -1, "b": False}
@@ -24,36 +28,87 @@ def like(kind: type, *shape: int) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(shape, np.int32 if kind is int else kind)
 
 
-def on_host(compute: Callable[..., Any], form: Any, chains: Any, *args: Any) -> Any:
+def on_host(
+    compute: Callable[..., Any],
+    form: Any,
+    chains: Any,
+    *args: Any,
+    of_steps: bool = False,
+    many: Callable[..., Any] | None = None,
+) -> Any:
     """Call `compute` on the host: now or, if JAX traces an argument, when the program runs.
 
     `chains` is a chain or a tuple of chains, for which `compute` gets their transition matrices.
     The other arguments become NumPy arrays. `form` describes the arrays of the result. They have no
     derivatives, which [`implicit`][] adds.
+
+    `compute` is called for each member of a batch or, with `of_steps`, once for all members with
+    the same possible steps, whose probabilities do not matter. `many` is a function for several
+    members with the same steps: it gets a [`Batch`][] in place of a matrix, and numbers with a row
+    per member, and returns results with a row per member. Members whose results are not finite, or
+    all if it raises a `RuntimeError`, are left to `compute`.
     """
+    whole: Any
+    tree: Any
+    outer: Any
+    each, whole = jax.tree.flatten(chains, is_leaf=lambda one: isinstance(one, Chain))
     if not traced(chains, args):
         args = tuple(np.asarray(x) if isinstance(x, jax.Array) else x for x in args)
-        return compute(_matrices(chains), *args)
+        return compute(whole.unflatten(map(Chain.to_scipy, each)), *args)
+    rest, tree = jax.tree.flatten(args)
+    slots = [x for one in each for x in (one.image, one.probability)]
+    given, count = jax.lax.stop_gradient([*slots, *rest]), len(slots)
+    forms, outer = jax.tree.flatten(form)
+    axes = [np.ndim(x) for x in given]
 
-    def call(chains: Any, *args: Any) -> Any:
+    def alone(values: list[Any]) -> list[Any]:
+        args = tree.unflatten(map(_value_of, values[count:]))
         try:
-            result = compute(_matrices(chains), *jax.tree.map(_value_of, args))
+            matrices = map(matrix_of, values[:count:2], values[1:count:2])
+            result = outer.flatten_up_to(compute(whole.unflatten(matrices), *args))
         except (ValueError, RuntimeError, ArithmeticError):
-            result = jax.tree.map(lambda part: np.full(part.shape, _FAILED[part.dtype.kind]), form)
-        return jax.tree.map(_filled, form, result)
+            result = [np.full(part.shape, _FAILED[part.dtype.kind]) for part in forms]
+        return [_filled(*pair) for pair in zip(forms, result, strict=True)]
 
-    fixed = jax.lax.stop_gradient((chains, *args))
-    return jax.pure_callback(call, form, *fixed, vmap_method="sequential")
+    def together(values: list[Any], part: Int[np.ndarray, "part"]) -> list[Any]:
+        if of_steps:
+            return alone([x[part[0]] for x in values])
+        image, chance, *rest = values
+        batch = Batch.of(image[part[0]], chance[part] if chance.strides[0] else chance[:1])
+        rest = [x[part] if x.dtype.kind == "f" else _value_of(x[part[0]]) for x in rest]
+        args = tree.unflatten(rest)
+        return outer.flatten_up_to(many(batch, *args)) if many else []
 
+    def call(*given: Any) -> Any:
+        values = [np.asarray(x) for x in given]
+        leads = [x.shape[: x.ndim - own] for x, own in zip(values, axes, strict=True)]
+        lead = np.broadcast_shapes(*leads)
+        if not lead:
+            return outer.unflatten(alone(values))
+        values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
+        results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
+        left = np.ones(math.prod(lead), bool)
+        with contextlib.suppress(RuntimeError):
+            for part in alike(values[:count], values[count:]) if of_steps or many else ():
+                if of_steps or part.size > 1:
+                    for result, found in zip(results, together(values, part), strict=True):
+                        result[part] = found
+                    left[part] = ~np.all([_finite(result[part]) for result in results], axis=0)
+        for member in np.flatnonzero(left):
+            for result, found in zip(results, alone([x[member] for x in values]), strict=True):
+                result[member] = found
+        return outer.unflatten([x.reshape(*lead, *x.shape[1:]) for x in results])
 
-def _matrices(chains: Any) -> Any:
-    return jax.tree.map(Chain.to_scipy, chains, is_leaf=lambda one: isinstance(one, Chain))
+    return jax.pure_callback(call, form, *given, vmap_method="expand_dims")
 
 
 def _value_of(array: Any) -> Any:
-    """Convert an array of JAX to an array of NumPy or, without axes, to a number."""
-    values = np.asarray(array)
-    return values if values.ndim else values.item()
+    """Convert an array without axes to a number."""
+    return array if array.ndim else array.item()
+
+
+def _finite(rows: np.ndarray) -> Bool[np.ndarray, "rows"]:
+    return np.isfinite(rows).reshape(len(rows), -1).all(axis=1)
 
 
 def _filled(form: jax.ShapeDtypeStruct, values: Any) -> np.ndarray:

@@ -68,12 +68,16 @@ returns the answer. Sparse solves run on the CPU, with NumPy and SciPy; `push` a
 passages and `dense` run on any device of JAX.
 
 **In compiled programs.** Most quantities can be used under `jit`, `vmap` and `grad`. The program
-calls the same solvers, so values and certificates are the same. An error would stop the program, so
-values that cannot be computed are NaN, and `certificate.converged` is `False`. The derivative of a
-solution is the solution of the same equations with another right-hand side, or of the transposed
-equations (Schweitzer 1968), so it is as accurate as the values. The structure of the chain and the
-best policy count as constant. `leading_modes`, `almost_invariant_sets`, `coherent_sets`,
-`attracting_regions`, `first_arrival`, `mean_first_arrival` and `sample_walks` run on the host only.
+calls the same solvers, so values and certificates are the same. In a batch, chains with the same
+possible steps are solved together: groups and the order of elimination are found once, and limiting
+distributions, hitting times and derivatives by elimination without subtractions, so that values
+differ from those of a single call by rounding, and certificates are a little larger. An error would
+stop the program, so values that cannot be computed are NaN, and `certificate.converged` is `False`.
+The derivative of a solution is the solution of the same equations with another right-hand side, or
+of the transposed equations (Schweitzer 1968), so it is as accurate as the values. The structure of
+the chain and the best policy count as constant. `leading_modes`, `almost_invariant_sets`,
+`coherent_sets`, `attracting_regions`, `first_arrival`, `mean_first_arrival` and `sample_walks` run
+on the host only.
 """
 
 from ..base.hosted import attach

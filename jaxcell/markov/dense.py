@@ -51,8 +51,7 @@ def _of_matrix(quantity: Callable[[Array], Array]) -> Callable[[npt.ArrayLike], 
 @_of_matrix
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
     """Compute the stationary distribution, `pi P = pi`."""
-    cells = P.shape[-1]
-    return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
+    return jnp.mean(_inverse(P), axis=0)
 
 
 @_of_matrix
@@ -62,7 +61,7 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     The entry `i, j` is the time from `i` to `j`. If the chain has transient cells, the times from
     them are correct, but the times to them are wrong: they should be infinite.
     """
-    inverse = jnp.linalg.inv(_shifted(P))
+    inverse = _inverse(P)
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
 
 
@@ -73,7 +72,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     The cell is drawn from the stationary distribution. If the chain starts in this cell, the
     number of steps is 0. The constant is the same for all starts.
     """
-    return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
+    return jnp.trace(_inverse(P)) - 1
 
 
 @_of_matrix
@@ -87,6 +86,8 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     return jnp.sum(stationary(P) * jnp.sum(P * surprise, axis=1))
 
 
-def _shifted(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
+def _inverse(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
+    # XLA merges equal operations, so a program that computes several quantities of a matrix inverts
+    # it once. With jaxlib 0.10, two factorisations of a batch can wait for each other without end.
     cells = P.shape[-1]
-    return jnp.eye(cells, dtype=P.dtype) - P + 1 / cells
+    return jnp.linalg.inv(jnp.eye(cells, dtype=P.dtype) - P + 1 / cells)

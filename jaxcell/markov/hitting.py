@@ -14,9 +14,11 @@ from ..base.certificate import Certificate, Solution
 from ..base.indices import check_indices
 from ..base.precision import require_x64
 from ..base.wide import traced
+from ..mapping.batch import Batch
 from ..mapping.classes import PersistentGroups, check_groups, reaching
 from ..mapping.generalized import Chain, leaving_rows
 from ..mapping.traced import like, on_host
+from .solving.rounds import eliminated
 from .traced import CERTIFIED, expected
 from .transient import Transient
 
@@ -129,7 +131,8 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     """
     require_x64("hitting_times")
     there = cell_mask(chain.cells, target)
-    _, may_fail = on_host(prospects, (like(bool, chain.cells),) * 2, chain, there)
+    form = (like(bool, chain.cells),) * 2
+    _, may_fail = on_host(prospects, form, chain, there, of_steps=True)
     others = may_fail.__array_namespace__().where(may_fail, np.inf, 0.0)
     times = _times_until_left(chain, ~may_fail & ~there, others, "hitting_times", throw)
     return with_moved(times, chain, hitting_times, there)
@@ -151,7 +154,8 @@ def _times_until_left(chain: Chain, inside: Any, others: Any, caller: str, throw
 
     The times of the other cells are in `others`, which is 0 inside.
     """
-    time, products, error = on_host(_times, (like(float, chain.cells), *CERTIFIED), chain, inside)
+    form = like(float, chain.cells), *CERTIFIED
+    time, products, error = on_host(_times, form, chain, inside, many=_times_of_many)
     certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
     time = time + others
@@ -164,6 +168,11 @@ def _times(
     time = np.zeros(inside.size)
     time[inside], certificate = leaving_times(matrix, inside)
     return time, certificate.iterations, certificate.residual
+
+
+def _times_of_many(batch: Batch, inside: Cells) -> tuple[Any, int, Any]:
+    time, error = eliminated(batch, inside, np.ones((inside.size, 1)))
+    return time.T, 0, error
 
 
 def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:

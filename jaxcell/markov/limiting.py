@@ -13,9 +13,11 @@ from ..base.certificate import Certificate, Real
 from ..base.indices import as_array
 from ..base.precision import require_x64
 from ..base.wide import traced
+from ..mapping.batch import Batch, Sums
 from ..mapping.classes import PersistentGroups, check_groups
 from ..mapping.generalized import Chain, leaving_rows
 from ..mapping.traced import implicit, like, on_host
+from .solving.rounds import eliminated
 from .solving.stationary import solve_stationary
 from .traced import CERTIFIED, solve
 from .transient import Transient
@@ -69,7 +71,8 @@ def limiting_distribution(
     group = check_groups(chain, groups)
     share, leaving, *about = _weights(chain, groups, group, weights)
     form = like(float, chain.cells), *CERTIFIED
-    value, products, residual = on_host(_limit, form, chain, group, share, *about)
+    given = chain, group, share, *about
+    value, products, residual = on_host(_limit, form, *given, many=_limit_of_many)
     certificate = Certificate(products, residual, _TOLERANCE)
     certificate.check("limiting_distribution", throw)
     if traced(chain, groups, share):
@@ -91,6 +94,29 @@ def _limit(
     value[inside] = within * share[group[inside]]
     residual = max(np.abs(matrix.T @ value - value).sum(), uncertain)
     return value, int(products) + more, float(residual)
+
+
+def _limit_of_many(
+    batch: Batch,
+    group: Int[np.ndarray, "cells"],
+    share: Float[np.ndarray, "members groups"],
+    products: int,
+    uncertain: Float[np.ndarray, "members"],
+) -> tuple[Any, int, Any]:
+    """Compute the visits to each cell between two visits to the first cell of its group."""
+    cells = np.flatnonzero(group >= 0)
+    root = np.zeros((group.size, 1))
+    root[cells[np.unique(group[cells], return_index=True)[1]]] = 1
+    visits, _ = eliminated(
+        batch, (group >= 0) & (root[:, 0] == 0), batch.push(root)[:-1], adjoint=True
+    )
+    value = visits + root
+    total = np.zeros((share.shape[1], value.shape[1]))
+    Sums.of(group[cells]).add(total, value[cells])
+    with np.errstate(all="ignore"):
+        value[cells] *= (share.T / total)[group[cells]]
+    left = np.abs(batch.push(value)[:-1] - value).sum(axis=0)
+    return value.T, products, np.maximum(left, uncertain)
 
 
 def _change(value: Float[Array, "cells"], inputs: Any) -> Float[Array, "cells"]:
@@ -126,7 +152,8 @@ def _weights(
     if weights is None or (isinstance(weights, str) and weights == "basin"):
         form = like(float, rows), like(float), *CERTIFIED
         compute = functools.partial(_basins, rows=rows)
-        share, leaving, *about = on_host(compute, form, chain, group)
+        many = functools.partial(_basins_of_many, rows=rows)
+        share, leaving, *about = on_host(compute, form, chain, group, many=many)
         if traced(chain, groups):
             share, leaving = implicit(_basins_change, (share, leaving), (chain, group))
         return share, leaving, *about
@@ -175,3 +202,17 @@ def _basins(
     share = np.zeros(rows)
     np.add.at(share, group[inside], (start + entering)[inside])
     return share, float(leaving[branching] @ visits), products, error
+
+
+def _basins_of_many(
+    batch: Batch, group: Int[np.ndarray, "cells"], rows: int
+) -> tuple[Any, Any, int, Any]:
+    if group.max() == 0 and not (batch.head == group.size).any():
+        return np.eye(rows)[0], 0.0, 0, 0.0
+    start = np.full((group.size, batch.chance.shape[1]), 1 / group.size)
+    visits, error = eliminated(batch, group < 0, start, adjoint=True)
+    entering = batch.push(visits)
+    inside = np.flatnonzero(group >= 0)
+    share = np.zeros((rows, start.shape[1]))
+    Sums.of(group[inside]).add(share, (start + entering[:-1])[inside])
+    return share.T, entering[-1], 0, error

@@ -15,8 +15,10 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float
 
 from ..base.wide import traced
+from ..mapping.batch import Batch
 from ..mapping.generalized import Chain
 from ..mapping.traced import implicit, like, on_host
+from .solving.rounds import eliminated
 from .transient import Transient
 
 
@@ -64,8 +66,9 @@ def solve(
         return x - jnp.where(inside, step(here), 0.0)
 
     def on(transposed: bool) -> Callable[..., Any]:
-        compute = functools.partial(_solved, adjoint=transposed)
-        return lambda _, b: on_host(compute, like(float, chain.cells), chain, inside, b)
+        one, many = (functools.partial(f, adjoint=transposed) for f in (_solved, _solved_of_many))
+        form = like(float, chain.cells)
+        return lambda _, b: on_host(one, form, chain, inside, b, many=many)
 
     right = jnp.where(inside, right, 0.0)
     return jax.lax.custom_linear_solve(apply, right, on(adjoint), on(not adjoint))
@@ -83,8 +86,19 @@ def _solved(
     if not b.any():
         return x
     # Solvers expect numbers that are not negative.
-    columns = np.stack([np.maximum(b, 0), np.maximum(-b, 0)], axis=1)
+    signs = [sign for sign in (1, -1) if (sign * b).max() > 0]
+    columns = np.maximum(np.outer(b, signs), 0)
     part = Transient.of(matrix, inside)
-    more, less = (part.visited(columns) if adjoint else part.expect(columns).value[:, :2]).T
-    x[inside] = more - less
+    solved = part.visited(columns) if adjoint else part.expect(columns).value[:, :-1]
+    x[inside] = solved @ signs
     return x
+
+
+def _solved_of_many(
+    batch: Batch,
+    inside: Bool[np.ndarray, "cells"],
+    right: Float[np.ndarray, "members cells"],
+    *,
+    adjoint: bool,
+) -> Float[np.ndarray, "members cells"]:
+    return eliminated(batch, inside, right.T, adjoint=adjoint)[0].T

@@ -132,14 +132,13 @@ class Transient:
 
     def visited(self, start: _Columns) -> _Columns:
         """Compute the expected visits to each cell, `x = start + Q' x`; `start` is not negative."""
-        arriving = np.zeros((self.branching.size, start.shape[1]))
-        np.add.at(arriving, self.end, start)
+        arriving = _summed(self.end, start, self.branching.size)
         leaving = self.leaving[self.branching]
         at_branching, _, _ = solve_transient(self.jump, leaving, arriving, adjoint=True)
         passing = np.zeros((self.cells.size + 1, start.shape[1]))
         passing[:-1] = start + self.step[self.branching].T @ at_branching
         for hop in self.hops:
-            np.add.at(passing, hop, passing[:-1].copy())
+            passing += _summed(hop, passing[:-1], len(passing))
         passing[self.branching] = at_branching
         return passing[:-1]
 
@@ -153,14 +152,20 @@ class Transient:
         **Returns:** the visits, the number of matrix products, and a bound on the sum of the errors
         of the probabilities of all ways out.
         """
-        arriving = np.zeros((self.branching.size, 1))
-        np.add.at(arriving[:, 0], self.end, start)
+        arriving = _summed(self.end, start[:, None], self.branching.size)
         leaving = self.leaving[self.branching]
         visits, products, relative = solve_transient(self.jump, leaving, arriving, adjoint=True)
         # All visits that the residual adds end with a step out of the part.
         left = residual_bound(self.jump.T.tocsr(), arriving, visits).sum()
         short = imprecision(self.jump, leaving) @ np.abs(visits[:, 0])
         return visits[:, 0], products, float(np.fmin(relative + self._inputs, left + short))
+
+
+def _summed(
+    index: Int[np.ndarray, "part"], rows: _Columns, size: int
+) -> Float[np.ndarray, "sums columns"]:
+    """Sum the rows that have the same index."""
+    return np.stack([np.bincount(index, column, size) for column in rows.T], axis=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
