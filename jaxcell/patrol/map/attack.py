@@ -52,9 +52,13 @@ class Attack:
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):
-            share = hidden * (policy.share_of_time(graph) if self.start == "stationary" else 1.0)
+            share = hidden * 1.0
+            if self.start == "stationary":
+                # Each target has a row.
+                rows = (1,) * (share.ndim - 1)
+                share = share * policy.share_of_time(graph).reshape(*rows, -1)
             total = share.sum(axis=-1, keepdims=True)
-            begins.append(share / np.where(total > 0, total, 1.0))
+            begins.append(share / (total + (total == 0)))
         return begins
 
 
