@@ -106,7 +106,7 @@ def _change(weights: Any, inputs: Any) -> Float[Array, "columns"]:
     return weights + change[:-1]
 
 
-def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."]:
+def _checked(name: str, values: Any, dimensions: int) -> Any:
     array = values if traced(values) else np.asarray(values)
     if array.ndim != dimensions or array.size == 0:
         raise ValueError(f"{name}: expected an array of {dimensions} dimensions, got {array.shape}")

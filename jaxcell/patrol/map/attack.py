@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.certificate import Numbers
 from ...optimize import Graph
 from .policies import Policy
 from .regions import Regions, check_visible
@@ -44,7 +45,7 @@ class Attack:
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
-    ) -> list[Float[np.ndarray, "*targets cells"]]:
+    ) -> list[Float[Numbers, "*targets cells"]]:
         """Compute the distribution of each robot over its cells out of view when an attack begins.
 
         `view` is the mask of the cells from which a target is seen, one row per target. For the
@@ -58,7 +59,7 @@ class Attack:
                 rows = (1,) * (share.ndim - 1)
                 share = share * policy.share_of_time(graph).reshape(*rows, -1)
             total = share.sum(axis=-1, keepdims=True)
-            begins.append(share / (total + (total == 0)))
+            begins.append(share / (total + (total == 0).astype(float)))
         return begins
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.certificate import Numbers
 from ...base.precision import require_x64
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...base.wide import traced
@@ -106,7 +107,7 @@ def capture_probabilities(
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attack: Attack,
-) -> Float[np.ndarray, "times cells"]:
+) -> Float[Numbers, "times cells"]:
     """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
     The attack begins with each robot in a cell from which the target is not seen, and fails if a
@@ -184,7 +185,7 @@ def _captures(
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attacks: Sequence[Attack],
-) -> Float[np.ndarray, "attacks times cells"]:
+) -> Float[Numbers, "attacks times cells"]:
     """Compute the probabilities of capture for attacks that differ in `start`, not in `times`."""
     require_x64("capture_probabilities")
     times = attacks[0].times
@@ -225,8 +226,8 @@ def _captures(
 
 def _later(
     chain: Chain,
-    view: Bool[Array, "cells targets"],
-    late: Float[Array, "cells targets"],
+    view: Bool[Array | np.ndarray, "cells targets"],
+    late: Float[Array | np.ndarray, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
     """Extend by `steps` steps the probability `late` that a robot from a cell misses a target."""

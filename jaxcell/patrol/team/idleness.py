@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.certificate import Numbers
 from ...base.quantities import Result, derived, quantity
 from ...base.wide import host_array
 from ...mapping import Chain, persistent_groups
@@ -66,7 +67,7 @@ class Idleness(Result):
     ] = None
 
 
-def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
+def long_run(matrices: Iterable[Any]) -> Float[Numbers, "robots vertices"]:
     """Compute the share of time of each robot at each vertex in the long run, wherever it starts.
 
     `matrices` are the transition matrices of the robots, dense or sparse. Dense matrices may be

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
+from ...base.certificate import Numbers
 from ...base.precision import require_x64
 from ...base.wide import host_array, traced
 from ...optimize import Graph
@@ -19,7 +20,7 @@ from ..team.times import check_whole, move_times, names_of
 
 def walk_capture_probabilities(
     graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
-) -> Float[np.ndarray, "starts targets"]:
+) -> Float[Numbers, "starts targets"]:
     """Compute the probability that a robot reaches a target within the attack time.
 
     The attack begins as the robot leaves its start. If the target is the start, the robot must
@@ -58,7 +59,7 @@ def captured_by_any(
 
 def blind_capture(
     graph: Graph, walks: Any, attack_time: Any, travel_times: Any = None
-) -> Float[np.ndarray, "targets"]:
+) -> Float[Numbers, "targets"]:
     """Compute the probability that independent robots capture an attack at a random time.
 
     The adversary knows neither places nor times of the robots, which have been walking for long,
@@ -91,7 +92,7 @@ def blind_capture(
 def _checked(
     graph: Graph, matrix: Any, attack_time: Any, travel_times: Any
 ) -> tuple[
-    Float[np.ndarray, "states states"],
+    Float[Numbers, "states states"],
     Int[np.ndarray, "states states"],
     Int[np.ndarray, "vertices"],
 ]:

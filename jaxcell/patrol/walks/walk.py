@@ -28,7 +28,7 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
         [[0.0, 1.0, 0.0], [0.25, 0.0, 0.75], [0.0, 1.0, 0.0]]
     """
     if traced(weights):
-        image, edge = slots_of(graph.matrix(np.arange(1, len(graph.edges) + 1)))
+        image, edge = slots_of(graph.matrix(1.0 + np.arange(len(graph.edges))))
         near = jnp.where(edge > 0, jnp.append(0.0, weights)[edge.astype(int)], 0.0)
         return Chain(image, near / jnp.sum(near, axis=0, keepdims=True))
     weights = one_each("weights", weights, len(graph.edges), "per edge", zero=True)
