@@ -40,9 +40,8 @@ from jaxcell.patrol import (
 from jaxcell.patrol.map.capture_search import entropy_rate
 from jaxcell.patrol.walks import charged_capture
 from jaxcell.patrol.walks.optimal import capture
-from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
-from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
+from jaxcell.patrol.walks.optimal.sequential_lp import Captures, maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
 from jaxcell.space.sight import AT_CENTRE
@@ -95,8 +94,8 @@ def by_gradients(graph: Graph, attack: int) -> float:
 def by_programs(graph: Graph, attack: int) -> float:
     among = ChainPolytope.on(graph)
 
-    def law(moves: np.ndarray) -> LinearizedCapture:
-        return LinearizedCapture(among, moves, np.full(graph.vertices, attack))
+    def law(moves: np.ndarray) -> Captures:
+        return Captures(among, moves, np.full(graph.vertices, attack))
 
     return maximize_least_capture(law, among, among.starts(1, 1, 0)[0], 1e-4)[1]
 

@@ -5,6 +5,7 @@ import enum
 from typing import TYPE_CHECKING, TypeAlias
 
 import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .wide import traced
@@ -15,10 +16,12 @@ if TYPE_CHECKING:
     Real: TypeAlias = float
     Whole: TypeAlias = int
     Truth: TypeAlias = bool
+    Numbers: TypeAlias = np.ndarray
 else:
     Real = float | Float[Array, ""]
     Whole = int | Int[Array, ""]
     Truth = bool | Bool[Array, ""]
+    Numbers = np.ndarray | Array
 
 
 class Outcome(enum.Enum):

@@ -60,6 +60,11 @@ def traced(*values: Any) -> bool:
     )
 
 
+def host_array(array: Any) -> Any:
+    """Convert an array of JAX to an array of NumPy, unless JAX traces it."""
+    return array if traced(array) else sys.modules["jax"].device_get(array)
+
+
 def widened(kind: _Class) -> _Class:
     """Let the public methods and properties of a class compute with 64 bits."""
     if "_widened" in vars(kind) or kind.__module__.startswith(_HOST):

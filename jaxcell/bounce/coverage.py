@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ..mapping import PersistentGroups, persistent_groups
@@ -25,6 +25,12 @@ from .noisy_map import noisy_chain, noisy_turns
 Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
 
 
+_ARRAYS = "bounce alpha coverage mixture target distance certificate groups limiting"
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=_ARRAYS.split(), meta_fields=["cells"]
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoveragePolicy(Result):
     """The mixture of bouncing angles whose coverage of a room is nearest to a target."""
@@ -51,7 +57,7 @@ class CoveragePolicy(Result):
         Float[Array, "positions"],
         quantity("position", "share of time that is wanted", "1", kind="distribution"),
     ]
-    distance: Annotated[float, quantity("", "Euclidean distance of the mixture from the target")]
+    distance: Annotated[Real, quantity("", "Euclidean distance of the mixture from the target")]
     certificate: Certificate
     "A bound on `distance**2` minus its minimum; see [`jaxcell.optimize.mixture`][]."
     groups: tuple[PersistentGroups, ...]
@@ -149,7 +155,7 @@ def coverage_policy(
     cells: CellSpace,
     bounces: Sequence[float] | Float[np.ndarray, "angles"],
     error: float,
-    reliability: float,
+    reliability: float | Array,
     target: Target = None,
     *,
     weights: Literal["basin", "size"] = "basin",
@@ -169,7 +175,8 @@ def coverage_policy(
         random start (`"basin"`), or its share of the persistent cells (`"size"`).
     - `progress`: a function that is called with the number of finished angles.
 
-    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.
+    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The reliability
+    may be traced by `jit`, `vmap` and `grad`; the angles and the target are fixed.
 
     **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits.
 
@@ -203,16 +210,17 @@ def coverage_policy(
         chain = noisy_chain(possible, turn, probability)
         groups.append(persistent_groups(chain))
         limiting.append(limiting_distribution(chain, groups[-1], weights))
-        value = np.asarray(limiting[-1].value)
-        coverage.append(value.reshape(cells.directions, cells.positions).sum(axis=0))
+        value = limiting[-1].value.reshape(cells.directions, cells.positions)
+        coverage.append(value.sum(axis=0))
         if progress is not None:
             progress(len(coverage))
-    best = mixture(np.stack(coverage, axis=1), wanted)
+    each = jnp.stack(coverage)
+    best = mixture(each.T, wanted)
     return CoveragePolicy(
         cells=cells,
         bounce=np.asarray(bounces, float),
         alpha=best.weights,
-        coverage=jax.device_put(np.stack(coverage)),
+        coverage=each,
         mixture=best.value,
         target=jax.device_put(wanted),
         distance=best.distance,
@@ -223,7 +231,7 @@ def coverage_policy(
 
 
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
-    """Compute a target for coverage, as a distribution over the positions.
+    """Compute a target for coverage, as a distribution over the positions, on the host.
 
     **Arguments:** a cell space, and the relative worth of each position: `None` if all positions
     have the same worth; a function of arrays `x, y` of centres in metres; an array over the

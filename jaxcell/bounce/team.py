@@ -39,7 +39,8 @@ def team_trajectory(
     that visits the most new positions is chosen; among equal parts, the part with the fewest
     collisions, and then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
     ...). The trajectory ends when all positions that can be reached from the starts, by steps in
-    any directions, have been visited. Only positions where a step ends count as visited.
+    any directions, have been visited. Only positions where a step ends count as visited. The search
+    runs on the host, because the number of steps depends on the values.
 
     **Arguments:**
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base import memory
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
-from ..base.wide import widened
+from ..base.wide import traced, widened
 
 
 # Tolerance of the sum of a row.
@@ -78,7 +78,8 @@ class Chain:
         """Create the chain of a transition matrix, sparse or dense.
 
         Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
-        probability of the sink.
+        probability of the sink. A dense matrix may be traced by `jit`, `vmap` and `grad`; then each
+        cell has all cells as images.
         """
         if not scipy.sparse.issparse(matrix):
             matrix = as_array(matrix, "matrix", _OF_GRAPH)
@@ -87,6 +88,8 @@ class Chain:
             raise ValueError(f"matrix: expected as many rows as columns, got {shape}")
         if kind.itemsize > 8 or kind == np.float16:
             raise ValueError(f"matrix: expected float64, got {kind}; convert it with astype(float)")
+        if traced(matrix):
+            return cls(np.tile(np.arange(shape[0])[:, None], (1, shape[0])), matrix.T)
         rows = scipy.sparse.csr_array(matrix, copy=True)
         # The arrays are new, so JAX need not copy them.
         return cls(*jax.device_put(slots_of(rows)))

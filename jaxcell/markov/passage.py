@@ -1,4 +1,5 @@
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float
 
 from ..base.precision import require_x64
+from ..base.wide import traced
 from ..mapping.generalized import Chain
 from ..mapping.sequence import check_steps
 from .hitting import cell_mask
@@ -74,8 +76,13 @@ def _law(
     return jax.lax.scan(step, start, length=steps + 1)[1]
 
 
-def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
-    """Return the probability of starting in each cell, as in [`first_passage`][]."""
+def start_distribution(cells: int, start: Any) -> Any:
+    """Return the probability of starting in each cell, as in [`first_passage`][].
+
+    Probabilities that JAX traces are not checked.
+    """
+    if traced(start) and start.shape == (cells,):
+        return start
     array = np.asarray(start)
     if not array.size or not np.issubdtype(array.dtype, np.floating):
         mask = cell_mask(cells, array, "start")

@@ -2,12 +2,15 @@ import dataclasses
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 from jaxtyping import Array, Float
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
+from ..base.wide import traced
+from ..mapping.traced import implicit, like, on_host
 from .checked import finite
 
 
@@ -15,6 +18,7 @@ from .checked import finite
 _TOLERANCE = 1e-12
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mixture:
     """The mixture of the columns of a matrix that is nearest to a target."""
@@ -23,7 +27,7 @@ class Mixture:
     "The weight of each column. Weights are not negative and sum to 1."
     value: Float[Array, "rows"]
     "The mixture, `A weights`."
-    distance: float
+    distance: Real
     "The Euclidean distance of the mixture from the target."
     certificate: Certificate
 
@@ -40,6 +44,9 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     - `A`: float64 array `[rows, columns]`, such as the coverage distributions of policies.
     - `b`: float64 array `[rows]`, the target.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
+
+    `A` and `b` may be traced by `jit`, `vmap` and `grad`. Derivatives are those for the columns
+    that have a weight, which must be affinely independent.
 
     **Returns:** [`Mixture`][]. The residual of its certificate, the duality gap, bounds the excess
     of `|A x - b|^2` over the optimum, relative to the largest squared distance of a column from the
@@ -58,6 +65,22 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     A, b = _checked("A", A, 2), _checked("b", b, 1)
     if A.shape[0] != b.size:
         raise ValueError(f"b: expected {A.shape[0]} numbers, one per row of A, got {b.size}")
+    form = like(float, A.shape[1]), like(int), like(float)
+    weights, iterations, gap = on_host(_nearest, form, (), A, b)
+    certificate = Certificate(iterations, gap, _TOLERANCE)
+    certificate.check("mixture", throw)
+    if traced(A, b):
+        weights = implicit(_change, weights, (A, b))
+    weights, A = jax.device_put((weights, A))
+    value = A @ weights
+    distance = jnp.linalg.norm(value - b)
+    return Mixture(weights, value, distance if traced(A, b) else float(distance), certificate)
+
+
+def _nearest(
+    _: Any, A: Float[np.ndarray, "rows columns"], b: Float[np.ndarray, "rows"]
+) -> tuple[Float[np.ndarray, "columns"], int, float]:
+    """Return the weights, the number of those that are positive, and the duality gap."""
     # A rotation reduces rows to the number of columns, and preserves all scalar products.
     points: np.ndarray = np.linalg.qr(A - b[:, None], mode="r")  # type: ignore[assignment]
     # With one more row of ones and the target (0, ..., 0, 1), the best nonnegative numbers are a
@@ -69,18 +92,24 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     nearest = rows[:-1] @ weights
     along = nearest @ rows[:-1]
     gap = max(0.0, 2 * float(weights @ along - along.min()))
-    certificate = Certificate(int(np.count_nonzero(weights)), gap, _TOLERANCE)
-    certificate.check("mixture", throw)
-    value = A @ weights
-    distance = float(np.linalg.norm(value - b))
-    weights, value = jax.device_put((weights, value))
-    return Mixture(weights, value, distance, certificate)
+    return weights, int(np.count_nonzero(weights)), gap
 
 
-def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."]:
-    array = np.asarray(values)
+def _change(weights: Any, inputs: Any) -> Float[Array, "columns"]:
+    """Solve the conditions of the optimum on the columns with a weight, for its derivatives."""
+    A, b = inputs
+    used = (weights > 0).astype(A.dtype)
+    system = jnp.diag(1 - used) + used[:, None] * (A.T @ A) * used[None]
+    bordered = jnp.block([[system, used[:, None]], [used[None], jnp.zeros((1, 1))]])
+    slope = jnp.append(used * (A.T @ (b - A @ weights)), 0.0)
+    change = jnp.linalg.solve(jax.lax.stop_gradient(bordered), slope - jax.lax.stop_gradient(slope))
+    return weights + change[:-1]
+
+
+def _checked(name: str, values: Any, dimensions: int) -> Any:
+    array = values if traced(values) else np.asarray(values)
     if array.ndim != dimensions or array.size == 0:
         raise ValueError(f"{name}: expected an array of {dimensions} dimensions, got {array.shape}")
     if array.dtype != np.float64:
         raise ValueError(f"{name}: expected float64, got {array.dtype}")
-    return finite(name, array)
+    return array if traced(array) else finite(name, array)

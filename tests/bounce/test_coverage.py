@@ -6,6 +6,7 @@ import jax.test_util
 import numpy as np
 import pytest
 import scipy.optimize
+from flint import fmpq
 from hypothesis import given, strategies as st
 from random_rooms import grids
 
@@ -14,6 +15,8 @@ from jaxcell.bounce import bounce_groups, bounce_map, coverage_policy, noisy_bou
 from jaxcell.bounce.coverage import coverage_target
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Workspace
+
+from ..oracles import exact_chains
 
 
 GRIDS = grids(9, (3, 4))
@@ -263,3 +266,34 @@ def test_expected_values_have_derivatives_by_the_probabilities_of_turns():
 def test_wrong_probabilities_of_turns_are_refused(turns):
     with pytest.raises(ValueError, match="reliability: expected"):
         noisy_bounce_map(room(), 45 * DEGREE, 45 * DEGREE, np.array(turns))
+
+
+def test_the_distance_from_a_target_has_the_derivative_of_rational_numbers():
+    """All turns by one or two right angles are possible, so that all cells are in one group."""
+    cells = CellSpace.of_grid(np.array([[1, 1, 1], [1, 0, 1]], bool), directions=4)
+    target, small = np.array([1.0, 2.0, 3.0, 4.0, 5.0]), 2.0**-30
+
+    def square(reliability):
+        policy = coverage_policy(cells, [math.pi], math.pi / 2, reliability, target)
+        return policy.distance**2
+
+    def exact(reliability):
+        chain = noisy_bounce_map(cells, math.pi, math.pi / 2, reliability)
+        P = chain.to_scipy().toarray()
+        inside = np.flatnonzero(np.asarray(persistent_groups(chain).group) == 0)
+        size = inside.size
+        P = [[exact_chains.rational(p) for p in row] for row in P[np.ix_(inside, inside)]]
+        system = [[P[j][i] - int(i == j) for j in range(size)] for i in range(size - 1)]
+        system.append([fmpq(1)] * size)
+        share = exact_chains.solve(system, [[fmpq(0)]] * (size - 1) + [[fmpq(1)]])
+        covered = [fmpq(0)] * 5
+        for cell, (x,) in zip(inside.tolist(), share, strict=True):
+            covered[cell % 5] += x
+        return sum(((x - fmpq(k + 1, 15)) ** 2 for k, x in enumerate(covered)), fmpq(0))
+
+    value, slope = jax.jit(jax.value_and_grad(square))(0.75)
+    assert value == pytest.approx(float(exact(0.75)), rel=1e-12)
+    difference = exact(0.75 + small) - exact(0.75 - small)
+    assert slope == pytest.approx(float(difference) / (2 * small), rel=1e-7)
+    batch = jax.jit(jax.vmap(square))(jnp.array([0.5, 0.75]))
+    np.testing.assert_allclose(batch, [float(exact(0.5)), float(exact(0.75))], rtol=1e-12)

@@ -1,4 +1,8 @@
+from fractions import Fraction
+
 import cvxpy
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -102,3 +106,27 @@ def test_columns_that_nearly_coincide():
 def test_bad_arrays_are_refused(A, b, message):
     with pytest.raises(ValueError, match=message):
         mixture(A, b)
+
+
+def test_weights_and_distance_have_the_derivatives_of_a_projection():
+    """The third column is farther, so the nearest point is on the segment between the others."""
+    A = np.array([[0.0, 2.0, 5.0], [1.0, 2.0, 9.0], [3.0, 1.0, 7.0]])
+    b, towards = np.array([1.0, 1.0, 1.0]), np.array([0.5, -1.0, 2.0])
+
+    def exact(b):
+        along = [Fraction(y) - Fraction(x) for x, y in A[:, :2]]
+        off = [x - Fraction(a) for x, a in zip(b, A[:, 0], strict=True)]
+        share = sum(x * y for x, y in zip(along, off, strict=True)) / sum(x * x for x in along)
+        rest = [x - share * y for x, y in zip(off, along, strict=True)]
+        return share, sum(x * x for x in rest)
+
+    small = Fraction(1, 10**8)
+    more, less = (
+        exact([Fraction(x) + sign * small * Fraction(t) for x, t in zip(b, towards, strict=True)])
+        for sign in (1, -1)
+    )
+    share, square = (float((x - y) / (2 * small)) for x, y in zip(more, less, strict=True))
+    weights = jax.jit(jax.jacrev(lambda b: mixture(A, b).weights))(jnp.asarray(b))
+    np.testing.assert_allclose(weights @ towards, [-share, share, 0], rtol=1e-10, atol=1e-14)
+    slope = jax.grad(lambda b: mixture(A, b).distance ** 2)(jnp.asarray(b))
+    np.testing.assert_allclose(slope @ towards, square, rtol=1e-10)

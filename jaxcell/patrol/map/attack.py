@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.certificate import Numbers
 from ...optimize import Graph
 from .policies import Policy
 from .regions import Regions, check_visible
@@ -44,7 +45,7 @@ class Attack:
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
-    ) -> list[Float[np.ndarray, "*targets cells"]]:
+    ) -> list[Float[Numbers, "*targets cells"]]:
         """Compute the distribution of each robot over its cells out of view when an attack begins.
 
         `view` is the mask of the cells from which a target is seen, one row per target. For the
@@ -52,9 +53,13 @@ class Attack:
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):
-            share = hidden * (policy.share_of_time(graph) if self.start == "stationary" else 1.0)
+            share = hidden * 1.0
+            if self.start == "stationary":
+                # Each target has a row.
+                rows = (1,) * (share.ndim - 1)
+                share = share * policy.share_of_time(graph).reshape(*rows, -1)
             total = share.sum(axis=-1, keepdims=True)
-            begins.append(share / np.where(total > 0, total, 1.0))
+            begins.append(share / (total + (total == 0).astype(float)))
         return begins
 
 

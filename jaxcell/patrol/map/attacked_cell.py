@@ -101,7 +101,8 @@ def vulnerability(
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
     distribution to the times, and takes the probabilities from the fit. The result also contains
-    the exact probabilities, and so shows the error of the fit.
+    the exact probabilities, and so shows the error of the fit. The fit runs on the host;
+    [`jaxcell.patrol.capture_probabilities`][] of the cell can be traced.
 
     **Arguments:**
 

@@ -1,14 +1,16 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.certificate import Numbers
 from ...base.precision import require_x64
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
+from ...base.wide import traced
 from ...mapping import Chain
 from ...optimize import Graph, shortest_tour
 from .attack import Attack, check_policies, contested
@@ -105,7 +107,7 @@ def capture_probabilities(
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attack: Attack,
-) -> Float[np.ndarray, "times cells"]:
+) -> Float[Numbers, "times cells"]:
     """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
     The attack begins with each robot in a cell from which the target is not seen, and fails if a
@@ -122,7 +124,8 @@ def capture_probabilities(
     - `attack`: the attack times, and the places of robots when an attack begins.
 
     **Returns:** one row per attack time, one column per attacked cell. An adversary who knows the
-    policies attacks the cell with the smallest number of a row.
+    policies attacks the cell with the smallest number of a row. The chains and the weights of
+    policies may be traced by `jit`, `vmap` and `grad`.
 
     One robot in a corridor of five cells, with attacks of one and of six steps:
 
@@ -182,7 +185,7 @@ def _captures(
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attacks: Sequence[Attack],
-) -> Float[np.ndarray, "attacks times cells"]:
+) -> Float[Numbers, "attacks times cells"]:
     """Compute the probabilities of capture for attacks that differ in `start`, not in `times`."""
     require_x64("capture_probabilities")
     times = attacks[0].times
@@ -190,17 +193,21 @@ def _captures(
     chunk = min(_TARGETS, cells)
     # Robots with the same walk share their chain.
     chains = {id(policy.chain): policy.chain for policy in policies}
-    caught = np.empty((len(attacks), times.size, cells))
+    given = traced(list(chains.values()), [policy.weights for policy in policies])
+    xp = jnp if given else np
+    # A program that is traced gets the number of steps, so that its loop has a derivative.
+    later: Any = _later if given else jax.jit(_later)
+    caught = []
     for first in range(0, cells, chunk):
         # The last chunk is full too, so that all chunks have one shape.
-        targets = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
-        view = visible[:, targets]
+        begin = min(first, cells - chunk)
+        view = visible[:, begin : begin + chunk]
         begins = [attack.begins(graph, policies, view.T) for attack in attacks]
-        survive = np.ones((len(attacks), times.size, chunk))
+        survive = [[xp.ones(chunk)] * times.size for _ in attacks]
         late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
         for time in np.unique(times):
             late = {
-                key: np.asarray(_later(chain, view, late[key], time - before))
+                key: xp.asarray(later(chain, view, late[key], int(time - before)))
                 for key, chain in chains.items()
             }
             before = time
@@ -208,19 +215,19 @@ def _captures(
                 for policy, share in zip(policies, shares, strict=True):
                     each = late[id(policy.chain)]
                     if attack.start == "worst":
-                        alone = np.where(share.T > 0, each, 0.0).max(axis=0)
+                        alone = xp.where(share.T > 0, each, 0.0).max(axis=0)
                     else:
                         alone = (share.T * each).sum(axis=0)
-                    alive[times == time] *= alone
-        caught[:, :, targets] = np.maximum(0.0, 1 - survive)
-    return caught
+                    for row in np.flatnonzero(times == time):
+                        alive[row] = alive[row] * alone
+        caught.append(xp.maximum(0.0, 1 - xp.asarray(survive))[..., first - begin :])
+    return xp.concatenate(caught, axis=2)
 
 
-@jax.jit
 def _later(
     chain: Chain,
-    view: Bool[Array, "cells targets"],
-    late: Float[Array, "cells targets"],
+    view: Bool[Array | np.ndarray, "cells targets"],
+    late: Float[Array | np.ndarray, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
     """Extend by `steps` steps the probability `late` that a robot from a cell misses a target."""

@@ -2,19 +2,24 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
 from ...optimize import Graph
-from ..walks.optimal.ascent import active_targets, log_missed_from_worst, soft_loss
+from ..walks.optimal.ascent import (
+    active_targets,
+    begin,
+    follow,
+    log_missed_from_worst,
+    soft_loss,
+)
 from ..walks.steps import Steps
 
 
@@ -24,9 +29,11 @@ _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 _FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the number of targets of an evaluation.
 _BLOCK, _EVALUATED = 10, 400
-# Learning rate of the logits, and the epsilon of Adam, which is so large that noise does not change
-# the logits of cells that are hardly visited.
-_RATE, _SCALE = 0.1, 1e-7
+# The epsilon of Adam, which is so large that noise does not change the logits of cells that are
+# hardly visited.
+_SCALE = 1e-7
+# Number of factorizations that are kept, for systems and their transposes.
+_FACTORS = 16
 # Hardness of the soft minimum of the logarithms of capture, at the start and at the end.
 _SOFT, _HARD = 10.0, 100.0
 # Least probability whose logarithm is taken.
@@ -48,40 +55,6 @@ class Circulation:
     chance: Float[np.ndarray, "branches cells"]
     share: Float[np.ndarray, "cells"]
     "The share of time in each cell in the long run."
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Trained(Circulation):
-    """The trained walk of a robot, with a solver for the linear system of its shares of time."""
-
-    pivot: int
-    rest: Int[np.ndarray, "others"]
-    solver: Any
-
-    @classmethod
-    def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Solve for the shares of time of a walk, given the probability `chance` of each step to
-        `image`, and a cell `pivot` that the walk visits often."""
-        branches, cells = image.shape
-        here = np.tile(np.arange(cells), branches)
-        walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
-        rest = np.delete(np.arange(cells), pivot)
-        system = (scipy.sparse.eye_array(cells - 1) - walk[rest][:, rest]).tocsc()
-        options = {"SymmetricMode": True}
-        solver = scipy.sparse.linalg.splu(
-            system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-        )
-        share = np.ones(cells)
-        share[rest] = solver.solve(walk[[pivot]].toarray()[0, rest], trans="T")
-        share = np.maximum(share, 0)
-        return cls(chance, share / share.sum(), pivot, rest, solver)
-
-    def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Turn derivatives with respect to shares of time into those with respect to visits."""
-        by = of_share - self.share @ of_share
-        worth = np.zeros(self.share.size)
-        worth[self.rest] = self.solver.solve(by[self.rest])
-        return worth
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,67 +82,41 @@ class CirculationAscent:
 
         **Returns:** the last logits, the walks, and the least capture after every `_BLOCK` steps.
         """
-        image, robots = np.asarray(self.steps.image), len(logits)
-        active = active_targets(self.unseen, self.attack_time, robots)
+        active = active_targets(self.unseen, self.attack_time, len(logits))
         unseen = jax.device_put(self.unseen.astype(np.float32))
         parts = max(1, -(-unseen.shape[1] // _EVALUATED))
         missed, course = np.zeros(unseen.shape[1]), []
-        adam = optax.scale_by_adam(eps=_SCALE)
-        moments = adam.init(logits)
-        pivots = [0] * robots
+        now, pivots = begin(logits), np.zeros(len(logits), int)
+        hardness = _SOFT * (_HARD / _SOFT) ** (np.arange(count) / max(1, count))
         fixed = {"attack_time": self.attack_time, "start": self.start}
-        for step, now in enumerate(np.arange(count) / max(1, count)):
-            trained = self._trained(logits, pivots)
-            pivots = [int(np.argmax(walk.share)) for walk in trained]
-            if step % _BLOCK == 0:
-                if say is not None:
-                    say(work, step, count)
-                excursions = [self._excursions(walk.share) for walk in trained]
-                mixed = [np.stack(part) for part in zip(*excursions, strict=True)]
-                flows = jax.device_put([part.astype(np.float32) for part in mixed])
-                block = step // _BLOCK
-                for part in range(parts) if block == 0 else [block % parts]:
-                    targets = unseen[:, part::parts], self.steps, None
-                    missed[part::parts] = _log_missed(*_stacked(trained), *flows, *targets, **fixed)
-                course.append(float(-np.expm1(missed.max(initial=-np.inf))))
-                targeted = unseen[:, _weakest(missed, active)]
-            hardness = _SOFT * (_HARD / _SOFT) ** now
-            by_chance, by_share = _gradient(
-                *_stacked(trained), *flows, targeted, self.steps, np.float32(hardness), **fixed
-            )
-            slope = np.asarray(by_chance, float)
-            for robot, walk in enumerate(trained):
-                worth = walk.gradient(np.asarray(by_share[robot], float))
-                slope[robot] += walk.share * worth[image]
-                own = (walk.chance - self.floor * self._even) / (1 - self.floor)
-                slope[robot] -= (own * slope[robot]).sum(axis=0)
-                slope[robot] *= (1 - self.floor) * own
-            with jax.numpy_dtype_promotion("standard"):
-                change, moments = adam.update(slope, moments)
-            logits = logits - _RATE * 0.5 * (1 + np.cos(np.pi * now)) * np.asarray(change)
+        for block, first in enumerate(range(0, count, _BLOCK)):
+            if say is not None:
+                say(work, first, count)
+            flows = self._flows(now[0], pivots)
+            pivots = flows[1].argmax(axis=1)
+            for part in range(parts) if block == 0 else [block % parts]:
+                targets = unseen[:, part::parts], self.steps, None
+                missed[part::parts] = _log_missed(*flows, *targets, **fixed)
+            course.append(float(-np.expm1(missed.max(initial=-np.inf))))
+            rest = flows[2:], unseen[:, _weakest(missed, active)], self.steps, self.floor
+            harder = hardness[first : first + _BLOCK].astype("f4")
+            now = _follow(now, harder, count, pivots, *rest, **fixed)
         walks = []
-        for walk in self._trained(logits, pivots):
-            share, chance = self._excursions(walk.share)
-            total = (1 - self._part) * walk.share + share
-            mixed = ((1 - self._part) * walk.share * walk.chance + share * chance) / total
+        for chance, often, rare, excursion in zip(*self._flows(now[0], pivots), strict=True):
+            total = (1 - self._part) * often + rare
+            mixed = ((1 - self._part) * often * chance + rare * excursion) / total
             walks.append(Circulation(mixed / mixed.sum(axis=0), total / total.sum()))
-        return logits, walks, course
-
-    @functools.cached_property
-    def _even(self) -> Float[np.ndarray, "branches cells"]:
-        even = np.asarray(self.steps.even, float)
-        return even / even.sum(axis=0)
+        return np.asarray(now[0]), walks, course
 
     @functools.cached_property
     def _part(self) -> float:
         return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
 
-    def _trained(self, logits: Logits, pivots: list[int]) -> list[Trained]:
-        chance = np.exp(logits - logits.max(axis=1, keepdims=True)) * (self._even > 0)
-        chance /= chance.sum(axis=1, keepdims=True)
-        chance = (1 - self.floor) * chance + self.floor * self._even
-        image = np.asarray(self.steps.image)
-        return [Trained.of(image, *each) for each in zip(chance, pivots, strict=True)]
+    def _flows(self, logits: Any, pivots: Int[np.ndarray, "robots"]) -> list[np.ndarray]:
+        """Return the steps and shares of time of trained walks, then those of excursions."""
+        chance, share = map(np.asarray, _trained(logits, pivots, self.steps, self.floor))
+        excursions = [self._excursions(often) for often in share]
+        return [chance, share, *(np.stack(part) for part in zip(*excursions, strict=True))]
 
     def _excursions(
         self, share: Float[np.ndarray, "cells"]
@@ -180,14 +127,14 @@ class CirculationAscent:
         the time, so that excursions drift back to these cells. Returns the share of time that
         excursions spend in each cell, and the probability of each of their steps.
         """
-        image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
+        image, conductance = np.asarray(self.steps.image), np.asarray(self.steps.even) > 0
         often = np.flatnonzero(share >= 1 / share.size)
         near = self.graph.matrix(np.ones(len(self.graph.edges)))
         far = scipy.sparse.csgraph.dijkstra(near, unweighted=True, indices=often, min_only=True)
         fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
         # No step may be less probable than the floor allows.
         fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
-        conductance *= np.exp(fall * (far + far[image]) / 2)
+        conductance = conductance * np.exp(fall * (far + far[image]) / 2)
         total = conductance.sum(axis=0)
         return self._part * total / total.sum(), conductance / total
 
@@ -206,11 +153,62 @@ def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray
     return np.flatnonzero(chosen)
 
 
-def _stacked(walks: Sequence[Circulation]) -> list[np.ndarray]:
-    return [
-        np.stack([getattr(walk, name) for walk in walks]).astype(np.float32)
-        for name in ("chance", "share")
-    ]
+@jax.jit
+def _trained(logits, pivots, steps, floor):  # type: ignore[no-untyped-def]
+    """Compute the probability of each step of walks, and their shares of time in the long run."""
+    chance = steps.chances(logits, floor)
+    return chance, jax.vmap(shares, (0, 0, None))(chance, pivots, steps)
+
+
+def shares(
+    chance: Float[Array, "branches cells"], pivot: int | Int[Array, ""], steps: Steps
+) -> Float[Array, "cells"]:
+    """Compute the share of time in each cell in the long run, given the probability of each step.
+
+    The system for the visits between two visits to the cell `pivot`, which must be a likely cell,
+    is solved on the host. The shares have derivatives: its transpose is solved with the same
+    factors.
+    """
+    first = jnp.arange(chance.shape[1]) == pivot
+    into = jnp.where((steps.even > 0) & ~first[None], chance[steps.back, steps.image], 0.0)
+
+    def apply(visits: Float[Array, "cells"]) -> Float[Array, "cells"]:
+        return visits - jnp.sum(into * visits[steps.image], axis=0)
+
+    def on_host(which: str) -> Callable[..., Any]:
+        fixed = steps.image, jax.lax.stop_gradient(into)
+        call = functools.partial(jax.pure_callback, functools.partial(_solved, which))
+        return lambda _, right: call(right, *fixed, right, vmap_method="broadcast_all")
+
+    begin = first.astype(chance.dtype)
+    # The host factorizes the transpose, whose columns are at hand.
+    visits = jax.lax.custom_linear_solve(apply, begin, on_host("T"), on_host("N"))
+    visits = jnp.maximum(visits, 0.0)
+    return visits / jnp.sum(visits)
+
+
+def _solved(which: str, image: Any, into: Any, right: Any) -> np.ndarray:
+    """Solve `x = right + Q x`, or its transpose, where `Q` has the entries `into` at `image`."""
+    image, into, right = np.asarray(image), np.asarray(into), np.asarray(right)
+    found = np.empty_like(right)
+    for walk in np.ndindex(right.shape[:-1]):
+        solver = _factored(image.shape[-2:], image[walk].tobytes(), into[walk].tobytes())
+        found[walk] = solver.solve(right[walk], which)
+    return found
+
+
+@functools.lru_cache(_FACTORS)
+def _factored(shape: tuple[int, int], image: bytes, into: bytes) -> Any:
+    branches, cells = shape
+    data = np.vstack([np.ones(cells), -np.frombuffer(into).reshape(shape)])
+    rows = np.vstack([np.arange(cells), np.frombuffer(image, np.int32).reshape(shape)])
+    ends = np.arange(cells + 1) * (branches + 1)
+    return scipy.sparse.linalg.splu(
+        scipy.sparse.csc_array((data.T.ravel(), rows.T.ravel(), ends), (cells, cells)),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
@@ -225,32 +223,30 @@ def _log_missed(
     attack_time: int,
     start: str,
 ) -> Float[Array, "targets"]:
-    logarithm = jnp.zeros(unseen.shape[1], unseen.dtype)
-    flows = chance, share, excursion_share, excursion_chance
-    for trained, often, rare, excursion in zip(*flows, strict=True):
+    def one(flows):  # type: ignore[no-untyped-def]
+        trained, often, rare, excursion = flows
         total = (1 - rare.sum()) * often + rare
         mixed = (1 - rare.sum()) * often[None] * trained + rare[None] * excursion
         mixed = mixed / total[None]
 
-        def step(value, _, mixed=mixed):  # type: ignore[no-untyped-def]
+        def step(value, _):  # type: ignore[no-untyped-def]
             return unseen * steps.pull(mixed, value), None
 
         late, _ = jax.lax.scan(step, unseen, length=attack_time)
         if start == "worst":
-            logarithm += log_missed_from_worst(late, unseen, hardness, _TINY)
-        else:
-            begin = unseen * total[:, None] if start == "stationary" else unseen
-            missed = jnp.sum(begin * late, axis=0) / jnp.maximum(jnp.sum(begin, axis=0), 1e-30)
-            logarithm += jnp.log(missed + 1e-30)
-    return logarithm
+            return log_missed_from_worst(late, unseen, hardness, _TINY)
+        begin = unseen * total[:, None] if start == "stationary" else unseen
+        missed = jnp.sum(begin * late, axis=0) / jnp.maximum(jnp.sum(begin, axis=0), 1e-30)
+        return jnp.log(missed + 1e-30)
+
+    flows = chance, share, excursion_share, excursion_chance
+    return jnp.sum(jax.lax.map(one, [part.astype(unseen.dtype) for part in flows]), axis=0)
 
 
-@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
-def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
-    hardness = rest[-1]
+@functools.partial(jax.jit, static_argnames=("count", "attack_time", "start"))
+def _follow(now, hardness, count, pivots, flows, unseen, steps, floor, **fixed):  # type: ignore[no-untyped-def]
+    def loss(logits, hardness):  # type: ignore[no-untyped-def]
+        trained = *_trained(logits, pivots, steps, floor), *flows
+        return soft_loss(_log_missed(*trained, unseen, steps, hardness, **fixed), hardness, _TINY)
 
-    def loss(chance, share):  # type: ignore[no-untyped-def]
-        missed = _log_missed(chance, share, *rest, attack_time=attack_time, start=start)
-        return soft_loss(missed, hardness, _TINY)
-
-    return jax.grad(loss, argnums=(0, 1))(chance, share)
+    return follow(loss, now, hardness, count, _SCALE)

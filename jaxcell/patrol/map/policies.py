@@ -3,12 +3,14 @@ import operator
 from collections.abc import Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
-from ...base.certificate import Certificate
+from ...base.certificate import Certificate, Numbers
 from ...base.quantities import derived
+from ...base.wide import traced
 from ...mapping import Chain
 from ...optimize import (
     Graph,
@@ -34,7 +36,7 @@ class Policy:
 
     cells: Int[np.ndarray, "visited"]
     "The cells that the robot visits, in ascending order."
-    weights: Float[np.ndarray, "edges"]
+    weights: Float[Numbers, "edges"]
     "The share of steps along each edge of the graph, in the long run."
     chain: Chain
     "The Markov chain of the walk, which stays in place in cells that the robot does not visit."
@@ -51,8 +53,11 @@ class Policy:
     certificate: Certificate | None
     "The certificate of [`jaxcell.optimize.minimum_commute`][], if it computed the weights."
 
-    def share_of_time(self, graph: Graph) -> Float[np.ndarray, "cells"]:
+    def share_of_time(self, graph: Graph) -> Float[Numbers, "cells"]:
         """Compute the share of time that the robot spends in each cell in the long run."""
+        if traced(self.weights):
+            ends: Any = jnp.zeros(graph.vertices).at[graph.edges]
+            return ends.add(jnp.tile(self.weights[:, None] / 2, (1, 2)))
         if not self.weights.any():
             return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)

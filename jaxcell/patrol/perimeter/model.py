@@ -1,5 +1,6 @@
 import dataclasses
 import enum
+import functools
 import heapq
 from typing import TypeAlias
 
@@ -10,6 +11,7 @@ import scipy.interpolate
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.certificate import Certificate
+from ...base.wide import traced
 from ...mapping import Chain
 from ...markov import first_passage, hitting_times
 from ...optimize.checked import check_count
@@ -81,13 +83,12 @@ class Perimeter:
         """The mask of the states in which a robot is in the attacked segment."""
         return np.arange(self.images.shape[1]) % self.distance == 0
 
-    def chain(self, p: float) -> Chain:
-        """Return the Markov chain of the states for the probability `p` of heads."""
-        if not 0 <= p <= 1:
+    def chain(self, p: float | Array) -> Chain:
+        """Return the chain of the states for the probability `p` of heads, which may be traced."""
+        if not traced(p) and not 0 <= p <= 1:
             raise ValueError(f"p: expected a probability, got {p}")
-        images = self.images
-        coin = np.array([[p], [1 - p]], np.float64)
-        return Chain(images, np.broadcast_to(coin, images.shape))
+        xp = jnp if traced(p) else np
+        return Chain(self.images, xp.stack([xp.full(self.images.shape[1], x) for x in (p, 1 - p)]))
 
 
 def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
@@ -174,11 +175,14 @@ def maximin(polynomials: _Polynomials) -> Maximin:
     return Maximin(p, value, weakest, Certificate(iterations, gap, 2 * _TOLERANCE))
 
 
-def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
+def hitting_law(
+    perimeter: Perimeter, p: float | Array, steps: int
+) -> Float[Array, "segments steps"]:
     """Compute the distribution of the first step after which a robot is in a segment.
 
-    **Arguments:** the robots, the probability of heads, and the number of steps to compute.
-    **Returns:** one row per segment, 0 to `perimeter.distance - 1`, one column per step from 1.
+    **Arguments:** the robots, the probability of heads, which may be traced by `jit`, `vmap` and
+    `grad`, and the number of steps to compute. **Returns:** one row per segment, 0 to
+    `perimeter.distance - 1`, one column per step from 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -190,15 +194,17 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
     check_count("steps", steps)
     chain = perimeter.chain(p)
     # The law begins after one step, because the robots leave segment 0.
-    after = chain.to_scipy()[: perimeter.distance].toarray()
-    return jnp.stack([first_passage(chain, row, perimeter.occupied, steps - 1) for row in after])
+    law = functools.partial(first_passage, chain, target=perimeter.occupied, steps=steps - 1)
+    begins = np.eye(perimeter.distance, len(perimeter.occupied))
+    return jnp.stack([law(chain.push(begin)) for begin in begins])
 
 
-def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
+def mean_hitting_times(perimeter: Perimeter, p: float | Array) -> Float[Array, "segments"]:
     """Compute the expected number of steps until a robot visits each segment.
 
-    **Arguments:** the robots, and the probability of heads of their coin. **Returns:** the times
-    for segments 0 to `perimeter.distance - 1`; `inf` if it is possible that no robot ever comes.
+    **Arguments:** the robots, and the probability of heads of their coin, which may be traced by
+    `jit`, `vmap` and `grad`. **Returns:** the times for segments 0 to `perimeter.distance - 1`;
+    `inf` if it is possible that no robot ever comes.
 
     Robots that toss a fair coin, four segments apart. A robot reaches segment `i > 0` in `i (4 -
     i)` steps on average, and returns to segment 0 in 4:
@@ -209,9 +215,16 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
         [4.0, 3.0, 4.0, 3.0]
     """
     chain = perimeter.chain(p)
-    time = np.asarray(hitting_times(chain, perimeter.occupied).value)
+    time = hitting_times(chain, perimeter.occupied).value
     # In segment 0, the time is that until a robot returns.
-    return jax.device_put(1 + chain.to_scipy()[: perimeter.distance] @ time)
+    return _next(chain, jnp.asarray(time))[: perimeter.distance]
+
+
+@jax.jit
+def _next(chain: Chain, time: Float[Array, "states"]) -> Float[Array, "states"]:
+    """Add one step to the mean of `time` after it; steps without a probability do not count."""
+    later = jnp.where(chain.probability > 0, chain.probability * time[chain.image], 0.0)
+    return 1 + jnp.sum(later, axis=0)
 
 
 def _bound(coefficients: _Polynomials) -> float:

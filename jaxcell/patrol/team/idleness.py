@@ -5,11 +5,13 @@ from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, TypeAlias
 
+import jax.numpy as jnp
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float, Int
 
+from ...base.certificate import Numbers
 from ...base.quantities import Result, derived, quantity
+from ...base.wide import host_array
 from ...mapping import Chain, persistent_groups
 from ...markov import limiting_distribution
 from ...optimize import Graph, shortest_tour
@@ -65,10 +67,11 @@ class Idleness(Result):
     ] = None
 
 
-def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
+def long_run(matrices: Iterable[Any]) -> Float[Numbers, "robots vertices"]:
     """Compute the share of time of each robot at each vertex in the long run, wherever it starts.
 
-    `matrices` are the transition matrices of the robots, dense or sparse.
+    `matrices` are the transition matrices of the robots, dense or sparse. Dense matrices may be
+    traced by `jit`, `vmap` and `grad`.
 
     A robot that alternates between two vertices at one end of a line of three:
 
@@ -76,9 +79,9 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
         >>> patrol.team.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
         [[0.5, 0.5, 0.0]]
     """
-    chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix, dtype=float)) for matrix in matrices]
+    chains = [Chain.from_scipy(matrix) for matrix in matrices]
     limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
-    return np.stack([np.asarray(limit) for limit in limits])
+    return host_array(jnp.stack(limits))
 
 
 def idleness_over_vertices(

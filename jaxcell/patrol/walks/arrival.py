@@ -9,7 +9,9 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
+from ...base.certificate import Numbers
 from ...base.precision import require_x64
+from ...base.wide import host_array, traced
 from ...optimize import Graph
 from ..team.division import divide_graph
 from ..team.idleness import long_run
@@ -18,7 +20,7 @@ from ..team.times import check_whole, move_times, names_of
 
 def walk_capture_probabilities(
     graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
-) -> Float[np.ndarray, "starts targets"]:
+) -> Float[Numbers, "starts targets"]:
     """Compute the probability that a robot reaches a target within the attack time.
 
     The attack begins as the robot leaves its start. If the target is the start, the robot must
@@ -32,7 +34,8 @@ def walk_capture_probabilities(
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
-    **Returns:** array `[states, vertices]`: rows are starts, columns are targets.
+    **Returns:** array `[states, vertices]`: rows are starts, columns are targets. The matrix may be
+    traced by `jit`, `vmap` and `grad`; then it is not checked.
 
     A random walk on a line of three vertices, against attacks of two steps:
 
@@ -44,7 +47,7 @@ def walk_capture_probabilities(
     """
     given, delays, attack = _checked(graph, matrix, attack_time, travel_times)
     require_x64("walk_capture_probabilities")
-    return np.asarray(first_passage(given, *on_device(delays, attack)))
+    return host_array(first_passage(given, *on_device(delays, attack)))
 
 
 def captured_by_any(
@@ -56,7 +59,7 @@ def captured_by_any(
 
 def blind_capture(
     graph: Graph, walks: Any, attack_time: Any, travel_times: Any = None
-) -> Float[np.ndarray, "targets"]:
+) -> Float[Numbers, "targets"]:
     """Compute the probability that independent robots capture an attack at a random time.
 
     The adversary knows neither places nor times of the robots, which have been walking for long,
@@ -75,28 +78,27 @@ def blind_capture(
         [0.25, 0.5, 0.25]
     """
     require_x64("blind_capture")
-    missed = np.ones(graph.vertices)
+    missed = jnp.ones(graph.vertices)
     for walk, share in zip(walks, long_run(walks), strict=True):
         given, delays, attack = _checked(graph, walk, attack_time, travel_times)
         arguments = on_device(delays, attack)
-        seen = np.asarray(arguments[0])
-        early = np.asarray(_time_to_spare(given, *arguments))
+        early = attack[None].astype(float) - _time_to_spare(given, *arguments)
         # Per unit of time: the mean number of departures from each state.
-        often = share / (share @ (given * delays).sum(axis=1))
-        missed *= 1 - (often[:, None] * seen * (attack - early)).sum(axis=0)
-    return 1 - missed
+        often = share / (share @ (given * delays.astype(float)).sum(axis=1))
+        missed *= 1 - (often[:, None] * arguments[0] * early).sum(axis=0)
+    return host_array(1 - missed)
 
 
 def _checked(
     graph: Graph, matrix: Any, attack_time: Any, travel_times: Any
 ) -> tuple[
-    Float[np.ndarray, "states states"],
+    Float[Numbers, "states states"],
     Int[np.ndarray, "states states"],
     Int[np.ndarray, "vertices"],
 ]:
     """Check a walk; return its matrix, and the times of its moves and of attacks."""
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    given = np.array(matrix, np.float64)
+    given = matrix if traced(matrix) else np.array(matrix, np.float64)
     memory = max(1, given.shape[0] // graph.vertices)
     delays = np.tile(delays, (memory, memory))
     if given.shape != delays.shape:
@@ -104,6 +106,8 @@ def _checked(
             f"matrix: expected {[graph.vertices] * 2}, or a multiple for a robot with memory, got "
             f"{list(given.shape)}"
         )
+    if traced(given):
+        return given, delays, attack
     if not (given >= 0).all() or np.abs(given.sum(axis=1) - 1).max() > 1e-9:
         raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
     wrong = np.argwhere((given > 0) & (delays == 0))

@@ -78,6 +78,8 @@ class Measures(Result):
 def measure(chain: Chain) -> Measures:
     """Compute all quantities of [`Measures`][] for a chain of up to a few thousand vertices.
 
+    It runs on the host, because a quantity that fails is left out; each of them can be traced.
+
     **Arguments:** a chain that visits the same vertices in the long run, wherever it starts.
 
     **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats per step. Times to

@@ -1,9 +1,12 @@
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...base.wide import traced
 from ...mapping import Chain
+from ...mapping.generalized import slots_of
 from ...markov import dense
 from ...optimize import Graph
 from ...optimize.checked import one_each
@@ -14,8 +17,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
 
-    **Arguments:** the graph, and the weight of each edge, at least 0. **Returns:**
-    [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+    **Arguments:** the graph, and the weight of each edge, at least 0; `jit`, `vmap` and `grad` may
+    trace the weights. **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
     On a line of three vertices, the second edge has three times the weight of the first:
 
@@ -24,6 +27,10 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
         >>> patrol.random_walk(graph, [1, 3]).to_scipy().toarray().tolist()
         [[0.0, 1.0, 0.0], [0.25, 0.0, 0.75], [0.0, 1.0, 0.0]]
     """
+    if traced(weights):
+        image, edge = slots_of(graph.matrix(1.0 + np.arange(len(graph.edges))))
+        near = jnp.where(edge > 0, jnp.append(0.0, weights)[edge.astype(int)], 0.0)
+        return Chain(image, near / jnp.sum(near, axis=0, keepdims=True))
     weights = one_each("weights", weights, len(graph.edges), "per edge", zero=True)
     matrix = graph.matrix(weights)
     total = np.asarray(matrix.sum(axis=1))

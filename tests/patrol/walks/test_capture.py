@@ -18,9 +18,8 @@ from jaxcell.patrol.walks.arrival import (
 )
 from jaxcell.patrol.walks.optimal import capture, sequential_lp
 from jaxcell.patrol.walks.optimal.capture import maximin_capture
-from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
-from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
+from jaxcell.patrol.walks.optimal.sequential_lp import Captures, maximize_least_capture
 
 
 PATH = Graph([[i, i + 1] for i in range(8)])
@@ -210,12 +209,12 @@ def test_slopes_of_some_attacks_against_differences(graph, attack, times, start,
     random = np.random.default_rng(0)
     durations = np.broadcast_to(attack, graph.vertices)
     given = durations, delays_of(graph, 1 if times is None else times)
-    here = LinearizedCapture(among, moves, *given)
+    here = Captures(among, moves, *given)
     for robot in range(2):
         exact = walk_capture_probabilities(graph, among.matrix(moves[robot]), attack, times)
         np.testing.assert_allclose(here.probability[robot], exact, atol=1e-14)
         change = 1e-5 * random.normal(size=moves.shape[1])
-        up, down = (LinearizedCapture(among, moves + way * change, *given) for way in (1, -1))
+        up, down = (Captures(among, moves + way * change, *given) for way in (1, -1))
         expected = (up.probability[robot] - down.probability[robot]) / 2
         np.testing.assert_allclose(here.along(robot, change), expected, atol=1e-13)
         along = here.slopes(robot, np.array(start), np.array(target)) @ change
@@ -227,7 +226,7 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
     moves = among.starts(1, 1, 0)[0]
 
     def law(moves):
-        return LinearizedCapture(among, moves, np.full(9, 4))
+        return Captures(among, moves, np.full(9, 4))
 
     few = maximize_least_capture(law, among, moves, 1e-4)
     monkeypatch.setattr(sequential_lp, "NEAR", np.inf)

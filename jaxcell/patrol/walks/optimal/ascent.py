@@ -1,11 +1,11 @@
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array, Float
 
 from ..steps import ChargedSteps, Steps, SymmetricSteps
@@ -16,7 +16,7 @@ from ..steps import ChargedSteps, Steps, SymmetricSteps
 _BLOCK, ALL_TARGETS = 25, 80
 # Largest number of values that one step keeps for its gradient.
 _KEPT = 5e7
-# Learning rate of the logits.
+# Learning rate of the logits at the start.
 _RATE = 0.1
 # Least probability whose logarithm is taken.
 _TINY = 1e-12
@@ -38,21 +38,15 @@ class Ascent:
     def climb(
         self, logits: Float[np.ndarray, "robots branches cells"], count: int
     ) -> tuple[Any, float, list[float]]:
-        """Follow the gradient with `count` steps of Adam.
-
-        The learning rate falls with each step, and the hardness rises.
+        """Follow the gradient with `count` steps of Adam, while the hardness rises.
 
         **Returns:** the best logits, their value, and the best value per block of steps.
         """
-        logits = np.asarray(logits, np.float32)
-        none = np.zeros_like(logits)
-        adam = optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
-        now = jax.device_put((logits, adam))
+        now = begin(np.asarray(logits, np.float32))
         best = now[0]
         active = active_targets(self.unseen, self.attack_time, len(logits))
-        progress, (soft, hard) = np.arange(count) / count, self.hardness
-        rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
-        hardness = soft * (hard / soft) ** progress
+        soft, hard = self.hardness
+        hardness = (soft * (hard / soft) ** (np.arange(count) / count)).astype("f4")
         rest = self.steps, jax.device_put(self.unseen), self.floor, self.attack_time
         least, missed = _least(best, *rest)
         value, course = float(least), []
@@ -60,15 +54,51 @@ class Ascent:
             weak = np.argsort(-np.asarray(missed))[:active]
             if isinstance(self.steps, SymmetricSteps):
                 weak = np.arange(missed.size)
-            block = slice(first, first + _BLOCK)
-            schedule = rate[block].astype("f4"), hardness[block].astype("f4")
-            targeted = self.steps, self.unseen[:, weak], self.floor, schedule, self.attack_time
-            now = _follow(*now, *targeted)
+            targeted = self.steps, self.unseen[:, weak], self.floor, self.attack_time
+            now = _follow(now, hardness[first : first + _BLOCK], count, *targeted)
             least, missed = _least(now[0], *rest)
             if float(least) > value:
                 best, value = now[0], float(least)
             course.append(value)
         return best, value, course
+
+
+def begin(logits: Float[np.ndarray, "robots branches cells"]) -> tuple[Any, Any]:
+    """Return the state in which [`follow`][] begins."""
+    # All moments are 0 at the start.
+    moments = jax.eval_shape(_adam(1).init, logits)
+    zeros = jax.tree.map(lambda part: np.zeros(part.shape, part.dtype), moments)
+    return jax.device_put((logits, zeros))
+
+
+def follow(
+    loss: Callable[[Any, Any], Array],
+    now: tuple[Any, Any],
+    hardness: Float[Array, "steps"],
+    count: int,
+    scale: float = 1e-8,
+) -> tuple[Any, Any]:
+    """Take one step of Adam on the logits for each hardness, the second argument of `loss`.
+
+    The learning rate falls to 0 in `count` steps, and `scale` is the epsilon of Adam. **Returns:**
+    the new state `now`, the logits and the moments of Adam.
+    """
+    adam = _adam(count, scale)
+
+    def step(now, hardness):  # type: ignore[no-untyped-def]
+        logits, moments = now
+        change, moments = adam.update(jax.grad(loss)(logits, hardness), moments)
+        return (logits + change, moments), None
+
+    with jax.numpy_dtype_promotion("standard"):
+        return jax.lax.scan(step, now, hardness)[0]
+
+
+def _adam(count: int, scale: float = 1e-8) -> Any:
+    # The import of optax takes longer than many commands.
+    import optax
+
+    return optax.adam(optax.cosine_decay_schedule(_RATE, count), eps=scale)
 
 
 def active_targets(
@@ -147,19 +177,9 @@ def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untype
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 
 
-@functools.partial(jax.jit, static_argnames="attack_time")
-def _follow(logits, moments, steps, unseen, floor, schedule, attack_time):  # type: ignore[no-untyped-def]
-    """Take one step of Adam on the logits for each learning rate and hardness in `schedule`."""
-    adam = optax.scale_by_adam()
-
+@functools.partial(jax.jit, static_argnames=("count", "attack_time"))
+def _follow(now, hardness, count, steps, unseen, floor, attack_time):  # type: ignore[no-untyped-def]
     def loss(logits, hardness):  # type: ignore[no-untyped-def]
         return soft_loss(_log_missed(logits, steps, unseen, floor, hardness, attack_time), hardness)
 
-    def step(state, now):  # type: ignore[no-untyped-def]
-        logits, moments = state
-        rate, hardness = now
-        change, moments = adam.update(jax.grad(loss)(logits, hardness), moments)
-        return (logits - rate * change, moments), None
-
-    with jax.numpy_dtype_promotion("standard"):
-        return jax.lax.scan(step, (logits, moments), schedule)[0]
+    return follow(loss, now, hardness, count)

@@ -29,9 +29,8 @@ from ..steps import Steps, SymmetricSteps
 from ..symmetries import MOST_SYMMETRIES, symmetries
 from .ascent import ALL_TARGETS, Ascent, late_gain
 from .descent import descend
-from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
-from .sequential_lp import maximize_least_capture
+from .sequential_lp import Captures, maximize_least_capture
 
 
 # Hardness of the soft minimum of the logarithms in all descents, and then in those from the best
@@ -179,7 +178,7 @@ def maximin_capture(
         if whole.vertices > EXACT:
             tolerance = max(tolerance, _LITTLE)
         moves, _, residual, programs = maximize_least_capture(
-            lambda moves: LinearizedCapture(polytope, moves, attack, delays),
+            lambda moves: Captures(polytope, moves, attack, delays),
             polytope,
             matrices[:, polytope.tails, polytope.heads],
             tolerance,

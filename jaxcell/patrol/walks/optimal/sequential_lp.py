@@ -1,13 +1,16 @@
+import functools
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ..arrival import captured_by_any
-from .linearized import LinearizedCapture
+from ....space.copies import copies
+from ..arrival import captured_by_any, first_passage, on_device
 from .polytope import ChainPolytope
 
 
@@ -26,22 +29,109 @@ least at their target by at most `NEAR` times the value, the least capture by th
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
+# Number of attacks whose derivatives are computed at once.
+_ATTACKS = 64
 
 
 _Moves: TypeAlias = Float[np.ndarray, "robots moves"]
 
 
-Law = Callable[[_Moves], LinearizedCapture]
+class Captures:
+    """The probabilities of capture by robots with given moves, and their derivatives.
+
+    The vertices of the polytope's graph are the targets or, for a robot with memory, its states:
+    pairs of a memory state and a target, where the target varies fastest.
+    """
+
+    def __init__(
+        self,
+        polytope: ChainPolytope,
+        moves: _Moves,
+        attack: Int[np.ndarray, "targets"],
+        delays: int | Int[np.ndarray, "states states"] = 1,
+    ) -> None:
+        delays = np.broadcast_to(delays, (polytope.vertices,) * 2).astype(np.int32)
+        self._polytope, self._moves, self._attack, self._delays = polytope, moves, attack, delays
+        self._arguments = on_device(delays, attack)
+        matrices = polytope.matrix(moves)
+        self.probability = np.stack([first_passage(P, *self._arguments) for P in matrices])
+
+    def along(
+        self, robot: int, change: Float[np.ndarray, "moves"]
+    ) -> Float[np.ndarray, "starts targets"]:
+        """Compute the first-order change of all probabilities for a `change` of a robot's moves."""
+        both = self._polytope.matrix(np.stack([self._moves[robot], change]))
+        return np.asarray(_along(*both, self._arguments))
+
+    def slopes(
+        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
+    ) -> Float[np.ndarray, "attacks moves"]:
+        """Compute derivatives of probabilities of capture with respect to the moves of a robot.
+
+        Those of all attacks with respect to all moves would be billions of numbers.
+        """
+        tails, heads = self._polytope.tails, self._polytope.heads
+        order = np.argsort(tails, kind="stable")
+        slot = np.empty_like(order)
+        slot[order] = copies(np.bincount(tails))[1]
+        shape = slot.max() + 1, self._polytope.vertices
+        chance, image, lag = np.zeros(shape), np.zeros(shape, np.int32), np.zeros(shape, np.int32)
+        chance[slot, tails], image[slot, tails] = self._moves[robot], heads
+        lag[slot, tails] = self._delays[tails, heads] - 1
+        # Each part has the same size, so that one program is compiled.
+        count = -(-starts.size // _ATTACKS)
+        attacks = np.stack([starts, targets, self._attack[targets] - 1], axis=1).astype(np.int32)
+        parts = np.resize(attacks, (count, _ATTACKS, 3))
+        given, times = (chance, image, lag), (self._attack.size, *self._arguments[-2:])
+        slopes = np.concatenate([_slopes(*given, part, *times) for part in parts])
+        return slopes[: starts.size, slot, tails]
+
+
+@jax.jit
+def _along(P: Any, change: Any, arguments: Any) -> Float[Array, "states targets"]:
+    return jax.jvp(lambda P: first_passage(P, *arguments), (P,), (change,))[1]
+
+
+@functools.partial(jax.jit, static_argnames="targets")
+def _slopes(
+    chance: Float[Array, "branches states"],
+    image: Int[Array, "branches states"],
+    lag: Int[Array, "branches states"],
+    attacks: Int[Array, "attacks 3"],
+    targets: int,
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> Float[Array, "attacks branches states"]:
+    """Compute derivatives with respect to the probability of each move to a state `image`.
+
+    A move takes a time of `lag + 1`. A row of `attacks` is a start, a target, and the duration
+    minus 1.
+    """
+    states = chance.shape[1]
+
+    def captured(chance, attack):  # type: ignore[no-untyped-def]
+        start, target, last = attack
+        there = jnp.arange(states, dtype=attacks.dtype) % targets == target
+        begin = jnp.zeros((longest.size, states)).at[0].set(there.astype(float))
+
+        def step(later, _):  # type: ignore[no-untyped-def]
+            # Row `l` of `later` is the probability with `l` less time, 1 at the target.
+            now = jnp.sum(chance * later[lag, image], axis=0)
+            return jnp.concatenate([jnp.where(there, 1.0, now)[None], later[:-1]]), now[start]
+
+        return jax.lax.scan(step, begin, horizon)[1][last]
+
+    return jax.vmap(jax.grad(captured), (None, 0))(chance, attacks)
 
 
 def maximize_least_capture(
-    law: Law, polytope: ChainPolytope, moves: _Moves, tolerance: float
+    law: Callable[[_Moves], Captures], polytope: ChainPolytope, moves: _Moves, tolerance: float
 ) -> tuple[_Moves, float, float, int]:
     """Maximize the least probability of capture with linear programs in trust regions.
 
     At a maximum of the least of smooth functions, several functions are equal, and often determine
     the maximum. Linear programs then converge as fast as Newton's method, while gradients of a soft
-    minimum are slow. `law` linearizes the probabilities of capture at given moves.
+    minimum are slow. `law` computes the probabilities of capture at given moves.
 
     **Returns:** the chains of the robots, the probability, the relative gain that a linear program
     without a trust region predicts, and the number of programs.
@@ -69,7 +159,7 @@ def maximize_least_capture(
 
 
 def _program(
-    polytope: ChainPolytope, moves: _Moves, here: LinearizedCapture, distance: float
+    polytope: ChainPolytope, moves: _Moves, here: Captures, distance: float
 ) -> tuple[_Moves, float]:
     """Find the best chains if `here` linearizes the probabilities of capture at the chains `moves`.
 
@@ -105,7 +195,7 @@ def _program(
 def _solved(
     polytope: ChainPolytope,
     moves: _Moves,
-    here: LinearizedCapture,
+    here: Captures,
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
 ) -> tuple[_Moves, Float[np.ndarray, "robots targets"], float]:
