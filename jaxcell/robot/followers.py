@@ -106,7 +106,7 @@ class Follower(abc.ABC):
 
     @property
     def _proof(self) -> str:
-        """What confirms the place of the robot, in words."""
+        """The evidence that confirms the place of the robot, in words."""
         return f"{self.confirm} observations"
 
     @property
