@@ -24,7 +24,7 @@ from jaxcell.space import CellSpace, Workspace
 
 # Maps, numbers of directions, and numbers of chains.
 MAPS = ("lab_a", 8, 1000), ("complex", 8, 300), ("complex", 24, 100)
-# The loop computes only so many members of a batch; its time is scaled.
+# Number of members of a batch that the loop computes; times are per member.
 MEMBERS = 20
 # Largest relative difference of two results.
 AGREEMENT = 1e-9

@@ -146,8 +146,8 @@ class Plan:
             tail, head = np.append(tail[kept], tails[-1]), np.append(head[kept], heads[-1])
             step = np.append(step[kept], np.arange(count, count + new.size))
             count += new.size
-        tail, head = np.concatenate(tails), np.concatenate(heads)
-        return cls(states, tail, head, rounds, error * _HALF_ULP)
+        bound = error * _HALF_ULP
+        return cls(states, np.concatenate(tails), np.concatenate(heads), rounds, bound)
 
     def solve(
         self,
