@@ -259,7 +259,8 @@ def crossing_time(water: Water, flow: Flow) -> Any:
     """
     rate = flow.recorded
     xp = rate.__array_namespace__()
-    speed = xp.hypot(rate[:, 0], rate[:, 1])[:, water.number >= 0]
+    here = rate[:, :, water.number >= 0]
+    speed = xp.hypot(here[:, 0], here[:, 1])
     if traced(rate):
         return 1 / speed.mean()
     mean = float(speed.sum()) / speed.size

@@ -90,7 +90,8 @@ COMMANDS = ["groups MAP --bounce 45", "info MAP", "patrol map MAP --robots 1"]
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_prints_the_doubt_once_above_its_answer(tmp_path, capsys, command):
-    words = command.replace("MAP", str(save(tmp_path, ROOM, "trinary"))).split()
+    path = str(save(tmp_path, ROOM, "trinary"))
+    words = [path if word == "MAP" else word for word in command.split()]
     assert main([*words, "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)
