@@ -21,6 +21,7 @@ USES = {
     "base/test_results.py": (2, "Programs that wait for a signal, however late it comes."),
     "cli/robot/test_robot_alone.py": (1, "A process that hangs is ended after minutes."),
     "cli/test_view.py": (1, "A process that waits to be ended ends by itself if the test fails."),
+    "faults/test_addresses.py": (1, "A command that hangs is ended after minutes."),
     "faults/test_faults.py": (4, "Moments to interrupt at are random; a limit of minutes."),
     "mutations.py": (2, "Seconds of the processor: a reader takes a hundredth of them."),
     "record/test_robot.py": (1, "A process that waits to be killed, however long that takes."),

@@ -1,0 +1,36 @@
+"""Commands under a limit on addresses; `make faults` tries more limits."""
+
+import os
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from jaxcell import bundled
+
+
+LIMITS = [180, 300, 600, 1000] if os.environ.get("JAXCELL_FAULTS") else [300]
+COMMANDS = {
+    "localize": ["localize", str(bundled("maps/lab_a.json")), "--bounce", "45"],
+    "maps": ["maps"],
+    "sweep": ["sweep", str(bundled("sweeps/lab_groups.toml"))],
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="addresses are limited on Linux")
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_limit_of_addresses_hangs_or_has_a_traceback(limit, name, tmp_path):
+    command = [sys.executable, "-m", "jaxcell", *COMMANDS[name]]
+    script = f"ulimit -v {limit * 1000}; exec {shlex.join(command)}"
+    # OpenBLAS, which looks for memory forever, is ended only by SIGKILL.
+    ended = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, timeout=300, cwd=tmp_path
+    )
+    assert ended.returncode in (0, 2)
+    if ended.returncode == 2:
+        said = [line for line in ended.stderr.splitlines() if not line.startswith("reading")]
+        assert len(said) == 1
+        assert said[0].startswith(f"jaxcell {name}: ")
+        assert "memory" in said[0] or "addresses" in said[0]
