@@ -165,7 +165,9 @@ def _summed(
     index: Int[np.ndarray, "part"], rows: _Columns, size: int
 ) -> Float[np.ndarray, "sums columns"]:
     """Sum the rows that have the same index."""
-    return np.stack([np.bincount(index, column, size) for column in rows.T], axis=1)
+    # Sums of no rows would be whole numbers.
+    sums = [np.bincount(index, column, size) for column in rows.T]
+    return np.stack(sums, axis=1, dtype=np.float64)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
