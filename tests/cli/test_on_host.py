@@ -27,7 +27,7 @@ CALLS = {
         (matrix > 0.3).astype(int), np.zeros((2, 2))
     ),
     "jaxcell.space.cell_strides": lambda matrix: space.cell_strides(4, 1.0, matrix[0, 0]),
-    "jaxcell.optimize.mixture": lambda matrix: optimize.mixture(matrix, jnp.ones(2)),
+    "jaxcell.optimize.stackelberg": lambda matrix: optimize.stackelberg(matrix, -matrix),
     "jaxcell.bounce.plan": lambda matrix: bounce.plan(
         examples.corridor(directions=4), start=0, goal=1, bounces=matrix[0]
     ),
