@@ -24,7 +24,7 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     import numpy as np
 
     if isinstance(value, np.ndarray | list | tuple):
-        row = [one for one in np.asarray(value).tolist() if one != PADDING.get(about.kind)]
+        row = [entry for entry in np.asarray(value).tolist() if entry != PADDING.get(about.kind)]
         every = [format_value(one, about, cells) for one in row]
         if about.kind in ("cell", "position") and sum(len(one) + 2 for one in every) > _MAX_TEXT:
             every = [f"{about.kind}s {row[0]}", *map(str, row[1:])]

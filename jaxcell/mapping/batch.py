@@ -1,6 +1,7 @@
 """Batches of chains on the host: what depends on the possible steps only is computed once."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 
@@ -67,8 +68,12 @@ class Batch:
     def push(self, x: Float[np.ndarray, "cells #members"]) -> Float[np.ndarray, "ends members"]:
         """Compute the distributions one step later; the last row is for the sink."""
         later = np.zeros((self.cells + 1, max(x.shape[1], self.chance.shape[1])))
-        Sums.of(self.head).add(later, self.chance * x[self.tail])
+        self._arriving.add(later, self.chance * x[self.tail])
         return later
+
+    @functools.cached_property
+    def _arriving(self) -> Sums:
+        return Sums.of(self.head)
 
 
 def rows(array: np.ndarray, axes: int, lead: tuple[int, ...]) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..mapping.generalized import Chain, missing_rows
 from ..mapping.traced import implicit, like, on_host
 from .decision import DecisionModel, policy_chain
 from .moves import Moves, Policy, Usable
-from .solving.solve import LIMITS, solve_transient
+from .solving.solve import LIMITS, solve_signed, solve_transient
 from .traced import CERTIFIED, solve
 
 
@@ -258,11 +258,9 @@ class _Discounted:
         return float(total.value.max()) if enough[moves.allowed].all() else math.inf
 
     def _solve(self, policy: Policy, right: np.ndarray) -> Float[np.ndarray, "cells"]:
-        columns = np.stack([np.maximum(right, 0), np.maximum(-right, 0)], axis=1)
         step = (self.discount * self.moves.of_policy(policy)).tocsr()
         ending = np.maximum(_chosen(self.ending, policy), 0)
-        higher, lower = solve_transient(step, ending, columns)[0].T
-        return np.asarray(higher - lower)
+        return solve_signed(lambda columns: solve_transient(step, ending, columns)[0], right)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from ..mapping.batch import Batch
 from ..mapping.generalized import Chain
 from ..mapping.traced import implicit, like, on_host
 from .solving.rounds import eliminated
+from .solving.solve import solve_signed
 from .transient import Transient
 
 
@@ -85,12 +86,10 @@ def _solved(
     x, b = right.copy(), right[inside]
     if not b.any():
         return x
-    # Solvers expect numbers that are not negative.
-    signs = [sign for sign in (1, -1) if (sign * b).max() > 0]
-    columns = np.maximum(np.outer(b, signs), 0)
     part = Transient.of(matrix, inside)
-    solved = part.visited(columns) if adjoint else part.expect(columns).value[:, :-1]
-    x[inside] = solved @ signs
+    x[inside] = solve_signed(
+        lambda columns: part.visited(columns) if adjoint else part.expect(columns).value[:, :-1], b
+    )
     return x
 
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..walls import Aim, Homing, WallFilter, choose_angles, is_localized
-from .outcome import RunOutcome
+from .outcome import RunOutcome, count_agreed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
 
@@ -159,10 +159,7 @@ class SetFollower:
 
     def _confirm(self, known: bool) -> None:
         """Count the runs since the place was first known, and localize the robot after enough."""
-        if self.agreed is not None:
-            self.agreed += 1
-        elif known:
-            self.agreed = 0
+        self.agreed = count_agreed(self.agreed, known)
         if known and self.agreed is not None and self.agreed >= self.settings.confirm:
             self.result = "localized"
 

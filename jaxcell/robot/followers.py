@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 from ..automata import Belief, Evidence, Filter, Policy
 from ..automata.belief import NOWHERE, SMALL
 from ..automata.filter import CONFIRM
-from .outcome import RunOutcome, observed
+from .outcome import RunOutcome, count_agreed, observed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
 
@@ -48,10 +48,7 @@ class Follower(abc.ABC):
         self._update(observation)
         if self.result is not None:
             return
-        if self.agreed is not None:
-            self.agreed += 1
-        elif self._known:
-            self.agreed = 0
+        self.agreed = count_agreed(self.agreed, self._known)
         if self._known and self._confirmed:
             self.result = "localized"
 

@@ -26,6 +26,16 @@ class RunOutcome:
     "The possible cells of the robot according to the filter, policy or belief."
 
 
+def count_agreed(agreed: int | None, known: bool) -> int | None:
+    """Count an observation since the place of a robot was first known; `None` before.
+
+    `agreed` is the count before the observation, and `known` says if the place is known after it.
+    """
+    if agreed is not None:
+        return agreed + 1
+    return 0 if known else None
+
+
 def observed(reason: str, observations: str) -> str:
     """Append the observations of the robot to the sentence `reason`."""
     return f"{reason}; the robot observed {observations}"

@@ -299,7 +299,8 @@ def _usual_side(workspace: Workspace) -> float:
     """Return a round side of cells in metres, for at least as many positions as `_POSITIONS`."""
     most = math.sqrt(workspace.free_space.area / _POSITIONS)
     power = 10.0 ** math.floor(math.log10(most))
-    return max(one * power for one in (1.0, 2.0, 2.5, 5.0) if one * power <= most * (1 + TOLERANCE))
+    sides = [digit * power for digit in (1.0, 2.0, 2.5, 5.0)]
+    return max(side for side in sides if side <= most * (1 + TOLERANCE))
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:

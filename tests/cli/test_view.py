@@ -139,9 +139,9 @@ def test_without_a_display_other_commands_are_recommended(results, calls, monkey
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert main(["view", str(results)]) == 1
     assert calls == []
-    told = capsys.readouterr().err
-    assert "view --web" in told
-    assert f"rerun {shlex.quote(str(results / 'b.rrd'))}" in told
+    printed = capsys.readouterr().err
+    assert "view --web" in printed
+    assert f"rerun {shlex.quote(str(results / 'b.rrd'))}" in printed
 
 
 @pytest.mark.parametrize("name", ["nothing", "empty", "text.rrd"])

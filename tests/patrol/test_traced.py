@@ -162,7 +162,7 @@ def test_times_on_a_perimeter_have_the_derivatives_of_a_gambler():
 
 
 def test_the_law_on_a_perimeter_has_the_derivatives_of_its_polynomials():
-    """Of two robots two apart, one is in segment 1 after each step; three apart, after a walk."""
+    """The probability of a visit after each step is a polynomial of p with a term for each way."""
     robots = perimeter.Perimeter(6, 2, perimeter.Movement.BMP)
     slope = jax.jit(jax.jacrev(lambda p: perimeter.hitting_law(robots, p, 3)))(0.3)
     # Segment 1: ahead at once with p; back, and back again; back, ahead, ahead.

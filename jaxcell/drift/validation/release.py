@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...mapping import Chain, ChainSequence
+from ...mapping.sequence import as_sequence
 from ..flow import Flow, steps_in
 from ..water import Water
 from .drifters import total_variation
@@ -72,14 +73,12 @@ def release_distance(
     steps = sorted({steps_in(3600 * hour, seconds) for hour in hours})
     at = np.array(steps) * seconds / 3600
     replay = Replay.of(water, flow, at.tolist(), _SAMPLING, cells)
-    phases = chain.phases if isinstance(chain, ChainSequence) else 1
-    matrices = [
-        (chain.at(phase) if isinstance(chain, ChainSequence) else chain).to_scipy().T.tocsr()
-        for phase in range(min(phases, steps[-1]))
-    ]
+    sequence = as_sequence(chain)
+    phases = range(min(sequence.phases, steps[-1]))
+    matrices = [sequence.at(phase).to_scipy().T.tocsr() for phase in phases]
     by_map, mapped = (np.arange(water.cells)[:, None] == cells).astype(float), []
     for step in range(steps[-1]):
-        by_map = matrices[step % phases] @ by_map
+        by_map = matrices[step % sequence.phases] @ by_map
         if step + 1 in steps:
             mapped.append(by_map)
     variation, noise = np.zeros((2, cells.size, at.size))

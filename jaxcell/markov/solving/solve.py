@@ -75,6 +75,14 @@ _ROUNDS = 6
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
+def solve_signed(
+    solve: Callable[[Columns], Columns], right: Float[np.ndarray, "rows"]
+) -> Float[np.ndarray, "rows"]:
+    """Solve linear equations for `right` by a function that expects columns of numbers from 0."""
+    signs = [sign for sign in (1, -1) if (sign * right).max(initial=0) > 0]
+    return np.asarray(solve(np.maximum(np.outer(right, signs), 0)) @ signs)
+
+
 def solve_transient(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows"],

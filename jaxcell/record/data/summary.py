@@ -76,7 +76,7 @@ def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
         return places if array.ndim else places[0]
     if about.kind in PADDING and array.ndim == 2:
         padding = PADDING[about.kind]
-        return [[one for one in row if one != padding] for row in array.tolist()]
+        return [[entry for entry in row if entry != padding] for row in array.tolist()]
     if array.dtype.kind == "f":
         return _finite(array.tolist())
     return array.tolist()

@@ -137,7 +137,7 @@ def test_the_grid_of_croco_may_be_in_another_file(tmp_path):
 
 
 def averages(dataset, name):
-    """One component, with the second variable of time that XIOS writes beside that of records."""
+    """Describe one component as XIOS writes it: with a second variable of time beside `time`."""
     middle = dataset.time.variable.copy()
     bounds = np.stack([middle.values - 0.5, middle.values + 0.5], axis=1)
     more = {"time_centered": middle, "time_centered_bounds": (("time", "axis_nbounds"), bounds)}

@@ -26,7 +26,7 @@ def run(lon, since, name="trajectory"):
 
 
 def one_drifter(label, lon, since="1970-01-01"):
-    """One drifter in a file of its own, as a ragged array with its label."""
+    """Describe a single drifter as a dataset: a ragged array with its label."""
     about = {"units": f"seconds since {since} 00:00:00"}
     return xr.Dataset(
         {
@@ -75,8 +75,8 @@ def test_files_of_different_layouts_are_joined(tmp_path):
 
 
 def test_a_drogue_that_some_files_do_not_tell_is_not_known(tmp_path):
-    told = one_drifter(1, [1.0, 1.1]).assign(drogue_status=("obs", [1, 0]))
-    paths = write(tmp_path, a=told, b=one_drifter(2, [2.0, 2.1]))
+    known = one_drifter(1, [1.0, 1.1]).assign(drogue_status=("obs", [1, 0]))
+    paths = write(tmp_path, a=known, b=one_drifter(2, [2.0, 2.1]))
     with pytest.warns(Doubt, match="a.nc, b.nc: the drogue is known in 1 of 2 files"):
         seen = drift.open_trajectories(paths)
     assert seen.drogued is None
@@ -92,7 +92,7 @@ def test_a_file_that_is_no_trajectory_is_named(tmp_path):
 
 
 def test_the_command_counts_a_fix_without_satellites(tmp_path, capsys):
-    """One fix at 0 N 0 E of two drifters at 60 N, which else move by 0.1 degrees an hour."""
+    """Two drifters at 60 N move by 0.1 degrees per hour; one of them has a fix at 0 N 0 E."""
     lon = 5 + 0.1 * np.array([np.arange(30), np.arange(30)])
     dataset = run(lon, "2020-01-01")
     dataset["lon"][1, 10] = dataset["lat"][1, 10] = 0.0
