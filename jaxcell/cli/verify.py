@@ -93,7 +93,10 @@ class Verify(Printing):
         except ValueError as error:
             manifest = None
             damage.append(str(error))
-            ways.append(f"its options are lost; to replace it, run its command with --out {folder}")
+            ways.append(
+                f"its other files were not checked, because their digests are in {MANIFEST}; to "
+                f"replace the result, run its command again with --out {folder}"
+            )
         if manifest is not None:
             strangers = manifest.strangers(folder)
             lost = [name for name in manifest.damage(folder) if name not in strangers]

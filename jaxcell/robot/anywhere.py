@@ -164,6 +164,15 @@ class SetFollower:
             self.result = "localized"
 
     @property
+    def _advice(self) -> str:
+        if self.settings.filter.errors.displacement:
+            return ""
+        return (
+            ", which have no `displacement`: for a robot with a bumper make the task with "
+            "--errors displacement=0.06, or twice the way that it backs off"
+        )
+
+    @property
     def known_extent(self) -> float | None:
         """The extent of the set in metres, or `None` before the first bump and if it is empty."""
         return round(self.extent, 4) if math.isfinite(self.extent) else None
@@ -230,7 +239,7 @@ class SetFollower:
             "arrived": f"at the goal after {self.bumps} bumps, {where}",
             "refuted": (
                 f"the first {self.bumps} runs are impossible from every place in the room: the map "
-                "is wrong, or the errors of the robot are larger than their bounds"
+                f"is wrong, or the errors of the robot are larger than their bounds{self._advice}"
             ),
             None: unknown,
         }[self.result]

@@ -109,11 +109,14 @@ class Follower(abc.ABC):
     @property
     def refuted(self) -> str:
         """A sentence that explains the result `"refuted"`."""
-        return (
+        reason = (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
             f"occur in the map of the {self.kind} after the observations before it: the robot is "
             "on another map, or it slipped"
         )
+        if self.agreed is not None:
+            reason += f" (its place was known, and {self.agreed} more observations had agreed)"
+        return reason
 
     @property
     def places(self) -> str:
@@ -131,10 +134,7 @@ class Follower(abc.ABC):
         if self.result == "localized":
             reason = self.localized
         elif self.result == "refuted":
-            reason, cells = self.refuted, ()
-            if self.agreed is not None:
-                reason += f" (its place was known, and {self.agreed} more observations had agreed)"
-            reason = observed(reason, self.observations)
+            reason, cells = observed(self.refuted, self.observations), ()
         elif self.agreed is not None:
             reason = f"not confirmed by {self._proof}: {self.localized}"
         else:

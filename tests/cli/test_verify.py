@@ -123,7 +123,8 @@ def test_every_damage_has_a_way_on(tmp_path, capsys, monkeypatch):
     Path("lab/result.json").write_text("")
     assert main(["verify", "--mend", "lab"]) == 1
     said = capsys.readouterr().err
-    assert "\nlab: its options are lost; to replace it, run its command with --out lab\n" in said
+    assert "\nlab: its other files were not checked" in said
+    assert "replace the result, run its command again with --out lab\n" in said
     assert main(line.split()) == 0
     assert main(["verify", "lab"]) == 0
 

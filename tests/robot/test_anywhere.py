@@ -73,6 +73,16 @@ def test_another_map_is_refuted(task):
     outcome = robot.run_anywhere(walker, task.settings, limit=60)
     assert outcome.result == "refuted"
     assert "the map is wrong" in outcome.reason
+    assert "--errors" not in outcome.reason
+
+
+def test_the_option_for_a_bumper_is_named_where_the_task_lacks_it(tmp_path):
+    save_anywhere(tmp_path / "anywhere.json", HALL, **FIELDS | {"errors": {"distance": 0.05}})
+    settings = robot.load_task(tmp_path / "anywhere.json").settings
+    walker = robot.Walker(SimulatedCreate(Body(HALL, (4.0, 1.0, 1.0), give=0.06)), 1.0)
+    outcome = robot.run_anywhere(walker, settings, limit=60)
+    assert outcome.result == "refuted"
+    assert "--errors displacement=0.06" in outcome.reason
 
 
 def test_a_robot_without_walls_stops_within_the_size_of_its_room(task):

@@ -1,6 +1,7 @@
 """The outcome of a run: computed from its log, printed, and described in the folder of the run."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,13 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
         rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
     else:
         truth, space = summary["emulated"], emulation.cells
-        end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
-        rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
+        if "place" in summary:
+            x, y, theta = emulation.pose
+            ends = _pose(x, y, math.degrees(theta)), _pose(*truth["pose"])
+        else:
+            end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
+            ends = configuration(space, truth["start"]), end
+        rows += zip(("started at", "is at"), ends, strict=True)
         if cells:
             # The task may be of another map, and end in a cell that the emulated map does not have.
             places = (
@@ -64,6 +70,11 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
             among = "yes" if truth["truth_is_a_candidate"] else "NO"
             rows.append(("the truth is among them", among))
     table(title, ("", ""), rows)
+
+
+def _pose(x: float, y: float, heading: float) -> str:
+    """Format a pose in metres and degrees."""
+    return f"({x:z.2f} m, {y:z.2f} m, {heading % 360:z.1f}°)"
 
 
 def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:

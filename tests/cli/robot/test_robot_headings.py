@@ -1,5 +1,7 @@
 """The heading of a robot at the start, and the travel of an emulated bumper."""
 
+import re
+
 import pytest
 from robot_files import LAB, SPEC, run, save_policy, simulated
 from wheels import bounce_filter, map_cells
@@ -43,6 +45,8 @@ def test_a_robot_whose_set_has_lost_the_truth_exits_with_status_1(tmp_path, caps
         assert found["result"] == "localized"
         assert found["emulated"]["truth_is_a_candidate"] is not lost
         assert status == lost
+    assert RobotRun(file=path, simulate=there, start="21,1,20", speedup=1e6, confirm=0).run() == 1
+    assert re.search(r"started at *│ \(21\.00 m, 1\.00 m, 20\.0°\)", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("step", [1.0, 1.4])
