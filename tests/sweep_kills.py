@@ -146,12 +146,15 @@ def kill(
             shutil.copytree(begun, folder)
         # Half of the kills at a moment, half at an operation on a file.
         if engine == "local" and rng.random() < 0.5:
-            events = rng.randrange(200 if begun else 60)
+            # Chunks are computed by the first few operations; then the result is written.
+            computing = chunks_done(folder) < spec.chunk_count
+            events = rng.randrange(200 if begun else 20 if computing else 60)
             killed = ended(forked(spec, folder, engine, events))
         else:
             process = forked(spec, folder, engine)
             if engine == "local":
-                time.sleep(rng.uniform(0, lasts))
+                # Every third run ends before its moment.
+                time.sleep(rng.uniform(0, 1.5 * lasts))
             else:
                 # Its workers take a long and unknown time to start.
                 await_chunks(folder, rng.randrange(spec.chunk_count))
