@@ -1,5 +1,7 @@
 """Control this process: display, output, signals, and threads of linear algebra."""
 
+import _thread
+import collections
 import contextlib
 import ctypes
 import errno
@@ -8,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from types import FrameType
 from typing import Any
@@ -109,13 +112,14 @@ def library_writes(name: str) -> Iterator[None]:
 def end_by_signals() -> list[signal.Signals]:
     """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks clean up.
 
+    These signals and SIGINT wait until a module is imported, at most a few seconds.
     **Returns:** the signals that now have a new handler; an empty list outside the main thread.
     """
     handled = []
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) == signal.SIG_DFL:
-                signal.signal(number, _exit)
+        for number, default in _DEFAULTS.items():
+            if signal.getsignal(number) == default:
+                signal.signal(number, _end)
                 handled.append(number)
     return handled
 
@@ -123,29 +127,48 @@ def end_by_signals() -> list[signal.Signals]:
 def leave_signals(handled: Sequence[signal.Signals]) -> None:
     """Restore the default handlers of the signals that [`end_by_signals`][] returned."""
     for number in handled:
-        signal.signal(number, signal.SIG_DFL)
+        signal.signal(number, _DEFAULTS[number])
 
 
-def _exit(number: int, frame: FrameType | None) -> None:
-    while frame is not None:
-        if frame.f_code.co_name in _CALLED_BY_COMPILED_CODE:
+def _end(number: int, frame: FrameType | None) -> None:
+    while frame is not None and _postponed[number] < _MOST:
+        code = frame.f_code
+        if code.co_name in _CALLED_BY_COMPILED_CODE or code.co_name == _IMPORTING:
+            _postponed[number] += 1
             _send_again(number)
             return
         frame = frame.f_back
+    _postponed[number] = 0
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     _received.append(number)
     raise SystemExit(128 + number)
 
 
+_DEFAULTS: dict[signal.Signals, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 # Compiled code calls these methods in hash tables. JAX makes another error of an exception there,
 # and C++ may abort.
 _CALLED_BY_COMPILED_CODE = ("__eq__", "__hash__")
+# The function of Python that imports a module. Compiled modules abort if an import in them fails,
+# and others take a signal for an error of theirs.
+_IMPORTING = "_find_and_load"
 _received: list[int] = []
-# Seconds after which a signal is sent again.
-_AGAIN = 0.05
+# Seconds after which a signal is sent again, and the most times that it is.
+_AGAIN, _MOST = 0.05, 200
+_postponed: collections.Counter[int] = collections.Counter()
 
 
 def _send_again(number: int) -> None:
-    threading.Timer(_AGAIN, os.kill, [os.getpid(), number]).start()
+    def send() -> None:
+        time.sleep(_AGAIN)
+        os.kill(os.getpid(), number)
+
+    # `threading.Thread` takes a lock, which the interrupted code may have taken.
+    _thread.start_new_thread(send, ())
 
 
 def is_ending() -> bool:

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, TextIO
 
 from .. import __version__
 from .documents import Fields, NewerVersionError, decode_json, read_text, refused
-from .paths import digest
+from .paths import digest, replacing
 from .process import signals_deferred
 from .revision import git_revision
 
@@ -102,7 +102,7 @@ class Manifest:
     def write(self, folder: Path) -> None:
         document = {"format": _FORMAT, "version": _VERSION, **dataclasses.asdict(self)}
         text = json.dumps({**document, "sha256": _digest(document)}, indent=2)
-        with (folder / MANIFEST).open("w", encoding="utf-8") as file:
+        with replacing(folder / MANIFEST) as path, path.open("w", encoding="utf-8") as file:
             file.write(text + "\n")
             file.flush()
             os.fsync(file.fileno())

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import tyro
 
 from .. import automata, patrol, space, sweep
+from ..base.documents import Fields
 from ..base.paths import visible
 from ..base.results import MANIFEST, Manifest, check_result
 from .output import Printing
@@ -200,6 +201,7 @@ def _json(path: Path) -> dict[str, Any]:
         case {"nodes": _}:
             return _graph(path)
         case {"command": command}:
+            Fields(fields, f"{path}: ").check_version(1)
             plain = {key: value for key, value in fields.items() if not isinstance(value, dict)}
             plain.pop("command")
             return {"what": f"the summary of {command}", **plain}

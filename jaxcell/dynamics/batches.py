@@ -23,6 +23,8 @@ CHUNK = 1 << 18
 """Number of cells that are computed at once, to limit the memory needed besides the results."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
+# The last rows that a program of their own advances, and the stages after which it is worth it.
+_LAST, _MANY = 64, 16
 
 
 def slices(size: int) -> Iterator[slice]:
@@ -76,7 +78,7 @@ def in_stages(
     """
     left, results = np.arange(len(state[0])), None
     for k in itertools.count():
-        size = bucket(left.size) if k == 0 and left.size > _FEW else _coarse(left.size)
+        size = bucket(left.size) if k == 0 and left.size > _FEW else _coarse(left.size, k)
         after = stage(tuple(with_last(rows, size) for rows in state), k)
         state, ended, parts = jax.tree.map(lambda rows, n=left.size: np.asarray(rows)[:n], after)
         results = results or tuple(np.empty_like(rows) for rows in parts)
@@ -88,8 +90,10 @@ def in_stages(
     return results or ()
 
 
-def _coarse(rows: int) -> int:
-    """Round a number of rows up to the next power of 4, at least 1,024."""
+def _coarse(rows: int, k: int) -> int:
+    """Round a number of rows in stage `k` up to the next power of 4, at least 1,024, or to 64."""
+    if rows <= _LAST and k >= _MANY:
+        return _LAST
     return max(1 << 10, 4 ** math.ceil(math.log(rows, 4)))
 
 

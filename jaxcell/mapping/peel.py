@@ -28,11 +28,12 @@ _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 def periodic_groups(image: npt.ArrayLike) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    It works under `jit` and `vmap`; a batch of maps that is divided among devices stays divided. On
-    a CPU it maps every cell once. If the map is large, and many of its cells have no preimage,
-    these cells are removed first, except under `jit`. On an accelerator it squares the map
-    repeatedly, `f, f^2, f^4, ...`: the number of rounds is about the binary logarithm of the
-    longest transient or period, and a round is a few gather operations.
+    It works under `jit` and `vmap`, where images that are out of range are not refused; a batch of
+    maps that is divided among devices stays divided. On a CPU it maps every cell once. If the map
+    is large, and many of its cells have no preimage, these cells are removed first, except under
+    `jit`. On an accelerator it squares the map repeatedly, `f, f^2, f^4, ...`: the number of rounds
+    is about the binary logarithm of the longest transient or period, and a round is a few gather
+    operations.
 
     **Arguments:** the image of each cell; a sink needs a cell of its own. **Returns:** the group
     and the step of each cell.

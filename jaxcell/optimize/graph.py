@@ -1,5 +1,6 @@
 import dataclasses
 import operator
+import warnings
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
@@ -7,8 +8,13 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
+from ..base.doubts import Doubt
 from .checked import finite, one_each
 from .geographic import degrees, great_circles, in_metres, positioned
+
+
+# Attributes of edges that people give for a length.
+_UNREAD = frozenset({"weight", "distance", "travel_time"})
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -37,10 +43,12 @@ class Graph:
     ) -> None:
         """Create a graph from its edges, or from an undirected graph of networkx.
 
-        Vertices of a networkx graph are numbered in its order. Its node attributes `x` and `y`, or
-        `pos`, are positions, and its edge attribute `length` is the length of an edge, in metres;
-        other attributes are ignored. Positions `lon` and `lat`, or `x` and `y` if the attribute
-        `crs` of the graph is geographic, are degrees and become metres, with lengths on the Earth.
+        Nodes 0, 1, ... of a networkx graph, in any order, are the vertices with these numbers;
+        other nodes are numbered in its order. Its node attributes `x` and `y`, or `pos`, are
+        positions, and its edge attribute `length` is the length of an edge, in metres; other
+        attributes are ignored, with a doubt if edges without a length have a `weight`. Positions
+        `lon` and `lat`, or `x` and `y` if the attribute `crs` of the graph is geographic, are
+        degrees and become metres, with lengths on the Earth.
 
         **Arguments:**
 
@@ -53,8 +61,8 @@ class Graph:
         """
         names: Sequence[Hashable] | None = None
         if hasattr(edges, "is_multigraph"):
-            names = list(edges)
-            edges, xy, ways = _of_networkx(edges, xy, ways)
+            names = _numbered(edges)
+            edges, xy, ways = _of_networkx(edges, names, xy, ways)
             vertices = len(names) if vertices is None else vertices
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
@@ -93,14 +101,22 @@ class Graph:
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
 
 
-def _of_networkx(network: Any, xy: Any, ways: Any) -> tuple[Any, Any, Any]:
+def _numbered(network: Any) -> Sequence[Hashable]:
+    """List the nodes of a networkx graph by their number: by name if the names are 0, 1, ..."""
+    nodes = list(network)
+    return range(len(nodes)) if set(nodes) == set(range(len(nodes))) else nodes
+
+
+def _of_networkx(
+    network: Any, names: Sequence[Hashable], xy: Any, ways: Any
+) -> tuple[Any, Any, Any]:
     """Return the edges of a networkx graph, and its positions and lengths if none are given."""
     if network.is_directed():
         raise ValueError(
             "edges: the networkx graph is directed; expected an undirected graph, such as that of "
             "its method to_undirected"
         )
-    number = {name: vertex for vertex, name in enumerate(network)}
+    number = {name: vertex for vertex, name in enumerate(names)}
     edges = [[number[tail], number[head]] for tail, head in network.edges()]
     if not edges:
         raise ValueError("edges: the networkx graph has no edges")
@@ -109,8 +125,8 @@ def _of_networkx(network: Any, xy: Any, ways: Any) -> tuple[Any, Any, Any]:
         lengths = [length for *_, length in network.edges(data="length")]
         ways = _all_or_none(lengths, network.edges(), "length, but other edges have")
     if xy is None:
-        crs, nodes = network.graph.get("crs"), network.nodes(data=True)
-        attributes = [positioned(node, crs) for _, node in nodes]
+        crs = network.graph.get("crs")
+        attributes = [positioned(network.nodes[name], crs) for name in names]
         plane = [
             (node["x"], node["y"]) if {"x", "y"} <= node.keys() else node.get("pos")
             for node in attributes
@@ -126,6 +142,16 @@ def _of_networkx(network: Any, xy: Any, ways: Any) -> tuple[Any, Any, Any]:
                 )
             return ends, in_metres(places), great_circles(places, ends) if ways is None else ways
         xy = _all_or_none(plane, number, "position x, y or pos, but other vertices have")
+    unread = _UNREAD.intersection(*(values for *_, values in network.edges(data=True)))
+    if ways is None and unread:
+        of_each = "1 m" if xy is None else "the distance of its ends"
+        warnings.warn(
+            f"edges: the networkx graph has no `length` of edges, and its `{min(unread)}` is not "
+            f"read: the length of each edge is {of_each}; give lengths as `length` or `ways`, in "
+            "metres",
+            Doubt,
+            stacklevel=4,
+        )
     return ends, xy, ways
 
 

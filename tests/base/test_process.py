@@ -1,3 +1,4 @@
+import importlib
 import signal
 import subprocess
 import sys
@@ -61,6 +62,27 @@ def test_a_signal_whose_exception_is_discarded_comes_again(number, status):
         process.send_signal(number)
         process.stdout.read()
     assert process.returncode == status
+
+
+@pytest.mark.parametrize(
+    ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_a_signal_waits_until_a_module_is_imported(number, error, tmp_path, monkeypatch):
+    """Compiled modules may abort the process if an import in them is interrupted."""
+    name = f"interrupted_{number}"
+    text = f"import signal\nsignal.raise_signal({int(number)})\nwhole = True\n"
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(process, "_received", [])
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    handled = process.end_by_signals()
+    try:
+        assert importlib.import_module(name).whole
+        with pytest.raises(error):
+            wait_until(lambda: False)
+    finally:
+        process.leave_signals(handled)
+        signal.signal(signal.SIGINT, before)
 
 
 class Interrupted:

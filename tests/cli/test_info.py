@@ -33,6 +33,10 @@ def test_files_of_a_command_are_described(results, capsys):
     summary = describe(results / "summary.json")
     assert summary["what"] == "the summary of jaxcell localize"
     assert summary["periodic_groups"] == 1
+    newer = results.parent / "summary.json"
+    newer.write_text((results / "summary.json").read_text().replace('"version": 1', '"version": 9'))
+    with pytest.raises(ValueError, match=r"summary\.json: version: expected at most 1, got 9"):
+        describe(newer)
     names = ["filter.jxf", "groups.nc", "localization.nc", "localization.rrd", "summary.json"]
     described = describe(results)
     assert (described["what"], described["files"]) == ("a result", names)

@@ -2,6 +2,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from jaxcell.base.doubts import Doubt
 from jaxcell.optimize import Graph
 
 
@@ -26,6 +27,32 @@ def test_graph_of_networkx_has_its_vertices_and_edges(network):
     assert ends(graph, list(network)) == set(map(frozenset, network.edges()))
     assert graph.xy is None
     assert graph.ways is None
+
+
+def test_vertices_of_networkx_keep_their_numbers_in_any_order():
+    """A star about 0 and a path 3, 1, 0, 2, whose nodes networkx lists in order of appearance."""
+    star = Graph(nx.Graph([(2, 0), (0, 1)]))
+    assert {frozenset(edge) for edge in star.edges.tolist()} == {
+        frozenset((2, 0)),
+        frozenset((0, 1)),
+    }
+    network = nx.Graph([(3, 1), (1, 0), (0, 2)])
+    nx.set_node_attributes(network, {k: (10.0 * k, 0.0) for k in range(4)}, "pos")
+    path = Graph(network)
+    assert path.edges.tolist() == [[3, 1], [1, 0], [0, 2]]
+    assert path.xy[:, 0].tolist() == [0, 10, 20, 30]
+    named = Graph(nx.Graph([("hall", "attic"), ("attic", "cellar")]))
+    assert named.edges.tolist() == [[0, 1], [1, 2]]
+
+
+@pytest.mark.parametrize("name", ["weight", "distance", "travel_time"])
+def test_lengths_under_other_names_are_doubted(name):
+    network = nx.Graph()
+    network.add_edge("a", "b", **{name: 2.5})
+    network.add_edge("b", "c", **{name: 9.0})
+    with pytest.warns(Doubt, match=f"its `{name}` is not read: the length of each edge is 1 m"):
+        assert Graph(network).lengths.tolist() == [1, 1]
+    assert Graph(network, ways=[2.5, 9]).lengths.tolist() == [2.5, 9]
 
 
 def test_graph_of_networkx_keeps_vertices_without_edges():

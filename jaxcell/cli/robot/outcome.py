@@ -19,6 +19,7 @@ from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
 from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.team import replay_member
+from ...space import CellSpace
 from ..output import Printing, option_words
 from ..terminal import table
 from .emulation import Emulation
@@ -31,8 +32,16 @@ _COMMANDS = {"RobotRun": ("robot", "run"), "RobotReplay": ("robot", "replay")}
 _SIDES = ("East", "North", "West", "South")
 
 
-def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None) -> None:
-    """Print the outcome of a run as a table."""
+def show(
+    title: str,
+    summary: dict[str, Any],
+    emulation: Emulation | None = None,
+    own: CellSpace | None = None,
+) -> None:
+    """Print the outcome of a run as a table.
+
+    `own` are the cells of the task, or `None` if its map is not found.
+    """
     observed, cells = summary["observations"], summary["cells"]
     rows: list[tuple[str, object]] = [
         ("result", summary["result"]),
@@ -60,9 +69,8 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
             ends = configuration(space, truth["start"]), end
         rows += zip(("started at", "is at"), ends, strict=True)
         if cells:
-            # The task may be of another map, and end in a cell that the emulated map does not have.
             places = (
-                configuration(space, z) if z < space.size else f"{z}, of another map"
+                f"cell {z} of another map" if own is None else configuration(own, z)
                 for z in cells[:8]
             )
             rows.append(("may be at", "\n".join(places)))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
+from ...base.bundled import bundled
 from ...base.paths import name_in_results
 from ...robot.tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ...space import CellSpace, Workspace
@@ -56,7 +57,9 @@ def cells_of(task: AnyTask) -> CellSpace | None:
     """Divide the map of a task into cells; `None` if the task names no map, or it is not found."""
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
-        workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
+        name = str(about["map"])
+        map = Workspace.load(bundled(name) if name.startswith("@") else name)
+        workspace = dataclasses.replace(map, robot_radius=task.radius)
         cells = CellSpace.of(workspace, task.cell, task.directions)
         return cells if _is_map(cells, about) else None
     return None

@@ -21,7 +21,7 @@ class RobotReplay(Printing):
     """Folder for run.rrd, a recording of the run. This needs Rerun, which a robot may not have."""
 
     def run(self) -> int:
-        from ...base.paths import digest
+        from ...base.paths import digest, replacing
         from ...base.results import Manifest
         from ...robot import load_task, read_log
         from .outcome import LOG, RECORDING, describe, replayed, show
@@ -37,13 +37,17 @@ class RobotReplay(Printing):
         if self.out is not None:
             before = Manifest.read(self.out)
             if before is not None:
-                if before.files.get(LOG) != digest(self.log):
+                if digest(self.log) not in (before.files.get(LOG), *before.inputs.values()):
                     raise ValueError(f"--out {self.out}: it has the files of another run")
                 if damaged := set(before.damage(self.out)) - {RECORDING}:
                     raise ValueError(f"--out {self.out}: damaged: {', '.join(sorted(damaged))}")
             path = Path(run.header["file"]) if self.file is None else self.file
             task, pose = load_task(path, run.header.get("robot")), run.header.get("pose")
-            with recording_of(task, self.out / RECORDING, start=pose) as recording:
+            self.out.mkdir(parents=True, exist_ok=True)
+            with (
+                replacing(self.out / RECORDING) as file,
+                recording_of(task, file, start=pose) as recording,
+            ):
                 for event in run.events:
                     fields = {name: value for name, value in event.items() if name != "event"}
                     recording.event(event["event"], fields)

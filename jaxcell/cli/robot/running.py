@@ -25,6 +25,7 @@ from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import AnyTask, FilterTask, PolicyTask, other_rooms
 from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.walker import Drivable
+from ...space import CellSpace
 from ..output import write_text
 from ..terminal import note, note_results, say, status
 from ..view import shown_live
@@ -163,6 +164,7 @@ class _Run:
         if outcome.result == "localized" and isinstance(self.task, FilterTask | PolicyTask):
             summary |= other_rooms(self.task, confirm)
         truth: dict[str, Any] = {}
+        cells: CellSpace | None = None
         if self.emulation is not None:
             task = self.task
             back = 0.0
@@ -175,7 +177,7 @@ class _Run:
         if options.json:
             say(json.dumps(summary))
         else:
-            show(options.file.name, summary, self.emulation)
+            show(options.file.name, summary, self.emulation, cells)
             if options.out is not None:
                 note_results(options.out)
         if options.out is not None and not has_module("rerun"):

@@ -1,6 +1,7 @@
 import json
 import math
 import shlex
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -48,6 +49,12 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(tmp_path, capsys):
     assert code == 0
     for name in ("result", "observations", "colors", "cells", "reason"):
         assert again[name] == answer[name]
+    replay = RobotReplay(log=log, file=moved, out=seen, json=True)
+    full = mock.patch("jaxcell.record.RobotRecording.event", side_effect=OSError("full"))
+    with full, pytest.raises(OSError, match="full"):
+        replay.run()
+    assert sorted(path.name for path in seen.iterdir()) == ["result.json", "run.rrd"]
+    assert run(replay, capsys)[0] == 0
     chunks = [RrdReader(folder / "run.rrd").stream().to_chunks() for folder in (out, seen)]
     here, there = ({chunk.entity_path for chunk in each} for each in chunks)
     assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= here <= there
@@ -174,13 +181,15 @@ def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_pa
     assert app.read(words[1:])[1].start == "-0.5,1,90"
 
 
-def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
+def test_cells_of_a_map_that_is_not_found_are_shown_by_their_numbers(capsys):
     emulated = {"start": 0, "end": 1, "truth_is_a_candidate": False}
     summary = {"result": "localized", "reason": "", "observations": "01", "cells": [0, 5000]}
-    show("belief.jxb", summary | {"emulated": emulated}, Emulation(None, LAB, 0, (0.5, 0.5, 0.0)))
-    shown = capsys.readouterr().out
-    assert "0 (0.5 m, 0.5 m, 0°)" in shown
-    assert "5000, of another map" in shown
+    emulation = Emulation(None, LAB, 0, (0.5, 0.5, 0.0))
+    show("belief.jxb", summary | {"emulated": emulated}, emulation)
+    assert "cell 5000 of another map" in capsys.readouterr().out
+    show("belief.jxb", summary | {"emulated": emulated, "cells": [0]}, emulation, LAB)
+    assert "may be at" in (shown := capsys.readouterr().out)
+    assert shown.count("cell 0 (0.5 m, 0.5 m, 0°)") == 2
 
 
 def test_logs_of_another_task_cannot_be_resumed(filter_file, tmp_path):

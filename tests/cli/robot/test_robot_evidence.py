@@ -2,16 +2,21 @@
 
 import dataclasses
 import json
+import math
 
+import numpy as np
 import pytest
 from robot_files import LAB, SPEC, run, save_filter, save_policy, simulated
 from wheels import MAPS, bounce_filter, orbit
 
 from jaxcell.automata import Policy
 from jaxcell.automata.filter import CONFIRM
+from jaxcell.base.bundled import bundled
+from jaxcell.base.formatting import configuration
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.robot import read_log
 from jaxcell.robot.tasks.files import load_task, other_rooms
+from jaxcell.space import Workspace
 
 
 def wrong_run(folder, **about):
@@ -35,6 +40,26 @@ def test_a_wrong_answer_of_an_emulated_robot_has_exit_status_1(place, as_json, t
             assert code == 1
             return
     pytest.fail("no robot was localized")
+
+
+def test_cells_are_those_of_the_map_of_the_task(tmp_path, capsys):
+    """In a lab with a lower obstacle the robot is localized to the pose of Lab A where it is."""
+    lab = Workspace.load(bundled("lab_a"))
+    path = tmp_path / "filter.jxf"
+    about = {**SPEC, "name": lab.name, "positions": 19, "map": "@lab_a", "bounce_deg": 135}
+    bounce_filter(LAB, 135, metadata=about).save(path)
+    lower = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]])
+    dataclasses.replace(lab, obstacles=(lower, lab.obstacles[1])).save(tmp_path / "lower.json")
+    command = simulated(path, start="0.5,0.5,135", heading=135.0)
+    command = dataclasses.replace(command, simulate=tmp_path / "lower.json")
+    code, answer = run(command, capsys)
+    assert (code, answer["result"]) == (0, "localized")
+    assert answer["emulated"]["truth_is_a_candidate"] is True
+    x, y, heading = answer["emulated"]["pose"]
+    assert answer["cells"] == [int(LAB.index(x, y, math.radians(heading)))]
+    assert dataclasses.replace(command, json=False).run() == 0
+    shown = " ".join(capsys.readouterr().out.replace("│", "").split())
+    assert f"may be at {configuration(LAB, answer['cells'][0])}" in shown
 
 
 def test_a_run_confirms_its_answer_and_its_log_says_by_how_much(tmp_path, capsys):
