@@ -117,12 +117,20 @@ class Manifest:
 
     def strangers(self, folder: Path) -> list[str]:
         """Name the files of the folder that have the identifier of another run."""
-        files = (path.name for path in sorted(folder.iterdir()) if path.name not in self.files)
-        return [name for name in files if self.is_stranger(folder / name)]
+        return [name for name in self.unlisted(folder) if self.is_stranger(folder / name)]
+
+    def unlisted(self, folder: Path) -> list[str]:
+        """Name the visible files of the folder that the result does not list."""
+        known = {MANIFEST, *self.files}
+        return [
+            path.name
+            for path in sorted(folder.iterdir())
+            if path.name not in known and path.is_file() and not path.name.startswith(".")
+        ]
 
     def is_stranger(self, path: Path) -> bool:
         """Check whether a file that is not listed has the identifier of another run."""
-        run = None if path.name == MANIFEST else _run_of(path)
+        run = _run_of(path)
         return run is not None and run != self.run_id
 
 

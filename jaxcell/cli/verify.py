@@ -58,6 +58,10 @@ class Verify(Printing):
                 note(f"damaged: {report['folder']}: {line}")
             if (more := len(report["damaged"]) - _MAX_LISTED) > 0:
                 note(f"... and {more:,} others")
+            if unlisted := report["unlisted"]:
+                listed = ", ".join(unlisted[:_MAX_LISTED])
+                listed += ", ..." * (len(unlisted) > _MAX_LISTED)
+                note(f"{report['folder']}: not checked, because not of this result: {listed}")
             for way in report["ways"]:
                 note(f"{report['folder']}: {way}")
         return 0 if whole else 1
@@ -72,13 +76,14 @@ class Verify(Printing):
             "folder": str(folder),
             "checked": checked.chunks,
             "damaged": list(checked.damaged),
+            "unlisted": [],
             "mended": checked.recomputed,
             "whole": checked.whole,
             "ways": [] if checked.whole or self.mend else [_mending(folder)],
         }
 
     def _result(self, folder: Path) -> dict[str, Any]:
-        damage, mended, ways = [], 0, []
+        damage, mended, ways, unlisted = [], 0, [], []
         if interrupted(folder):
             damage.append("a run was interrupted while it replaced the files")
             if self.mend:
@@ -108,6 +113,7 @@ class Verify(Printing):
                 mended += len(lost)
             elif lost:
                 ways.append(_mending(folder))
+            unlisted = [name for name in manifest.unlisted(folder) if name not in strangers]
             if strangers:
                 ways.append(f"move the files of another run elsewhere: {', '.join(strangers)}")
         return {
@@ -115,6 +121,7 @@ class Verify(Printing):
             "run_id": None if manifest is None else manifest.run_id,
             "checked": 0 if manifest is None else len(manifest.files),
             "damaged": damage,
+            "unlisted": unlisted,
             "mended": mended,
             "whole": mended == len(damage),
             "ways": list(dict.fromkeys(ways)),

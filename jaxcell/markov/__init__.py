@@ -76,8 +76,7 @@ stop the program, so values that cannot be computed are NaN, and `certificate.co
 The derivative of a solution is the solution of the same equations with another right-hand side, or
 of the transposed equations (Schweitzer 1968), so it is as accurate as the values. The structure of
 the chain and the best policy count as constant. `leading_modes`, `almost_invariant_sets`,
-`coherent_sets`, `attracting_regions`, `first_arrival`, `mean_first_arrival` and `sample_walks` run
-on the host only.
+`coherent_sets`, `attracting_regions`, `mean_first_arrival` and `sample_walks` run on the host only.
 """
 
 from ..base.hosted import attach

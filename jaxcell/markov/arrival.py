@@ -1,7 +1,9 @@
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
@@ -90,26 +92,26 @@ class Race:
 
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
-    ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
+    ) -> tuple[Float[Array, "steps"], list[Float[Array, "cells"]]]:
         """Compute the probability that no robot has arrived before each of `chunks * CHUNK` steps.
 
         For each chain and start cell, `values` contains the probability that a robot has not
         arrived before the first step. Also returns these probabilities after the last step.
         """
-        there, joint = jax.device_put(self.there), []
+        there, joint = jnp.asarray(self.there), []
         for _ in range(chunks):
             made = [
                 survivals(chain, there, value, CHUNK)
                 for chain, value in zip(self.chains, values, strict=True)
             ]
             values = [after for _, after in made]
-            joint.append(self._joint([np.asarray(alone) for alone, _ in made]))
-        return np.concatenate(joint), values
+            joint.append(self._joint([alone for alone, _ in made]))
+        return jnp.concatenate(joint), values
 
-    def _joint(self, alone: list[Float[np.ndarray, "steps cells"]]) -> Float[np.ndarray, "steps"]:
+    def _joint(self, alone: list[Float[Array, "steps cells"]]) -> Float[Array, "steps"]:
         if not self.distinct:
-            each = [alone[k] @ start for k, start in zip(self.robot, self.start, strict=True)]
-            return np.prod(each, axis=0)
+            starts = zip(self.robot, self.start, strict=True)
+            return jnp.prod(jnp.stack([alone[k] @ start for k, start in starts]), axis=0)
         return mean_product(alone[0][:, self.start], self.robots)
 
 
@@ -143,27 +145,31 @@ def first_arrival(
     check_steps(steps)
     race = Race.of(chains, starts, target)
     survive, _ = race.survive(at_start(race), steps // CHUNK + 1)
+    survive = jnp.concatenate([jnp.ones(1), survive[: steps + 1]])
+    arriving = survive[:-1] - survive[1:]
     # If rounding let the probability grow, a probability of arrival would be negative.
-    survive = np.minimum.accumulate(np.concatenate([[1.0], survive[: steps + 1]]))
-    return jax.device_put(survive[:-1] - survive[1:])
+    falling = jax.lax.stop_gradient(jax.lax.cummin(survive))
+    return falling[:-1] - falling[1:] + (arriving - jax.lax.stop_gradient(arriving))
 
 
-def mean_product(
-    value: Float[np.ndarray, "steps choices"], count: int
-) -> Float[np.ndarray, "steps"]:
+@functools.partial(jax.jit, static_argnames="count")
+def mean_product(value: Float[Array, "steps choices"], count: int) -> Float[Array, "steps"]:
     """Average the product of `count` values of each row over all sets of `count` columns.
 
     The mean is an elementary symmetric polynomial divided by its number of terms. For the first `j`
     columns, it is a weighted average of the means over the sets with and without column `j`. So
     products do not overflow, and no digits are lost by subtraction.
     """
-    size = np.arange(1, count + 1)[:, None]
-    mean = np.zeros((count + 1, len(value)))
-    mean[0] = 1
-    for j, last in enumerate(value.T, start=1):
-        holds = np.minimum(size / j, 1)
-        mean[1:] = (1 - holds) * mean[1:] + holds * last * mean[:-1]
-    return mean[-1]
+    size = jnp.arange(1.0, count + 1)[:, None]
+
+    def add(mean, column):  # type: ignore[no-untyped-def]
+        number, last = column
+        holds = jnp.minimum(size / number, 1)
+        return mean.at[1:].set((1 - holds) * mean[1:] + holds * last[None] * mean[:-1]), None
+
+    mean = jnp.zeros((count + 1, len(value))).at[0].set(1)
+    columns = jnp.arange(1.0, value.shape[1] + 1), value.T
+    return jax.lax.scan(add, mean, columns)[0][-1]
 
 
 def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
@@ -175,4 +181,4 @@ def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[np.ndarr
 
 def at_start(race: Race) -> list[Float[Array, "cells"]]:
     """Return the probability that a robot of each chain has not arrived at the start."""
-    return [jax.device_put((~race.there).astype(float))] * len(race.chains)
+    return [jnp.asarray(~race.there, float)] * len(race.chains)

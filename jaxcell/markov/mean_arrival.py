@@ -181,7 +181,8 @@ def _by_steps(race: Race, walkers: list[_Walker], tolerance: float, max_steps: i
     values, total, moment, steps, chunks = at_start(race), 0.0, 0.0, 0, 1
     while True:
         before = [np.asarray(value) for value in values]
-        survive, values = race.survive(values, chunks)
+        after, values = race.survive(values, chunks)
+        survive = np.asarray(after)
         block, length = float(survive.sum()), chunks * CHUNK
         moment += float(survive @ np.arange(steps + 1, steps + length + 1))
         total, steps = total + block, steps + length

@@ -120,6 +120,13 @@ def test_every_damage_has_a_way_on(tmp_path, capsys, monkeypatch):
     again = r"\nlab: to compute it again: .*jaxcell'? verify --mend lab\n"
     assert re.search(again, capsys.readouterr().err)
     assert main(["verify", "--mend", "lab"]) == 0
+    for name in ("cover.rrd", ".hidden"):
+        Path("lab", name).write_text("mine")
+    capsys.readouterr()
+    assert main(["verify", "lab"]) == 0
+    assert "lab: not checked, because not of this result: cover.rrd\n" in capsys.readouterr().err
+    assert main(["verify", "lab", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["results"][0]["unlisted"] == ["cover.rrd"]
     Path("lab/result.json").write_text("")
     assert main(["verify", "--mend", "lab"]) == 1
     said = capsys.readouterr().err

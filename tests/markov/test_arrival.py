@@ -2,6 +2,8 @@ import functools
 import itertools
 import math
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -181,3 +183,35 @@ def test_bad_robots_are_refused(chains, starts, message):
 def test_bad_tolerances_are_refused():
     with pytest.raises(ValueError, match="tolerance: expected a positive number, got 0"):
         mean_first_arrival([FOUR], [0], 1, tolerance=0.0)
+
+
+def test_the_law_has_the_derivatives_of_geometric_laws():
+    """Robots that arrive with probabilities p and 2 p in each step, in a compiled batch."""
+    steps = np.arange(STEPS + 1)
+
+    def law(p, starts):
+        rows = [[1 - p, 0, p], [0, 1 - 2 * p, 2 * p], [0, 0, 1]]
+        P = jnp.stack([jnp.stack([jnp.asarray(x, float) for x in row]) for row in rows])
+        chain = Chain(jnp.arange(3)[:, None] * jnp.ones((1, 3), int), P.T)
+        return first_arrival([chain, chain], starts, 2, STEPS)
+
+    def none_before(p, starts):
+        """The probability that neither robot has arrived before each step, and its derivative."""
+        one, two = {(0, 0): (p, p), (0, 1): (p, 2 * p), "distinct": (p, 2 * p)}[starts]
+        left = (1 - one) * (1 - two)
+        slope = -(one / p) * (1 - two) - (two / p) * (1 - one)
+        n = np.arange(STEPS + 2) - 1
+        value = np.where(n < 0, 1.0, left ** np.maximum(n, 0.0))
+        return value, np.where(n < 1, 0.0, n * left ** np.maximum(n - 1, 0.0) * slope)
+
+    some = np.array([0.1, 0.3, 0.45])
+    for starts in ((0, 0), (0, 1), "distinct"):
+        given = Distinct([0, 1]) if starts == "distinct" else list(starts)
+        each = functools.partial(law, starts=given)
+        found = jax.jit(jax.vmap(each))(some)
+        slopes = jax.vmap(jax.jacrev(each))(some)
+        assert found.shape == slopes.shape == (some.size, steps.size)
+        for row, slope, p in zip(found, slopes, some, strict=True):
+            value, derivative = none_before(p, starts)
+            np.testing.assert_allclose(row, -np.diff(value), rtol=1e-12, atol=1e-15)
+            np.testing.assert_allclose(slope, -np.diff(derivative), rtol=1e-11, atol=1e-13)

@@ -120,8 +120,8 @@ def _read(
             with np.lib.npyio.NpzFile(file) as stored:
                 arrays = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
             header = json.loads(arrays.pop(_HEADER).tobytes())
-        except MemoryError:
-            raise
+        except MemoryError as error:
+            raise MemoryError(f"{path}: {error}") from None
         except _TooLargeError as error:
             raise ValueError(f"{path}: {error}") from None
         # The exceptions of zipfile and NumPy for a damaged file are not documented.

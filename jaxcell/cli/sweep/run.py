@@ -95,6 +95,9 @@ class Sweep(Printing):
                     progress=show,
                 )
         except KeyboardInterrupt:
+            if not out.exists():
+                note("Stopped before the first chunk")
+                return 130
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
             again += option_words(self, _OF_RUN)
             note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
