@@ -158,7 +158,7 @@ _CALLED_BY_COMPILED_CODE = ("__eq__", "__hash__")
 _IMPORTING = "_find_and_load"
 _received: list[int] = []
 # Seconds after which a signal is sent again, and the most times that it is.
-_AGAIN, _MOST = 0.05, 200
+_AGAIN, _MOST = 0.05, 100
 _postponed: collections.Counter[int] = collections.Counter()
 
 
