@@ -313,7 +313,7 @@ def test_a_belief_has_to_know_the_turn_at_bumps_to_hold_the_robot():
         slip = space.Slip.of(ERROR, give=0.02, bump_turn=known)
         belief = Belief(bounce.slip_map(bounce.FineCells.within(cells, slip), [TURN], slip))
         rng, right = np.random.default_rng(0), []
-        for cell in rng.integers(cells.size, size=15).tolist():
+        for cell in rng.integers(cells.size, size=30).tolist():
             state = belief.start()
             run = emulated_run(cell, ERROR, 20, rng, cells=cells, bump_turn=BUMP_TURN)
             for observed, pose in run:
