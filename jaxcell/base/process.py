@@ -132,8 +132,7 @@ def leave_signals(handled: Sequence[signal.Signals]) -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     while frame is not None and _postponed[number] < _MOST:
-        code = frame.f_code
-        if code.co_name in _CALLED_BY_COMPILED_CODE or code.co_name == _IMPORTING:
+        if frame.f_code.co_name in _UNINTERRUPTED:
             _postponed[number] += 1
             _send_again(number)
             return
@@ -150,12 +149,9 @@ _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
 }
-# Compiled code calls these methods in hash tables. JAX makes another error of an exception there,
-# and C++ may abort.
-_CALLED_BY_COMPILED_CODE = ("__eq__", "__hash__")
-# The function of Python that imports a module. Compiled modules abort if an import in them fails,
-# and others take a signal for an error of theirs.
-_IMPORTING = "_find_and_load"
+# Compiled code calls two methods in hash tables, and Python a function to import a module. JAX and
+# modules make another error of an exception there, and C++ may abort.
+_UNINTERRUPTED = ("__eq__", "__hash__", "_find_and_load")
 _received: list[int] = []
 # Seconds after which a signal is sent again, and the most times that it is.
 _AGAIN, _MOST = 0.05, 100

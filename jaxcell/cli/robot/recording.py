@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
-from ...base.bundled import bundled
+from ...base.bundled import with_path
 from ...base.paths import name_in_results
 from ...robot.tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ...space import CellSpace, Workspace
@@ -57,8 +57,7 @@ def cells_of(task: AnyTask) -> CellSpace | None:
     """Divide the map of a task into cells; `None` if the task names no map, or it is not found."""
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
-        name = str(about["map"])
-        map = Workspace.load(bundled(name) if name.startswith("@") else name)
+        map = Workspace.load(with_path(str(about["map"])))
         workspace = dataclasses.replace(map, robot_radius=task.radius)
         cells = CellSpace.of(workspace, task.cell, task.directions)
         return cells if _is_map(cells, about) else None
