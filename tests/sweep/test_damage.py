@@ -188,7 +188,8 @@ def test_verify_leaves_chunks_that_were_never_done(stub_spec, tmp_path):
 def test_the_command_reports_damage_and_mends_it_on_request(out, capsys, monkeypatch):
     for number in (4, 7):
         damage_chunk(out, number)
-    expected = {"folder": str(out), "checked": 20, "damaged": ["chunk 4", "chunk 7"]}
+    damage = {"damaged": ["chunk 4", "chunk 7"], "unlisted": []}
+    expected = {"folder": str(out), "checked": 20, **damage}
     with monkeypatch.context() as patch:
         patch.setattr(sweep_stub, "stub", None)
         status, report, _ = run(capsys, "verify", out)
