@@ -17,7 +17,7 @@ CLOCK = re.compile(
 
 # By file: the number of lines, and the reason why they cannot decide how a test ends.
 USES = {
-    "base/test_process.py": (3, "Processes that wait to be ended."),
+    "base/test_process.py": (6, "Processes that wait to be ended, or clean up long enough."),
     "base/test_results.py": (2, "Programs that wait for a signal, however late it comes."),
     "cli/robot/test_robot_alone.py": (1, "A process that hangs is ended after minutes."),
     "cli/test_view.py": (1, "A process that waits to be ended ends by itself if the test fails."),

@@ -131,13 +131,20 @@ def leave_signals(handled: Sequence[signal.Signals]) -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
+    again = number in _sent_again
+    _sent_again.discard(number)
+    if again and _is_ended_by(sys.exc_info()[1]):
+        _send_again(number, _LATER, _watch)
+        return
     while frame is not None and _postponed[number] < _MOST:
         if frame.f_code.co_name in _UNINTERRUPTED:
             _postponed[number] += 1
-            _send_again(number)
+            _send_again(number, _SOON)
             return
         frame = frame.f_back
     _postponed[number] = 0
+    if _watch is not None:
+        _send_again(number, _LATER, _watch)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     _received.append(number)
@@ -153,18 +160,38 @@ _DEFAULTS: dict[signal.Signals, Any] = {
 # modules make another error of an exception there, and C++ may abort.
 _UNINTERRUPTED = ("__eq__", "__hash__", "_find_and_load")
 _received: list[int] = []
-# Seconds after which a signal is sent again, and the most times that it is.
-_AGAIN, _MOST = 0.05, 100
+# Seconds after which a postponed signal is sent again, and the most times that it is.
+_SOON, _MOST = 0.05, 100
+# Seconds after which a signal is sent again if its exception was discarded.
+_LATER = 1.0
 _postponed: collections.Counter[int] = collections.Counter()
+_sent_again: set[int] = set()
+_watch: object | None = None
 
 
-def _send_again(number: int) -> None:
+def _send_again(number: int, seconds: float, watch: object | None = None) -> None:
+    """Send a signal to this process after some seconds, unless the `watch` has ended then."""
+
     def send() -> None:
-        time.sleep(_AGAIN)
-        os.kill(os.getpid(), number)
+        time.sleep(seconds)
+        if watch is None or watch is _watch:
+            _sent_again.add(number)
+            os.kill(os.getpid(), number)
 
     # `threading.Thread` takes a lock, which the interrupted code may have taken.
     _thread.start_new_thread(send, ())
+
+
+def _is_ended_by(error: BaseException | None) -> bool:
+    """Check whether the exception of a signal is being handled."""
+    while error is not None and not isinstance(error, (KeyboardInterrupt, SystemExit)):
+        error = error.__context__
+    return error is not None
+
+
+def exit_status(error: KeyboardInterrupt | SystemExit) -> int:
+    """Return the exit status of a process that a signal ends."""
+    return 130 if isinstance(error, KeyboardInterrupt) else int(error.code or 0)
 
 
 def is_ending() -> bool:
@@ -174,28 +201,29 @@ def is_ending() -> bool:
 
 @contextlib.contextmanager
 def signals_sent_again() -> Iterator[None]:
-    """Send a signal again if Python discards its exception inside a `with` block.
+    """Send a signal again while its exception is lost and the `with` block goes on.
 
-    Python discards the exceptions of callbacks and destructors, so the process would go on.
+    JAX discards all exceptions in some places, and Python those of callbacks and destructors.
     """
+    global _watch
     before = sys.unraisablehook
 
     def hook(discarded: Any) -> None:
-        error, number = discarded.exc_value, 0
-        if isinstance(error, KeyboardInterrupt):
-            number = int(signal.SIGINT)
-        elif isinstance(error, SystemExit) and isinstance(error.code, int):
-            number = max(error.code - 128, 0)
-        if not number:
+        if not isinstance(discarded.exc_value, (KeyboardInterrupt, SystemExit)):
             before(discarded)
-            return
-        _send_again(number)
 
-    sys.unraisablehook = hook
+    sys.unraisablehook, _watch = hook, object()
     try:
         yield
     finally:
-        sys.unraisablehook = before
+        sys.unraisablehook, _watch = before, None
+
+
+def keep_running() -> None:
+    """Do not send a signal again whose exception was caught on purpose."""
+    global _watch
+    if _watch is not None:
+        _watch = object()
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 
+from ..base.process import signals_deferred
 from .terminal import status
 
 
@@ -16,6 +17,12 @@ def starting() -> Iterator[None]:
 
         configure_jax()
         yield
+        # Here JAX starts a thread that would end only after a minute if a signal came before the
+        # line that cancels it.
+        import jax
+
+        with signals_deferred():
+            jax.devices()
 
 
 def prepare_tasks() -> None:

@@ -16,7 +16,14 @@ import tyro
 
 from ..base.optional_modules import has_module, missing_module
 from ..base.paths import visible
-from ..base.process import end_by_signals, guarded, has_display, is_ending, leave_signals
+from ..base.process import (
+    end_by_signals,
+    guarded,
+    has_display,
+    is_ending,
+    keep_running,
+    leave_signals,
+)
 from ..base.results import check_result
 from .terminal import note, own_command
 
@@ -79,6 +86,7 @@ def shown_live(viewer: str) -> Iterator[str]:
             note("The page stays until Ctrl-C.")
             with contextlib.suppress(KeyboardInterrupt):
                 server.wait()
+            keep_running()
 
 
 @contextlib.contextmanager

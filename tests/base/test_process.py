@@ -64,6 +64,45 @@ def test_a_signal_whose_exception_is_discarded_comes_again(number, status):
     assert process.returncode == status
 
 
+_LOSES = """
+import signal, sys, time
+from jaxcell import cli
+from jaxcell.base.process import keep_running
+from jaxcell.cli import app
+class Slow:
+    def __enter__(self):
+        return self
+    def __exit__(self, *_):
+        time.sleep(2)
+        print("cleaned up", flush=True)
+def run(_):
+    try:
+        with Slow():
+            print("ready", flush=True)
+            time.sleep(300)
+    except:
+        {caught}
+    time.sleep({seconds})
+    return 3
+app.run = run
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(cli.main([]))
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(("caught", "seconds"), [("pass", 300), ("keep_running()", 3)])
+def test_a_signal_that_is_lost_comes_again_but_not_while_it_is_handled(
+    number, status, caught, seconds
+):
+    command = [sys.executable, "-c", _LOSES.format(caught=caught, seconds=seconds)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        assert process.stdout.read() == "cleaned up\n"
+    assert process.returncode == (status if caught == "pass" else 3)
+
+
 @pytest.mark.parametrize(
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )

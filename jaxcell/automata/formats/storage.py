@@ -94,7 +94,8 @@ def read_arrays(
     for name, array in arrays.items():
         if array.dtype != np.int32 or array.ndim != 1:
             raise ValueError(f"{path}: {name}: expected a list of 32-bit numbers")
-    return header, {name: np.cumsum(array, dtype=np.int32) for name, array in arrays.items()}
+        np.cumsum(array, dtype=np.int32, out=array)
+    return header, arrays
 
 
 def _read(

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...base.optional_modules import has_module
 from ...base.paths import digest, name_in_results
+from ...base.process import exit_status, keep_running
 from ...robot import Create, RobotStopped, RunLog, Walker, load_task, read_log
 from ...robot.calibration import Calibrated, Calibration, calibration_file
 from ...robot.create.clock import ByClock
@@ -137,6 +138,7 @@ class _Run:
                     log.on_event = tell
                     outcome = follow(walker, log)
         except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
+            keep_running()
             outcome, code = _stopped(error, place / LOG)
             note(f"jaxcell robot run: {outcome.reason}")
             resumable = outcome.result == "stopped" and outcome.observations
@@ -292,9 +294,7 @@ def _check_start(options: RobotRun, known: int, true: int, directions: int) -> N
 
 def _stopped(error: BaseException, log: Path) -> tuple[RunOutcome, int]:
     """Return the outcome of a stopped run, from its log if there is one, and the exit status."""
-    code = 130 if isinstance(error, KeyboardInterrupt) else 1
-    if isinstance(error, SystemExit):
-        code = int(error.code or 0)
+    code = exit_status(error) if isinstance(error, (KeyboardInterrupt, SystemExit)) else 1
     if log.exists():
         return replayed(read_log(log)), code
     return RunOutcome("stopped", "", why_stopped(error)), code

@@ -3,7 +3,6 @@ import dataclasses
 import json
 import math
 import shlex
-import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +13,7 @@ import tyro
 from ... import sweep
 from ...base.memory import check_addresses
 from ...base.paths import replacing
-from ...base.process import library_writes
+from ...base.process import exit_status, library_writes
 from ...study.parameters import Only, check
 from ...sweep.storage.damage import reading
 from ..output import Printing, option_words
@@ -78,10 +77,7 @@ class Sweep(Printing):
         doing = f"sweep of {spec.task}"
         began = time.perf_counter()
         try:
-            with contextlib.ExitStack() as stack, stdout_on_stderr(), shown(doing) as show:
-                # Treat SIGTERM like Ctrl-C.
-                handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
-                stack.callback(signal.signal, signal.SIGTERM, handler)
+            with stdout_on_stderr(), shown(doing) as show:
                 state = sweep.run_sweep(
                     spec,
                     out,
@@ -94,14 +90,14 @@ class Sweep(Printing):
                     max_failures=self.max_failures,
                     progress=show,
                 )
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit) as error:
             if not out.exists():
                 note("Stopped before the first chunk")
-                return 130
+                return exit_status(error)
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
             again += option_words(self, _OF_RUN)
             note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
-            return 130
+            return exit_status(error)
         seconds = time.perf_counter() - began
         if self.netcdf and state.complete:
             with (

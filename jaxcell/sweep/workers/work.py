@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.process import is_ending
 from ...study import Study, parameters
 from ...study.loading import load_object
 from ...study.study import about
@@ -220,6 +221,8 @@ def compute(job: Job) -> Computed | Failed:
         failed = failure(error)
         return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
     except (Exception, SystemExit) as error:
+        if is_ending():
+            raise
         return failure(error)
 
 
