@@ -3,17 +3,20 @@ import functools
 import math
 from collections.abc import Sequence
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
+from ..base.wide import traced
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain, leaving_rows, missing_rows
 from .arrival import CHUNK, Distinct, Race, at_start
-from .hitting import leaving_times, prospects
+from .hitting import hitting_times, leaving_times, prospects
 
 
 # A joint chain of at most this many states, a cell for each robot, is solved.
@@ -23,11 +26,12 @@ _HOPELESS = 1e-3
 _HALF_ULP = 2.0**-53
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class MeanArrival:
     """An expected number of steps and its certificate."""
 
-    value: float
+    value: Real
     certificate: Certificate
 
 
@@ -52,6 +56,7 @@ def mean_first_arrival(
     length, so two geometric series bound the rest of the sum from below and above. The two bounds
     are nearly equal as soon as the factor hardly depends on the start, long before the rest is
     negligible. The rounding of each step is part of the bound: it is about 1e-15 times the mean.
+    If JAX traces the chains, only the first way is offered, and a lost robot is one more cell.
 
     **Arguments:** as for [`first_arrival`][jaxcell.markov.first_arrival], a tolerance for the
     relative error, and the largest number of steps.
@@ -72,6 +77,8 @@ def mean_first_arrival(
         if not number > 0:
             raise ValueError(f"{name}: expected a positive number, got {number}")
     race = Race.of(chains, starts, target)
+    if traced(chains):
+        return _of_joint_chain(race, tolerance)
     walkers = [_Walker.of(race, robot) for robot in range(race.robots)]
     if _may_fail(race, walkers):
         return MeanArrival(math.inf, Certificate(0, 0.0, tolerance))
@@ -82,6 +89,49 @@ def mean_first_arrival(
         found = min(known, key=lambda mean: mean.certificate.residual)
     found.certificate.check("mean_first_arrival", throw)
     return found
+
+
+def _of_joint_chain(race: Race, tolerance: float) -> MeanArrival:
+    """Compute the mean from the hitting times of all robots as one chain, which JAX may trace."""
+    cells = race.there.size + 1
+    if cells**race.robots > _JOINT:
+        raise ValueError(
+            f"mean_first_arrival: {race.robots} robots on {cells - 1} cells and lost robots have "
+            f"{cells**race.robots:,} joint states; under jit, vmap and grad at most {_JOINT:,}; "
+            "use first_arrival, or call it outside"
+        )
+    chain = functools.reduce(_together, (_with_lost(race.chains[k]) for k in race.robot))
+    place = np.indices((cells,) * race.robots).reshape(race.robots, -1)
+    there = np.append(race.there, False)[place].any(axis=0)
+    if race.distinct:
+        apart = (np.diff(np.sort(place, axis=0), axis=0) > 0).all(axis=0)
+        chosen = apart & np.isin(place, race.start).all(axis=0)
+        share = chosen / chosen.sum()
+    else:
+        share = functools.reduce(np.kron, np.pad(race.start, [(0, 0), (0, 1)]))
+    time = hitting_times(chain, there, throw=False)
+    starts = np.flatnonzero(share)
+    certificate = dataclasses.replace(time.certificate, tolerance=tolerance)
+    return MeanArrival(time.value[starts] @ share[starts], certificate)
+
+
+def _with_lost(chain: Chain) -> Chain:
+    """Add a last cell, in which a robot stays that has left the space."""
+    lost, slots = chain.cells, chain.image.shape[0]
+    image = jnp.concatenate([chain.image, jnp.full((1, lost), lost)])
+    image = jnp.pad(image, [(0, 0), (0, 1)], constant_values=lost)
+    chance = jnp.concatenate([chain.probability, chain.leaving[None]])
+    stays = jnp.where(jnp.arange(slots + 1) == 0, 1.0, 0.0)[:, None]
+    return Chain(image, jnp.hstack([chance, stays]))
+
+
+def _together(first: Chain, second: Chain) -> Chain:
+    """Create the chain of two chains that step at the same time, independently."""
+    slots = first.image.shape[0] * second.image.shape[0]
+    a, b = (x[:, None, :, None] for x in (first.image, first.probability))
+    c, d = (x[None, :, None, :] for x in (second.image, second.probability))
+    image, chance = a * second.cells + c, b * d
+    return Chain(image.reshape(slots, -1), chance.reshape(slots, -1))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -215,3 +215,43 @@ def test_the_law_has_the_derivatives_of_geometric_laws():
             value, derivative = none_before(p, starts)
             np.testing.assert_allclose(row, -np.diff(value), rtol=1e-12, atol=1e-15)
             np.testing.assert_allclose(slope, -np.diff(derivative), rtol=1e-11, atol=1e-13)
+
+
+def test_the_mean_has_the_derivatives_of_geometric_laws():
+    """In a compiled batch. In each step a robot arrives, leaves the space, or stays in its cell."""
+
+    def mean(p, leaving, starts):
+        rows = [[1 - p - leaving * p, 0, p], [0, 1 - 2 * p, 2 * p], [0, 0, 1]]
+        P = jnp.stack([jnp.stack([jnp.asarray(x, float) for x in row]) for row in rows])
+        chain = Chain(jnp.arange(3)[:, None] * jnp.ones((1, 3), int), P.T)
+        return mean_first_arrival([chain, chain], starts, 2).value
+
+    def both(first, second):
+        """The mean time of robots that arrive with these probabilities."""
+        return 1 / (1 - (1 - first) * (1 - second))
+
+    some = np.array([0.1, 0.2, 0.3])
+    # A robot that arrives or leaves with probability p has arrived in half of the cases.
+    cases = [
+        (0.0, [0, 0], lambda p: both(p, p)),
+        (0.0, [0, 1], lambda p: both(p, 2 * p)),
+        (0.0, Distinct([0, 1]), lambda p: both(p, 2 * p)),
+        (0.0, [[0.5, 0.5, 0], 1], lambda p: both(p, 2 * p) / 2 + both(2 * p, 2 * p) / 2),
+        (0.0, [0, 2], lambda p: 0 * p),
+        (1.0, [0, 1], lambda p: both(2 * p, 2 * p) / 2 + 1 / (4 * p)),
+    ]
+    for leaving, starts, exact in cases:
+        each = functools.partial(mean, leaving=leaving, starts=starts)
+        found, slopes = (jax.jit(jax.vmap(f))(some) for f in (each, jax.grad(each)))
+        np.testing.assert_allclose(found, exact(some), rtol=1e-13)
+        step = 1e-4
+        central = (exact(some + step) - exact(some - step)) / (2 * step)
+        np.testing.assert_allclose(slopes, central, rtol=1e-5)
+    lost = functools.partial(mean, leaving=1.0, starts=[0, 0])
+    assert np.isinf(jax.jit(lost)(0.1))
+    with pytest.raises(ValueError, match=r"joint states; under jit, vmap and grad at most 2,500"):
+        jax.jit(lambda p: mean_first_arrival([chain_of(60, p)] * 2, [0, 1], 2).value)(0.5)
+
+
+def chain_of(cells, p):
+    return Chain(jnp.arange(cells)[None], jnp.full((1, cells), p))

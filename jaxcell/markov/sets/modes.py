@@ -1,28 +1,47 @@
 import dataclasses
+import functools
 from collections.abc import Callable
+from typing import Any, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex
+import scipy.sparse
+from jaxtyping import Array, Complex
+from scipy.sparse import linalg
 
 from ...base.certificate import Certificate
+from ...base.wide import traced
 from ...mapping import Chain, ChainSequence
-from .window import Window, leading_subspace
+from ...mapping.traced import implicit, like, on_host
+from ..traced import CERTIFIED
+from .window import Window, leading_subspace, steps_of
+
+
+_Modes: TypeAlias = tuple[Any, Any, Any]
+_Matrices: TypeAlias = tuple[scipy.sparse.csr_array, ...]
 
 
 # Tolerance of the residual of eigenvectors of length 1.
 TOLERANCE = 1e-6
+# A solution that is larger than the right side by this factor has lost its digits.
+_SINGULAR = 1e10
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Modes:
-    """Leading eigenvalues of the matrix of one or several steps of a chain, with eigenvectors."""
+    """Leading eigenvalues of the matrix of one or several steps of a chain, with eigenvectors.
 
-    value: Complex[np.ndarray, "modes"]
+    Under `grad` and `jvp` all three arrays have derivatives where the eigenvalue is simple.
+    """
+
+    value: Complex[Array | np.ndarray, "modes"]
     "The eigenvalues with the largest real parts, in descending order."
-    right: Complex[np.ndarray, "modes cells"]
+    right: Complex[Array | np.ndarray, "modes cells"]
     """Right eigenvectors: functions with `P f = value f`. If the value is near 1, they are almost
     constant on each basin of attraction."""
-    left: Complex[np.ndarray, "modes cells"]
+    left: Complex[Array | np.ndarray, "modes cells"]
     """Left eigenvectors: measures with `m P = value m`, which are large where mass gathers. The
     product of a measure and a function is 1 if both belong to the same mode, and 0 otherwise."""
     certificate: Certificate
@@ -43,7 +62,8 @@ def leading_modes(
 
     **Arguments:**
 
-    - `count`: the number of eigenvalues. If this splits a conjugate pair, one more is returned.
+    - `count`: the number of eigenvalues. If this splits a conjugate pair, one more is returned,
+        except where JAX traces the chain.
     - `steps`: the number of steps whose product is `P`, by default one per phase of a sequence.
     - `start`: the phase of the first step of a sequence of chains.
 
@@ -62,8 +82,26 @@ def leading_modes(
         >>> np.sign(modes.right[1].real / modes.right[1, 0].real).tolist()
         [1.0, 1.0, -1.0, -1.0]
     """
-    window = Window.of(chain, steps, start)
-    check_count(count, window.cells)
+    each = steps_of(chain, steps, start)
+    cells = each[0].cells
+    check_count(count, cells)
+    compute = functools.partial(_modes, count=count, exactly=traced(each))
+    if traced(each):
+        vectors = like(complex, count, cells)
+        form = (like(complex, count), vectors, vectors), CERTIFIED
+        modes, about = on_host(compute, form, each)
+        modes = implicit(_change, modes, each)
+    else:
+        modes, about = compute(tuple(one.to_scipy() for one in each))
+    products, residual = about
+    certificate = Certificate(products, residual, TOLERANCE)
+    certificate.check("leading_modes", throw)
+    value, right, left = modes
+    return Modes(value, right, left, certificate)
+
+
+def _modes(matrices: _Matrices, count: int, exactly: bool) -> tuple[_Modes, tuple[int, float]]:
+    window = Window(matrices)
     functions = leading_subspace(window.pull, window.cells, count, symmetric=False)
     vectors = functions.basis.shape[1]
     measures = leading_subspace(window.push, window.cells, vectors, symmetric=False)
@@ -73,10 +111,90 @@ def leading_modes(
     right = right / right[np.abs(right).argmax(axis=0), np.arange(vectors)]
     left = measures.basis @ np.linalg.pinv(right.T @ measures.basis)
     residual = max(_residual(window.pull, right, values), _residual(window.push, left, values))
-    certificate = Certificate(functions.products + measures.products, residual, TOLERANCE)
-    certificate.check("leading_modes", throw)
+    if exactly:
+        values, right, left = values[:count], right[:, :count], left[:, :count]
     value, right, left = (np.asarray(v, complex) for v in (values, right.T, left.T))
-    return Modes(value, right, left, certificate)
+    return (value, right, left), (functions.products + measures.products, residual)
+
+
+def _change(modes: _Modes, steps: tuple[Chain, ...]) -> _Modes:
+    """Compute the modes from their values, for their derivatives.
+
+    With `M` the product of the steps, `M' f + M f' = value' f + value f'`, and `m f = 1`, so
+    `value' = m M' f`. Both vectors follow from one bordered matrix, which is singular where the
+    eigenvalue is not simple.
+    """
+    value, right, left = modes
+    moved, pushed = _pull(steps, right), _push(steps, left)
+    moved, pushed = (x - jax.lax.stop_gradient(x) for x in (moved, pushed))
+    change = jnp.sum(left * moved, axis=1)
+    fixed = jax.lax.stop_gradient(steps)
+
+    def solve(residual: Any, adjoint: bool) -> Any:
+        def apply(x: Any) -> Any:
+            vectors, share = x[:, :-1], x[:, -1:]
+            step, border, sums = (_push, left, right) if adjoint else (_pull, right, left)
+            image = step(fixed, vectors) - value[:, None] * vectors + share * border
+            return jnp.hstack([image, jnp.sum(sums * vectors, axis=1, keepdims=True)])
+
+        def on(transposed: bool) -> Callable[..., Any]:
+            compute = functools.partial(_bordered, transposed=transposed)
+            return lambda _, sides: on_host(
+                compute, like(complex, *sides.shape), fixed, *modes, sides
+            )
+
+        sides = jnp.pad(-residual, [(0, 0), (0, 1)])
+        return jax.lax.custom_linear_solve(apply, sides, on(adjoint), on(not adjoint))[:, :-1]
+
+    function = solve(moved - change[:, None] * right, False)
+    measure = solve(pushed - change[:, None] * left, True)
+    # The largest number of a function is 1.
+    most = jnp.argmax(jnp.abs(right), axis=1)[:, None]
+    grown = jnp.take_along_axis(function, most, axis=1)
+    return value + change, right + function - grown * right, left + measure + grown * left
+
+
+def _pull(steps: tuple[Chain, ...], vectors: Any) -> Any:
+    for one in reversed(steps):
+        vectors = _of_parts(one.pull, vectors)
+    return vectors
+
+
+def _push(steps: tuple[Chain, ...], vectors: Any) -> Any:
+    for one in steps:
+        vectors = _of_parts(one.push, vectors)
+    return vectors
+
+
+def _of_parts(step: Callable[[Any], Any], vectors: Any) -> Any:
+    return jax.lax.complex(*(jax.vmap(step)(part) for part in (vectors.real, vectors.imag)))
+
+
+def _bordered(
+    matrices: _Matrices, value: Any, right: Any, left: Any, sides: Any, transposed: bool
+) -> Complex[np.ndarray, "modes bordered"]:
+    """Solve `(M - value) x + s right = side` with `left x` given for each mode, or the transpose.
+
+    The values after each of the steps are unknowns, too, so that the system is sparse. A solution
+    is NaN if rounding errors have most digits, because the eigenvalue is hardly simple.
+    """
+    cells, steps = matrices[0].shape[0], len(matrices)
+    unit = scipy.sparse.identity(cells, format="csr")
+    ends = np.append(np.arange(cells), -1)
+    found = np.empty(sides.shape, complex)
+    for mode, each in enumerate(value):
+        blocks: list[list[Any]] = [[None] * (steps + 2) for _ in range(steps + 2)]
+        blocks[0][0], blocks[0][1] = -each * unit, unit
+        blocks[0][-1], blocks[-1][0] = right[mode][:, None], left[mode][None]
+        for n, matrix in enumerate(matrices, start=1):
+            blocks[n][n], blocks[n][n + 1 if n < steps else 0] = unit, -matrix
+        side = np.zeros((steps + 1) * cells + 1, complex)
+        side[ends] = sides[mode]
+        whole = scipy.sparse.block_array(blocks, format="csc")
+        found[mode] = linalg.splu(whole).solve(side, "T" if transposed else "N")[ends]
+        if np.linalg.norm(found[mode]) > _SINGULAR * np.linalg.norm(side):
+            found[mode] = np.nan
+    return found
 
 
 def _residual(

@@ -25,6 +25,21 @@ _MAX_RESTARTS = 2000
 _SEED = 0
 
 
+def steps_of(
+    chain: Chain | ChainSequence, steps: int | None = None, start: int = 0
+) -> tuple[Chain, ...]:
+    """Return the chain of each step, by default of one step per phase from the phase `start`."""
+    period = 1 if isinstance(chain, Chain) else chain.phases
+    count = period if steps is None else steps
+    if count < 1:
+        raise ValueError(f"steps: expected 1 or more, got {steps}")
+    if start < 0:
+        raise ValueError(f"start: expected a phase, 0 or more, got {start}")
+    phases = [(start + n) % period for n in range(count)]
+    each = {n: chain if isinstance(chain, Chain) else chain.at(n) for n in set(phases)}
+    return tuple(each[n] for n in phases)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Window:
     """Several steps of a chain, or of consecutive chains, taken as one step.
@@ -38,18 +53,7 @@ class Window:
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
         """Create the window of `steps` steps, by default one per phase, that begins at `start`."""
-        period = 1 if isinstance(chain, Chain) else chain.phases
-        count = period if steps is None else steps
-        if count < 1:
-            raise ValueError(f"steps: expected 1 or more, got {steps}")
-        if start < 0:
-            raise ValueError(f"start: expected a phase, 0 or more, got {start}")
-        phases = [(start + n) % period for n in range(count)]
-        matrices = {
-            phase: (chain if isinstance(chain, Chain) else chain.at(phase)).to_scipy()
-            for phase in set(phases)
-        }
-        return cls(tuple(matrices[phase] for phase in phases))
+        return cls(tuple(one.to_scipy() for one in steps_of(chain, steps, start)))
 
     @property
     def cells(self) -> int:
