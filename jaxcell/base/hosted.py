@@ -9,11 +9,18 @@ import dataclasses
 import functools
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import lazy_loader  # type: ignore[import-untyped]
 
 from .wide import is_function, traced, wide, widened
+
+
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+class OnHostError(TypeError):
+    """JAX traces an argument of a function that reads values on the host."""
 
 
 def attach(
@@ -61,12 +68,18 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
             return function(*args, **options)
         except (TypeError, IndexError) as error:
             # A user's function that is traced inside may raise such an error too.
-            if not (type(error).__module__ == "jax.errors" and traced(args, options)):
+            of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
+            if not (of_jax and traced(args, options)):
                 raise
-            raise TypeError(
+            raise OnHostError(
                 f"{name} reads the values of its arrays, on the host: call it outside jit, vmap "
                 "and grad"
             ) from error
 
     call._hosted = True  # type: ignore[attr-defined]
     return call
+
+
+def on_host_only(method: _Method) -> _Method:
+    """Let a method say that it reads the values of its arrays, if JAX traces one of them."""
+    return cast(_Method, hosted_function(method, method.__qualname__))

@@ -11,6 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base import memory
+from ..base.hosted import on_host_only
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
 from ..base.wide import traced, widened
@@ -94,6 +95,7 @@ class Chain:
         # The arrays are new, so JAX need not copy them.
         return cls(*jax.device_put(slots_of(rows)))
 
+    @on_host_only
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix without the sink; all its entries are positive.
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcell import automata, bounce, examples, mapping, markov, optimize, space
+from jaxcell import automata, bounce, examples, mapping, markov, optimize, patrol, space
 from jaxcell.base.hosted import hosted_function
 
 
@@ -19,7 +19,12 @@ def chain(matrix):
 
 
 CALLS = {
-    "jaxcell.markov.leading_modes": lambda matrix: markov.leading_modes(chain(matrix), 1),
+    "jaxcell.markov.almost_invariant_sets": lambda matrix: markov.almost_invariant_sets(
+        chain(matrix), 1
+    ),
+    "Chain.to_scipy": lambda matrix: chain(matrix).to_scipy(),
+    "Gld.quantile": lambda matrix: patrol.Gld(0.0, 1.0, 0.0, 0.0).quantile(matrix),
+    "Gld.log_odds": lambda matrix: patrol.Gld(0.0, 1.0, 0.0, 0.0).cdf(matrix),
     "jaxcell.mapping.transient_groups": lambda matrix: mapping.transient_groups(
         chain(matrix), mapping.persistent_groups(chain(P))
     ),

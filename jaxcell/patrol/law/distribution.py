@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from ...base.hosted import on_host_only
+
 
 # exp(-FAR) is near the smallest normal number; smaller probabilities count as 0.
 FAR = 690.0
@@ -67,6 +69,7 @@ class Gld:
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 
+    @on_host_only
     @np.errstate(all="ignore")
     def quantile(self, u: Any) -> Float[np.ndarray, "*values"]:
         """Return the quantile of probability `u`; NaN if `u` is outside of [0, 1]."""
@@ -74,6 +77,7 @@ class Gld:
         z = _power(np.log(u), self.l3) - _power(np.log1p(-u), self.l4)
         return np.asarray(self.l1 + z / self.l2)
 
+    @on_host_only
     @np.errstate(all="ignore")
     def log_odds(
         self, x: Any, near: Float[np.ndarray, "*near"] | None = None
@@ -94,6 +98,7 @@ class Gld:
         """Compute the probability density at `x`; 0 outside of the support."""
         return np.asarray(np.exp(self.log_density(self.log_odds(x))))
 
+    @on_host_only
     @np.errstate(all="ignore")
     def log_density(self, log_odds: Any) -> Float[np.ndarray, "*values"]:
         """Compute the logarithm of the density from log-odds; -inf if they are infinite."""
