@@ -54,6 +54,15 @@ def test_the_share_of_robots_in_other_rooms_is_that_of_simulated_robots(confirm)
     assert policy_agreement(policy, cells, angles)[confirm] == expected
 
 
+def test_the_frame_of_a_drawn_map_is_no_part_of_the_room():
+    """Robots in other rooms of the size of the array would hardly ever agree with the map."""
+    plain, framed = (CellSpace.of_grid(free, 4) for free in (FREE, np.pad(FREE, (2, 1))))
+    filter = filter_of(FREE, 1)
+    expected = filter_agreement(filter, plain, np.pi / 2)
+    assert filter_agreement(filter, framed, np.pi / 2) == expected
+    assert expected[0] > 0
+
+
 class OffsetRobot(GridRobot):
     """A robot at an offset from the lower left corner of its square, from 0 to 1."""
 

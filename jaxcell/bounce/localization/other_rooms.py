@@ -1,6 +1,7 @@
 """The share of robots that a filter or a policy localizes although they are in another room.
 
-The rooms are drawn at random, with as many rows and columns as the map, and one to five obstacles.
+The rooms are drawn at random, with as many rows and columns as the positions of the map span, and
+one to five obstacles.
 A robot in such a room agrees with the map until an observation cannot occur there.
 """
 
@@ -120,7 +121,8 @@ def _go_on(
 def _rooms(cells: CellSpace) -> Iterator[tuple[CellSpace, np.random.Generator]]:
     """Draw the rooms, with a generator of the starts in them."""
     rng = np.random.default_rng(0)
-    rows, columns = cells.position_of_square.shape
+    # A drawn map has a frame of walls, which is not a part of the room.
+    rows, columns = (int(np.ptp(place)) + 1 for place in np.nonzero(cells.position_of_square >= 0))
     for number in range(ROOMS):
         free = random_room(0, number, columns, rows, 1 + number % 5)
         yield CellSpace.of_grid(free, cells.directions, cell=cells.cell), rng

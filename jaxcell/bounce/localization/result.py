@@ -177,10 +177,12 @@ class Evidence(Result):
         elif self.agreement[CONFIRM] > _RARE:
             rare = (confirm for confirm, share in self.agreement.items() if share <= _RARE)
             enough = next(rare, max(self.agreement))
+            least = f"{100 * self.agreement[enough]:.2g} % with `robot run --confirm {enough}`"
+            if self.agreement[enough] > _RARE:
+                least += "; another angle may leave fewer, because robots repeat longer loops"
             remarks.append(
                 f"Of robots in {ROOMS} random other rooms, {100 * self.agreement[CONFIRM]:.2g} % "
-                f"are localized after {CONFIRM} further observations, and "
-                f"{100 * self.agreement[enough]:.2g} % with `robot run --confirm {enough}`."
+                f"are localized after {CONFIRM} further observations, and {least}."
             )
         return tuple(remarks)
 
