@@ -98,14 +98,16 @@ def signals_deferred() -> Iterator[None]:
 def library_writes(name: str) -> Iterator[None]:
     """Defer signals while a library writes the file `name`, and raise `OSError` if it fails.
 
-    HDF5 says only "HDF error" if a disk is full, as `RuntimeError` or as `OSError`.
+    If a disk is full, HDF5 says only "HDF error", as `RuntimeError` or as `OSError`, or "Permission
+    denied".
     """
     with signals_deferred():
         try:
             yield
-        except RuntimeError as error:
+        except (RuntimeError, PermissionError) as error:
+            reason = getattr(error, "strerror", error)
             raise OSError(
-                errno.EIO, f"{name}: it cannot be written, the disk may be full: {error}"
+                errno.EIO, f"{name}: it cannot be written, the disk may be full: {reason}"
             ) from error
 
 

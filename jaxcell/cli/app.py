@@ -112,7 +112,7 @@ def run(args: Sequence[str]) -> int:
         return 0
     except (ValueError, OSError, MemoryError) as error:
         line = _with_option_names(_line(error), command) if name else _line(error)
-        out = getattr(command, "out", None) if name else None
+        out = getattr(command, "out", getattr(command, "file", None)) if name else None
         if isinstance(error, OSError) and error.errno in _DISK and out and str(out) not in line:
             line = f"{out}: {line}"
         print(f"jaxcell {name or _name(args) or args[0]}: {line}", file=sys.stderr)

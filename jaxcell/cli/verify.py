@@ -146,6 +146,16 @@ def _results_in(folder: Path) -> list[Path]:
 
 
 def _compute_again(folder: Path, manifest: Manifest) -> None:
+    """Run the command of a result again, from the folder in which its inputs have their names."""
+    folder = folder.resolve()
+    inputs = [name for name in manifest.inputs if not name.startswith("@")]
+    places = (Path.cwd(), *folder.parents)
+    found = (place for place in places if all((place / name).is_file() for name in inputs))
+    with contextlib.chdir(next(found, places[0])):
+        _compute_here(folder, manifest)
+
+
+def _compute_here(folder: Path, manifest: Manifest) -> None:
     from .app import read
 
     _, command = read([*manifest.words, "--out", str(folder), "--json"])

@@ -24,7 +24,7 @@ from ..base.process import (
     keep_running,
     leave_signals,
 )
-from ..base.results import check_result
+from ..base.results import Manifest, check_result
 from .terminal import note, own_command
 
 
@@ -154,4 +154,7 @@ def recordings_in(results: Path) -> list[Path]:
         with recording.open("rb") as file:
             if not file.read(4).startswith(b"RRF"):
                 raise ValueError(f"{recording}: expected a Rerun recording (.rrd)")
+        manifest = None if recording == results else Manifest.read(recording.parent)
+        if manifest is not None and recording.name in manifest.unlisted(recording.parent):
+            note(f"{recording}: shown, too, but not of the result in this folder")
     return recordings

@@ -11,6 +11,7 @@ from helpers import run
 
 from jaxcell.automata.formats.storage import read_arrays
 from jaxcell.cli import main
+from jaxcell.cli.view import recordings_in
 
 
 @pytest.fixture(scope="module")
@@ -183,3 +184,27 @@ def test_a_newer_result_is_not_called_damaged(out, capsys):
     said = capsys.readouterr().err
     assert "a newer jaxcell wrote it" in said
     assert "--mend" not in said
+
+
+def test_a_result_is_mended_from_any_folder(tmp_path, monkeypatch, capsys):
+    """Results name their inputs relative to the folder in which the command ran."""
+    here, other = tmp_path / "here", tmp_path / "elsewhere"
+    (here / "maps").mkdir(parents=True)
+    other.mkdir()
+    (here / "maps" / "room.txt").write_text("...\n.#.\n...\n")
+    monkeypatch.chdir(here)
+    assert main(["groups", "maps/room.txt", "--bounce", "90", "--out", "runs/room"]) == 0
+    capsys.readouterr()
+    (here / "runs" / "room" / "groups.nc").unlink()
+    monkeypatch.chdir(other)
+    status, report, _ = run(capsys, "verify --mend", here / "runs" / "room")
+    assert (status, report["results"][0]["mended"]) == (0, 1)
+    assert (here / "runs" / "room" / "groups.nc").is_file()
+
+
+def test_recordings_that_are_not_of_the_result_are_named_when_they_are_shown(out, capsys):
+    shutil.copy(out / "localization.rrd", out / "other.rrd")
+    assert len(recordings_in(out)) == 2
+    assert capsys.readouterr().err.count("not of the result in this folder") == 1
+    assert recordings_in(out / "other.rrd") == [out / "other.rrd"]
+    assert not capsys.readouterr().err

@@ -1,5 +1,6 @@
 import contextlib
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ def recording_of(
 ) -> "record.RobotRecording":
     """Create the Rerun recording of a run from the pose `start`, shown live in `viewer`."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    if viewer is None:
+        # Rerun prints three lines for a full disk, which ends the run with a line of its own.
+        os.environ.setdefault("RUST_LOG", "off")
     about = _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
     robot = record.RecordedRobot(start=start)
