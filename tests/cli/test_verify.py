@@ -93,6 +93,7 @@ def test_runs_of_robots_are_checked_and_not_mixed(tmp_path, capsys):
     lab = ["localize", "@lab_a", "--bounce", "135"]
     assert main([*lab, "--out", str(tmp_path / "lab")]) == 0
     run = ["robot", "run", str(tmp_path / "lab" / "filter.jxf"), "--simulate", "@lab_a"]
+    run += ["--speedup", "9999"]
     for name, start in (("one", "0"), ("two", "1")):
         words = [*run, "--start", start, "--heading", "0", "--out", str(tmp_path / name)]
         assert main(words) == 0
@@ -142,6 +143,7 @@ def test_a_run_of_a_robot_is_made_again_from_its_log(tmp_path, capsys, monkeypat
     assert main(["localize", "@lab_a", "--bounce", "135", "--out", "lab"]) == 0
     robot = "robot run lab/filter.jxf --simulate @lab_a --start 0 --heading 0 --speedup 9999 --out"
     assert main([*robot.split(), "one"]) == 0
+    assert json.loads(Path("one/result.json").read_text())["options"]["confirm"] == 30
     (tmp_path / "one" / "summary.json").write_text("{}")
     (tmp_path / "lab" / "groups.nc").unlink()
     capsys.readouterr()

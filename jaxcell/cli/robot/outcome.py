@@ -14,7 +14,7 @@ from ...robot.followers import replay_follower
 from ...robot.outcome import RunOutcome
 from ...robot.patrol import replay_patrol
 from ...robot.plan import plan_outcome
-from ...robot.run_log import LoggedRun, stopped
+from ...robot.run_log import LoggedRun, read_log, stopped
 from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
 from ...robot.tasks.patrol_task import PatrolTask
@@ -120,6 +120,10 @@ def describe(options: Printing, out: Path, *inputs: Path | None) -> None:
         for name in sorted(names)
         if (value := getattr(options, name)) is not None
     }
+    if "confirm" in names and (out / LOG).is_file():
+        # The run knows the number that was used.
+        header = read_log(out / LOG).header
+        chosen |= {"confirm": header["confirm"]} if "confirm" in header else {}
     known = {name_in_results(path): digest(path) for path in inputs if path and path.is_file()}
     words = [*_COMMANDS[type(options).__name__], *option_words(options, names, name_in_results)]
     manifest = Manifest.of(out, words, chosen, known)
