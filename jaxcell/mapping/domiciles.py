@@ -65,6 +65,8 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     connected components. The domiciles of a component are the union of those of the components to
     which it leads. Equal unions are stored once, so no table of groups and cells is needed.
 
+    It runs on the host, because the sets of domiciles have different sizes.
+
     **Arguments:** a chain, and its persistent groups. **Returns:** the transient group of each
     cell, and the domiciles of each group.
 
