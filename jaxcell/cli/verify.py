@@ -9,6 +9,7 @@ import tyro
 
 from .. import sweep
 from ..base.documents import NewerVersionError
+from ..base.paths import digest
 from ..base.results import MANIFEST, Manifest, interrupted, repeating, result_folder, versions
 from ..sweep.storage.journal import JOURNAL
 from .output import Printing
@@ -147,11 +148,14 @@ def _results_in(folder: Path) -> list[Path]:
 
 def _compute_again(folder: Path, manifest: Manifest) -> None:
     """Run the command of a result again, from the folder in which its inputs have their names."""
+
+    def has_inputs(place: Path) -> bool:
+        names = ((place / name, old) for name, old in manifest.inputs.items() if name[0] != "@")
+        return all(path.is_file() and digest(path) == old for path, old in names)
+
     folder = folder.resolve()
-    inputs = [name for name in manifest.inputs if not name.startswith("@")]
     places = (Path.cwd(), *folder.parents)
-    found = (place for place in places if all((place / name).is_file() for name in inputs))
-    with contextlib.chdir(next(found, places[0])):
+    with contextlib.chdir(next(filter(has_inputs, places), places[0])):
         _compute_here(folder, manifest)
 
 

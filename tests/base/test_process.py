@@ -124,6 +124,17 @@ def test_a_signal_waits_until_a_module_is_imported(number, error, tmp_path, monk
         signal.signal(signal.SIGINT, before)
 
 
+def test_a_program_that_caught_the_exception_of_a_signal_is_not_ending():
+    handled = process.end_by_signals()
+    try:
+        with pytest.raises(SystemExit):
+            signal.raise_signal(signal.SIGTERM)
+        assert process.is_ending()
+    finally:
+        process.leave_signals(handled)
+    assert not process.is_ending()
+
+
 class Interrupted:
     """A key of a hash table during whose hash or comparison SIGTERM comes."""
 

@@ -1,8 +1,8 @@
 """The share of robots that a filter or a policy localizes although they are in another room.
 
 The rooms are drawn at random, with as many rows and columns as the positions of the map span, and
-one to five obstacles.
-A robot in such a room agrees with the map until an observation cannot occur there.
+one to five obstacles. A robot in such a room agrees with the map until an observation cannot occur
+there.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -221,7 +221,7 @@ def compute(job: Job) -> Computed | Failed:
         failed = failure(error)
         return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
     except (Exception, SystemExit) as error:
-        if is_ending():
+        if isinstance(error, SystemExit) and is_ending():
             raise
         return failure(error)
 
