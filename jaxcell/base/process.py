@@ -130,6 +130,7 @@ def leave_signals(handled: Sequence[signal.Signals]) -> None:
     """Restore the default handlers of the signals that [`end_by_signals`][] returned."""
     for number in handled:
         signal.signal(number, _DEFAULTS[number])
+    if handled:
         # The program may have caught the exception of a signal, and go on.
         _received.clear()
 

@@ -154,7 +154,10 @@ def recordings_in(results: Path) -> list[Path]:
         with recording.open("rb") as file:
             if not file.read(4).startswith(b"RRF"):
                 raise ValueError(f"{recording}: expected a Rerun recording (.rrd)")
-        manifest = None if recording == results else Manifest.read(recording.parent)
-        if manifest is not None and recording.name in manifest.unlisted(recording.parent):
-            note(f"{recording}: shown, too, but not of the result in this folder")
+    for folder in sorted({path.parent for path in recordings}) if results.is_dir() else ():
+        manifest = Manifest.read(folder)
+        others = [] if manifest is None else manifest.unlisted(folder)
+        for recording in recordings:
+            if recording.parent == folder and recording.name in others:
+                note(f"{recording}: shown, too, but not of the result in this folder")
     return recordings

@@ -78,7 +78,7 @@ def mean_first_arrival(
             raise ValueError(f"{name}: expected a positive number, got {number}")
     race = Race.of(chains, starts, target)
     if traced(chains):
-        return _of_joint_chain(race, tolerance)
+        return _of_traced(race, tolerance)
     walkers = [_Walker.of(race, robot) for robot in range(race.robots)]
     if _may_fail(race, walkers):
         return MeanArrival(math.inf, Certificate(0, 0.0, tolerance))
@@ -91,8 +91,12 @@ def mean_first_arrival(
     return found
 
 
-def _of_joint_chain(race: Race, tolerance: float) -> MeanArrival:
-    """Compute the mean from the hitting times of all robots as one chain, which JAX may trace."""
+def _of_traced(race: Race, tolerance: float) -> MeanArrival:
+    """Compute the mean of chains that JAX traces, from the hitting times of their joint chain.
+
+    The values of a traced chain are unknown, so no cell can be left out of the joint chain, as
+    `_by_joint_chain` does.
+    """
     cells = race.there.size + 1
     if cells**race.robots > _JOINT:
         raise ValueError(

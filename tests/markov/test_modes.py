@@ -88,7 +88,7 @@ def test_modes_of_a_sequence_have_derivatives():
 
 
 def test_vectors_of_an_eigenvalue_that_is_not_simple_have_no_derivative():
-    """Of two closed cells, the modes are any two functions; both values stay 1."""
+    """Two closed cells have the eigenvalue 1 twice, so its eigenvectors are not unique."""
     P = np.array([[1.0, 0, 0], [0, 1, 0], [0.25, 0.25, 0.5]])
     found = jax.jacfwd(lambda P: leading_modes(chain_of(P), 2).right)(P)
     assert np.isnan(found).any()

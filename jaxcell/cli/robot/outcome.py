@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from ...robot.followers import replay_follower
 from ...robot.outcome import RunOutcome
 from ...robot.patrol import replay_patrol
 from ...robot.plan import plan_outcome
-from ...robot.run_log import LoggedRun, read_log, stopped
+from ...robot.run_log import LoggedRun, stopped
 from ...robot.tasks.anywhere_task import AnywhereTask
 from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
 from ...robot.tasks.patrol_task import PatrolTask
@@ -112,18 +113,20 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
     raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")
 
 
-def describe(options: Printing, out: Path, *inputs: Path | None) -> None:
-    """Write the manifest of the files of a run in `out`, which a command made from `inputs`."""
+def describe(
+    options: Printing, out: Path, *inputs: Path | None, used: Mapping[str, Any] | None = None
+) -> None:
+    """Write the manifest of the files of a run in `out`, which a command made from `inputs`.
+
+    The values in `used` replace those of the options.
+    """
     names = {field.name for field in dataclasses.fields(options)} - {"out", "json"}
     chosen = {
         name: name_in_results(value) if isinstance(value, Path) else value
         for name in sorted(names)
         if (value := getattr(options, name)) is not None
     }
-    if "confirm" in names and (out / LOG).is_file():
-        # The run knows the number that was used.
-        header = read_log(out / LOG).header
-        chosen |= {"confirm": header["confirm"]} if "confirm" in header else {}
+    chosen |= used or {}
     known = {name_in_results(path): digest(path) for path in inputs if path and path.is_file()}
     words = [*_COMMANDS[type(options).__name__], *option_words(options, names, name_in_results)]
     manifest = Manifest.of(out, words, chosen, known)

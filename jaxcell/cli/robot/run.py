@@ -104,10 +104,6 @@ class RobotRun(Printing):
 
     def run(self) -> int:
         check(self)
-        from .outcome import describe
         from .running import run_robot
 
-        code = run_robot(self)
-        if self.out is not None:
-            describe(self, self.out, self.file, self.simulate, self.calibration, self.resume)
-        return code
+        return run_robot(self)

@@ -33,7 +33,7 @@ from ..view import shown_live
 from .emulation import Emulation, emulate
 from .evidence import note_evidence
 from .heading import check_heading, direction_at
-from .outcome import LOG, RECORDING, SUMMARY, replayed, show
+from .outcome import LOG, RECORDING, SUMMARY, describe, replayed, show
 from .recording import cells_of, own_cells, recording_of
 from .resume import (
     Place,
@@ -148,14 +148,17 @@ class _Run:
                     places = map(self._place, (before, read_log(log_file)))
                     start = start_after(emulation.pose, *places)
                 note(f"To resume:\n{resume_command(options, log_file, start)}")
-        lost = self._report(outcome, header.get("confirm", 0))
+        lost = self._report(outcome, header)
         if code is not None:
             return code
         done = outcome.result in ("localized", "arrived", "patrolled", "reported")
         return 0 if done and not lost else 1
 
-    def _report(self, outcome: RunOutcome, confirm: int) -> bool:
-        """Print the summary of a run, write it to `out`, and return whether the truth is lost."""
+    def _report(self, outcome: RunOutcome, header: Mapping[str, Any]) -> bool:
+        """Print the summary of a run, write it to `out`, and return whether the truth is lost.
+
+        `header` is that of the log.
+        """
         options = self.options
         summary = {
             "command": "jaxcell robot run",
@@ -164,7 +167,7 @@ class _Run:
             **dataclasses.asdict(outcome),
         }
         if outcome.result == "localized" and isinstance(self.task, FilterTask | PolicyTask):
-            summary |= other_rooms(self.task, confirm)
+            summary |= other_rooms(self.task, header["confirm"])
         truth: dict[str, Any] = {}
         cells: CellSpace | None = None
         if self.emulation is not None:
@@ -176,6 +179,9 @@ class _Run:
             truth = summary["emulated"] = self.emulation.describe(outcome, cells, back)
         if options.out is not None:
             write_text(options.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
+            inputs = options.file, options.simulate, options.calibration, options.resume
+            used = {name: header[name] for name in ("confirm",) if name in header}
+            describe(options, options.out, *inputs, used=used)
         if options.json:
             say(json.dumps(summary))
         else:

@@ -179,7 +179,7 @@ def _bordered(
     is NaN if rounding errors have most digits, because the eigenvalue is hardly simple.
     """
     cells, steps = matrices[0].shape[0], len(matrices)
-    unit = scipy.sparse.identity(cells, format="csr")
+    unit = scipy.sparse.eye_array(cells, format="csr")
     ends = np.append(np.arange(cells), -1)
     found = np.empty(sides.shape, complex)
     for mode, each in enumerate(value):
