@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .bundled import bundled_names
+from .process import raise_lost_signal
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
@@ -69,7 +70,8 @@ def _images(path: Path) -> list[Path]:
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the name of a temporary file or folder, which replaces `path` after a `with` block.
 
-    If the block raises an error, the temporary file is removed. So `path` is never incomplete.
+    If the block raises an error, or has lost a signal, the temporary file is removed. So `path` is
+    never incomplete.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -77,6 +79,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
         yield temporary
+        raise_lost_signal()
         if temporary.is_dir() and path.is_dir():
             # A folder cannot replace a folder that is not empty.
             os.replace(path, temporary.with_suffix(".old"))

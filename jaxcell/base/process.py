@@ -149,6 +149,7 @@ def _end(number: int, frame: FrameType | None) -> None:
         frame = frame.f_back
     _postponed[number] = 0
     if _watch is not None:
+        _raised.append(number)
         _send_again(number, _LATER, _watch)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
@@ -170,6 +171,8 @@ _SOON, _MOST = 0.05, 100
 # Seconds after which a signal is sent again if its exception was discarded.
 _LATER = 1.0
 _postponed: collections.Counter[int] = collections.Counter()
+# Signals whose exceptions were raised, and perhaps discarded.
+_raised: list[int] = []
 _sent_again: set[int] = set()
 _watch: object | None = None
 
@@ -206,7 +209,7 @@ def is_ending() -> bool:
 
 @contextlib.contextmanager
 def signals_sent_again() -> Iterator[None]:
-    """Send a signal again while its exception is lost and the `with` block goes on.
+    """Send a signal again if its exception is lost: after a second, and after the `with` block.
 
     JAX discards all exceptions in some places, and Python those of callbacks and destructors.
     """
@@ -220,8 +223,20 @@ def signals_sent_again() -> Iterator[None]:
     sys.unraisablehook, _watch = hook, object()
     try:
         yield
+        raise_lost_signal()
     finally:
         sys.unraisablehook, _watch = before, None
+        _raised.clear()
+
+
+def raise_lost_signal() -> None:
+    """Raise the exception of a signal again if a library has discarded it."""
+    if (
+        _raised
+        and threading.current_thread() is threading.main_thread()
+        and not _is_ended_by(sys.exc_info()[1])
+    ):
+        signal.raise_signal(_raised.pop())
 
 
 def keep_running() -> None:
@@ -229,6 +244,7 @@ def keep_running() -> None:
     global _watch
     if _watch is not None:
         _watch = object()
+        _raised.clear()
 
 
 @contextlib.contextmanager

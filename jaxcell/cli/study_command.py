@@ -12,6 +12,7 @@ import tyro
 from ..base.memory import gigabytes
 from ..base.optional_modules import has_module, missing_module
 from ..base.paths import name_in_results
+from ..base.process import raise_lost_signal
 from ..base.quantities import Result
 from ..base.results import Manifest, current_run, result_folder
 from ..study import Study
@@ -112,6 +113,7 @@ class StudyCommand(Printing):
                     from .. import record  # noqa: F401
                 with stdout_on_stderr(), progress(self.command) as show:
                     result, summary = self.answer(show)
+            raise_lost_signal()
         except RuntimeError as error:
             note(f"jaxcell {self.command}: {error}")
             return 1

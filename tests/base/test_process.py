@@ -1,3 +1,4 @@
+import contextlib
 import importlib
 import signal
 import subprocess
@@ -7,11 +8,13 @@ import pytest
 from waiting import is_running, wait_until
 
 from jaxcell.base import process
+from jaxcell.base.paths import replacing
 from jaxcell.base.process import guarded
 
 
 _STARTS = """
 import subprocess, sys, time
+from jaxcell.base.paths import replacing
 from jaxcell.base.process import guarded
 child = "import os, time; print(os.getpid(), flush=True); time.sleep(300)"
 command = guarded([sys.executable, "-c", child])
@@ -91,7 +94,7 @@ sys.exit(cli.main([]))
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-@pytest.mark.parametrize(("caught", "seconds"), [("pass", 300), ("keep_running()", 3)])
+@pytest.mark.parametrize(("caught", "seconds"), [("pass", 300), ("pass", 0), ("keep_running()", 3)])
 def test_a_signal_that_is_lost_comes_again_but_not_while_it_is_handled(
     number, status, caught, seconds
 ):
@@ -122,6 +125,27 @@ def test_a_signal_waits_until_a_module_is_imported(number, error, tmp_path, monk
     finally:
         process.leave_signals(handled)
         signal.signal(signal.SIGINT, before)
+
+
+def write_and_lose_a_signal(path):
+    with process.signals_sent_again(), replacing(path) as name:
+        name.write_text("after")
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_no_file_is_replaced_after_a_signal_was_lost(tmp_path):
+    (tmp_path / "a").write_text("before")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    handled = process.end_by_signals()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            write_and_lose_a_signal(tmp_path / "a")
+    finally:
+        process.leave_signals(handled)
+        signal.signal(signal.SIGINT, before)
+    assert (tmp_path / "a").read_text() == "before"
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_program_that_caught_the_exception_of_a_signal_is_not_ending():
