@@ -60,6 +60,11 @@ def traced(*values: Any) -> bool:
     )
 
 
+def namespace(*values: Any) -> Any:
+    """Return the module for arrays: that of JAX if it traces one of the values, or NumPy."""
+    return sys.modules["jax.numpy" if traced(values) else "numpy"]
+
+
 def host_array(array: Any) -> Any:
     """Convert an array of JAX to an array of NumPy, unless JAX traces it."""
     return array if traced(array) else sys.modules["jax"].device_get(array)

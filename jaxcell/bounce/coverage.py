@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
+from ..base.wide import namespace
 from ..mapping import PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
@@ -230,8 +231,8 @@ def coverage_policy(
     )
 
 
-def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
-    """Compute a target for coverage, as a distribution over the positions, on the host.
+def coverage_target(cells: CellSpace, target: Target = None) -> Float[Any, "positions"]:
+    """Compute a target for coverage, as a distribution over the positions; it works under `jit`.
 
     **Arguments:** a cell space, and the relative worth of each position: `None` if all positions
     have the same worth; a function of arrays `x, y` of centres in metres; an array over the
@@ -249,13 +250,10 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
         [0.25, 0.25, 0.5]
     """
     x, y, _ = cells.centre(np.arange(cells.positions))
-    worth: np.ndarray
-    if target is None:
-        worth = np.ones(cells.positions)
-    elif callable(target):
-        worth = np.asarray(target(x, y), float)
-    else:
-        worth = np.asarray(target, float)
+    given = np.ones(cells.positions) if target is None else target
+    given = given(x, y) if callable(given) else given
+    xp = namespace(given)
+    worth = xp.asarray(given, float)
     if worth.ndim == 2 and worth.size:
         rows, columns = worth.shape
         height, width = cells.free.shape
@@ -269,14 +267,14 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
             f"target: expected {cells.positions} numbers, one per position, or an image, got shape "
             f"{worth.shape}"
         )
-    wrong = np.flatnonzero(~(np.isfinite(worth) & (worth >= 0)))
-    if wrong.size:
+    wrong: Any = [] if xp is jnp else np.flatnonzero(~(np.isfinite(worth) & (worth >= 0)))
+    if len(wrong):
         at = wrong[0]
         raise ValueError(
             f"target: {worth[at]:g} at position {at} ({x[at]:g} m, {y[at]:g} m); expected a finite "
             "number from 0"
         )
-    if not worth.any():
+    if xp is np and not worth.any():
         raise ValueError("target: it is 0 at all positions; expected more at one of them")
     # The division by the largest number prevents an overflow of the sum.
     worth = worth / worth.max()

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.doubts import Doubt
 from ..base.limits import Unknown
-from ..base.wide import traced
+from ..base.wide import namespace
 from .occupancy import TOLERANCE, in_squares, rasterise
 from .workspace import Workspace, edges
 
@@ -245,7 +245,7 @@ def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
 
 def _arrays(kind: type | None, *values: Any) -> tuple[Any, Any]:
     """Return the namespace of values, that of JAX if it traces them, and the values as arrays."""
-    xp = next((one.__array_namespace__() for one in values if traced(one)), np)
+    xp = namespace(*values)
     return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in values))
 
 

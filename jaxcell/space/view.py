@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from ..base.wide import traced
 from .cells import TOLERANCE
 from .segments import cross
 from .workspace import Workspace, coordinate_rounding, edges
@@ -89,6 +90,6 @@ def _star(
 
 
 def check_reach(reach: float | int) -> float:
-    if not (isinstance(reach, numbers.Real) and reach > 0):
+    if not (traced(reach) or (isinstance(reach, numbers.Real) and reach > 0)):
         raise ValueError(f"reach: expected more than 0 m, got {reach!r}")
     return float(reach)

@@ -148,6 +148,8 @@ def test_targets_of_all_kinds_are_normalised():
     expected = worth / worth.sum()
     np.testing.assert_allclose(coverage_target(cells, worth), expected, rtol=1e-14)
     np.testing.assert_allclose(coverage_target(cells, jnp.asarray(worth)), expected, rtol=1e-14)
+    traced = jax.jit(lambda worth: coverage_target(cells, worth))(worth)
+    np.testing.assert_allclose(traced, expected, rtol=1e-14)
     np.testing.assert_allclose(coverage_target(cells, lambda x, y: x + 10 * y), expected)
     assert coverage_target(cells, np.full(n, 1e308)).sum() == pytest.approx(1)
 

@@ -2,11 +2,13 @@ import dataclasses
 import math
 from typing import Any, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
-from ...base.hosted import on_host_only
+from ...base.wide import namespace, traced
 
 
 # exp(-FAR) is near the smallest normal number; smaller probabilities count as 0.
@@ -17,10 +19,14 @@ _MAX_STEPS = 100
 # The last step in the log-odds has at most this size; the error is of the order of its square.
 _STEP = 1e-8
 _ROUNDING = 4e-16
+# Below this, the series of expm1(x) / x is exact with these coefficients, also its derivatives.
+_SMALL = 0.03
+_SERIES = [1 / math.factorial(n) for n in range(9, 0, -1)]
 
-_Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
+_Parameter: TypeAlias = Float[Any, "*#laws"] | float | int
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Gld:
     """A generalized lambda distribution in the form of Freimer, Mudholkar, Kollia and Lin (1988).
@@ -34,7 +40,8 @@ class Gld:
     `[laws, 1]`, they define several distributions, and methods return arrays `[laws, values]`.
 
     `log_odds`, `cdf` and `pdf` invert `Q` with Newton's method within a bracket. The unknown is the
-    log-odds `log(u / (1 - u))`, so that neither tail loses digits.
+    log-odds `log(u / (1 - u))`, so that neither tail loses digits. All methods work under `jit`,
+    `vmap` and `grad`, also with traced parameters.
 
     The logistic distribution:
 
@@ -69,43 +76,49 @@ class Gld:
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 
-    @on_host_only
     @np.errstate(all="ignore")
-    def quantile(self, u: Any) -> Float[np.ndarray, "*values"]:
+    def quantile(self, u: Any) -> Float[Any, "*values"]:
         """Return the quantile of probability `u`; NaN if `u` is outside of [0, 1]."""
-        u = np.asarray(u, np.float64)
-        z = _power(np.log(u), self.l3) - _power(np.log1p(-u), self.l4)
-        return np.asarray(self.l1 + z / self.l2)
+        xp = namespace(self, u)
+        u = xp.asarray(u, np.float64)
+        z = _power(xp.log(u), self.l3) - _power(xp.log1p(-u), self.l4)
+        return xp.asarray(self.l1 + z / self.l2)
 
-    @on_host_only
     @np.errstate(all="ignore")
     def log_odds(
         self, x: Any, near: Float[np.ndarray, "*near"] | None = None
-    ) -> Float[np.ndarray, "*values"]:
+    ) -> Float[Any, "*values"]:
         """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support.
 
         If approximate log-odds `near` are given, Newton's method starts from them.
         """
-        z = np.asarray((np.asarray(x, np.float64) - self.l1) * self.l2)
+        xp = namespace(self, x)
+        z = xp.asarray((xp.asarray(x, np.float64) - self.l1) * self.l2)
+        if xp is jnp:
+            return _inverse(*jnp.broadcast_arrays(z, self.l3, self.l4))
         log_odds = _invert(np.atleast_1d(z), self.l3, self.l4, near)
         return log_odds if z.ndim else log_odds[..., 0]
 
-    def cdf(self, x: Any) -> Float[np.ndarray, "*values"]:
+    def cdf(self, x: Any) -> Float[Any, "*values"]:
         """Compute the probability that a value does not exceed `x`."""
-        return np.asarray(expit(self.log_odds(x)))
+        log_odds = self.log_odds(x)
+        return jax.nn.sigmoid(log_odds) if traced(log_odds) else np.asarray(expit(log_odds))
 
-    def pdf(self, x: Any) -> Float[np.ndarray, "*values"]:
+    def pdf(self, x: Any) -> Float[Any, "*values"]:
         """Compute the probability density at `x`; 0 outside of the support."""
-        return np.asarray(np.exp(self.log_density(self.log_odds(x))))
+        xp = namespace(self, x)
+        return xp.asarray(xp.exp(self.log_density(self.log_odds(x))))
 
-    @on_host_only
     @np.errstate(all="ignore")
-    def log_density(self, log_odds: Any) -> Float[np.ndarray, "*values"]:
+    def log_density(self, log_odds: Any) -> Float[Any, "*values"]:
         """Compute the logarithm of the density from log-odds; -inf if they are infinite."""
-        log_u, log_v = _logs(log_odds)
-        log_slope = np.logaddexp(self.l3 * log_u + log_v, self.l4 * log_v + log_u)
-        density = np.log(self.l2) + log_u + log_v - log_slope
-        return np.where(np.isinf(log_odds), -np.inf, density)
+        xp = namespace(self, log_odds)
+        outside = xp.isinf(log_odds)
+        # A derivative needs finite numbers outside of the support, too.
+        log_u, log_v = _logs(xp.where(outside, 0.0, log_odds))
+        log_slope = xp.logaddexp(self.l3 * log_u + log_v, self.l4 * log_v + log_u)
+        density = xp.log(self.l2) + log_u + log_v - log_slope
+        return xp.where(outside, -np.inf, density)
 
 
 @np.errstate(all="ignore")
@@ -128,13 +141,47 @@ def standard_quantile(log_odds: Any, l3: _Parameter, l4: _Parameter) -> Any:
 
 def _logs(log_odds: Any) -> tuple[Any, Any]:
     """Compute the logarithms of `u` and `1 - u` from the log-odds of `u`."""
+    if traced(log_odds):
+        return jax.nn.log_sigmoid(log_odds), jax.nn.log_sigmoid(-log_odds)
     small = np.log1p(np.exp(-np.abs(log_odds)))
     return np.minimum(log_odds, 0) - small, -np.maximum(log_odds, 0) - small
 
 
 def _power(log_u: Any, shape: _Parameter) -> Any:
     """Compute `(u**shape - 1) / shape`."""
-    return np.where(shape == 0, log_u, np.expm1(shape * log_u) / shape)
+    if not traced(log_u, shape):
+        return np.where(shape == 0, log_u, np.expm1(shape * log_u) / shape)
+    x = jnp.where(jnp.isfinite(log_u), log_u, 0.0) * shape
+    few = jnp.abs(x) < _SMALL
+    ratio = jnp.where(
+        few, jnp.polyval(jnp.array(_SERIES), x), jnp.expm1(x) / jnp.where(few, 1.0, x)
+    )
+    # At u = 0, the power is 0 or infinite.
+    end = jnp.where(shape > 0, -1 / jnp.where(shape > 0, shape, 1.0), -jnp.inf)
+    return jnp.where(jnp.isneginf(log_u), end, log_u * ratio)
+
+
+@jax.custom_jvp
+def _inverse(z: Any, l3: Any, l4: Any) -> Float[Any, "*values"]:
+    """Find log-odds for arrays of one shape, of which JAX traces at least one."""
+
+    @np.errstate(all="ignore")
+    def find(*arrays: Any) -> Float[np.ndarray, "*values"]:
+        column, *shapes = (np.asarray(array).reshape(-1, 1) for array in arrays)
+        return _invert(column, shapes[0], shapes[1], None).reshape(np.shape(arrays[0]))
+
+    shape = jax.ShapeDtypeStruct(z.shape, np.float64)
+    return jax.pure_callback(find, shape, z, l3, l4, vmap_method="broadcast_all")
+
+
+@_inverse.defjvp
+def _change_of_inverse(numbers: Any, changes: Any) -> tuple[Any, Any]:
+    log_odds = _inverse(*numbers)
+    inside = jnp.isfinite(log_odds)
+    at = (jnp.where(inside, log_odds, 0.0), *numbers[1:])
+    slope = jax.jvp(standard_quantile, at, (jnp.ones_like(log_odds), *map(jnp.zeros_like, at[1:])))
+    rise = jax.jvp(standard_quantile, at, (jnp.zeros_like(log_odds), *changes[1:]))
+    return log_odds, jnp.where(inside, (changes[0] - rise[1]) / slope[1], 0.0)
 
 
 def _invert(

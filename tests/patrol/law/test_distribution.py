@@ -1,7 +1,10 @@
 import math
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.stats
 from hypothesis import example, given, strategies as st
 
@@ -138,3 +141,58 @@ def test_parameters_are_checked():
     ):
         with pytest.raises(ValueError, match=match):
             Gld(*parameters)
+
+
+def cdf_by_bisection(x, numbers):
+    l1, l2, l3, l4 = numbers
+    return scipy.optimize.brentq(
+        lambda u: l1 + (power(u, l3) - power(1 - u, l4)) / l2 - x, 1e-12, 1 - 1e-12, xtol=1e-15
+    )
+
+
+def slope(compute, at, step=1e-4):
+    """The derivative by differences of the fourth order."""
+    ends = [compute(at + k * step) for k in (-2, -1, 1, 2)]
+    return np.dot([1, -8, 8, -1], ends) / (12 * step)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [(0.0, 1.0, 0.0, 0.0), (0.3, 1.7, 0.2, 0.4), (1.0, 0.5, -0.3, 0.1), (0, 0.5, 1e-7, 1)],
+)
+def test_derivatives_of_a_traced_law(numbers):
+    numbers = np.array(numbers, float)
+    values = jnp.array([0.2, 0.7, 1.1])
+
+    def cdf(numbers, x):
+        return Gld(*numbers).cdf(x)
+
+    changes = jax.jit(jax.vmap(jax.grad(cdf), (None, 0)))(numbers, values)
+    curves = jax.vmap(jax.hessian(cdf), (None, 0))(numbers, values)
+    for x, change, curve in zip(values.tolist(), changes, curves, strict=True):
+        expected = cdf_by_bisection(x, numbers)
+        np.testing.assert_allclose(jax.jit(cdf)(numbers, x), expected, rtol=1e-9)
+        np.testing.assert_allclose(jax.grad(cdf, 1)(numbers, x), Gld(*numbers).pdf(x), rtol=1e-9)
+        for axis in np.eye(4):
+            by_difference = slope(lambda t, a=axis, x=x: cdf_by_bisection(x, numbers + t * a), 0.0)
+            np.testing.assert_allclose(change @ axis, by_difference, rtol=1e-6, atol=1e-8)
+            again = slope(lambda t, a=axis, x=x: jax.grad(cdf)(numbers + t * a, x), 0.0)
+            np.testing.assert_allclose(curve @ axis, again, rtol=1e-6, atol=1e-8)
+
+
+def test_a_traced_law_ends_where_the_law_does():
+    law, ends = Gld(1.0, 2.0, 0.5, 0.0), jnp.array([-9.0, 0.0, 1.0, 99.0])
+    np.testing.assert_allclose(jax.jit(law.cdf)(ends), [0, 0, law.cdf(1.0), law.cdf(99.0)])
+    np.testing.assert_array_equal(jax.vmap(jax.grad(law.pdf))(ends)[:1], [0])
+    ends = jax.jit(lambda law: law.quantile(jnp.array([0.0, 1.0, 2.0])))(law)
+    np.testing.assert_array_equal(ends, [0.0, np.inf, np.nan])
+
+
+@pytest.mark.parametrize("shape", [0.0, 0.4, -0.7])
+def test_derivative_of_a_traced_quantile_is_its_closed_form(shape):
+    u = 0.3
+    expected = math.log(u) ** 2 / 2
+    if shape:
+        expected = (u**shape * (shape * math.log(u) - 1) + 1) / shape**2
+    found = jax.grad(lambda l3: Gld(0.0, 2.0, l3, 0.1).quantile(u))(shape)
+    assert found == pytest.approx(expected / 2, rel=1e-12)
