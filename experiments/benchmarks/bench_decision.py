@@ -58,14 +58,16 @@ def gyres(rows: int, columns: int) -> Sea:
     return Sea.of(waters, chains)
 
 
-def matrices(model: DecisionModel, goal: int) -> tuple[list[Any], np.ndarray, np.ndarray]:
-    """Make transition matrices that stay in the goal, rewards, and a mask of allowed actions."""
-    stay = scipy.sparse.csr_array(([1.0], ([goal], [goal])), shape=(model.cells, model.cells))
-    moves = [(chain.to_scipy() + stay).tocsr() for chain in model.chains]
+def matrices(model: DecisionModel, goal: int | None) -> tuple[list[Any], np.ndarray, np.ndarray]:
+    """Make transition matrices that stay in a goal, rewards, and a mask of allowed actions."""
+    moves = [chain.to_scipy() for chain in model.chains]
+    if goal is not None:
+        stay = scipy.sparse.csr_array(([1.0], ([goal], [goal])), shape=moves[0].shape)
+        moves = [(move + stay).tocsr() for move in moves]
     return moves, np.array(model.reward), np.array(model.allowed)
 
 
-def with_quantecon(model: DecisionModel, goal: int, discount: float, method: str) -> Any:
+def with_quantecon(model: DecisionModel, goal: int | None, discount: float, method: str) -> Any:
     moves, reward, allowed = matrices(model, goal)
     # quantecon expects pairs in the order of cells, then of actions.
     cell, action = np.nonzero(allowed.T)

@@ -71,6 +71,12 @@ class Batch:
         self._arriving.add(later, self.chance * x[self.tail])
         return later
 
+    def matrix(self, member: int = 0) -> scipy.sparse.csr_array:
+        """Return the transition matrix of a member."""
+        inside = self.head < self.cells
+        steps = self.chance[inside, member], (self.tail[inside], self.head[inside])
+        return scipy.sparse.csr_array(steps, shape=(self.cells, self.cells))
+
     @functools.cached_property
     def _arriving(self) -> Sums:
         return Sums.of(self.head)

@@ -44,9 +44,9 @@ def on_host(
 
     `compute` is called for each member of a batch or, with `of_steps`, once for all members with
     the same possible steps, whose probabilities do not matter. `many` is a function for several
-    members with the same steps: it gets a [`Batch`][] in place of a matrix, and numbers with a row
-    per member, and returns results with a row per member. Members whose results are not finite, or
-    all if it raises a `RuntimeError`, are left to `compute`.
+    members with the same steps: it gets a [`Batch`][] in place of each matrix, and numbers with a
+    row per member, and returns results with a row per member. Members whose results are not finite,
+    or all if it raises a `RuntimeError`, are left to `compute`.
     """
     whole: Any
     tree: Any
@@ -73,11 +73,12 @@ def on_host(
     def together(values: list[Any], part: Int[np.ndarray, "part"]) -> list[Any]:
         if of_steps:
             return alone([x[part[0]] for x in values])
-        image, chance, *rest = values
-        batch = Batch.of(image[part[0]], chance[part] if chance.strides[0] else chance[:1])
-        rest = [x[part] if x.dtype.kind == "f" else _value_of(x[part[0]]) for x in rest]
-        args = tree.unflatten(rest)
-        return outer.flatten_up_to(many(batch, *args)) if many else []
+        if not many:
+            return []
+        pairs = zip(values[:count:2], values[1:count:2], strict=True)
+        batches = (Batch.of(image[part[0]], chance[_rows(chance, part)]) for image, chance in pairs)
+        rest = (x[part] if x.dtype.kind == "f" else _value_of(x[part[0]]) for x in values[count:])
+        return outer.flatten_up_to(many(whole.unflatten(batches), *tree.unflatten(rest)))
 
     def call(*given: Any) -> Any:
         values = [np.asarray(x) for x in given]
@@ -100,6 +101,11 @@ def on_host(
         return outer.unflatten([x.reshape(*lead, *x.shape[1:]) for x in results])
 
     return jax.pure_callback(call, form, *given, vmap_method="expand_dims")
+
+
+def _rows(array: np.ndarray, part: Int[np.ndarray, "part"]) -> Any:
+    """Return the indices of rows, of which one is enough if all are the same one in memory."""
+    return part if array.strides[0] else part[:1]
 
 
 def _value_of(array: Any) -> Any:

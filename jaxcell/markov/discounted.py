@@ -12,7 +12,8 @@ from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real, Whole
 from ..base.wide import traced
-from ..mapping.generalized import Chain, missing_rows
+from ..mapping.batch import Batch
+from ..mapping.generalized import Chain
 from ..mapping.traced import implicit, like, on_host
 from .decision import DecisionModel, policy_chain
 from .moves import Moves, Policy, Usable
@@ -104,10 +105,13 @@ def value_iteration(
     for name, number in (("tolerance", tolerance), ("max_rounds", max_rounds)):
         if not number > 0:
             raise ValueError(f"{name}: expected a positive number, got {number}")
-    compute = functools.partial(_optimum, tolerance=float(tolerance), max_rounds=max_rounds)
+    compute, many = (
+        functools.partial(find, tolerance=float(tolerance), max_rounds=max_rounds)
+        for find in (_optimum, _optima)
+    )
     form = like(float, model.cells), like(int, model.cells), *CERTIFIED
     problem = model.chains, model.allowed, model.reward, discount
-    value, policy, rounds, residual = on_host(compute, form, *problem)
+    value, policy, rounds, residual = on_host(compute, form, *problem, many=many)
     certificate = Certificate(rounds, residual, float(tolerance))
     certificate.check("value_iteration", throw)
     value, policy = jax.device_put((value, policy))
@@ -144,6 +148,58 @@ def _optimum(
     return found.value, policy.astype(np.int32), rounds, found.residual
 
 
+def _optima(
+    batches: Sequence[Batch],
+    allowed: Usable,
+    reward: Float[np.ndarray, "members actions cells"],
+    discount: Float[np.ndarray, "members"],
+    *,
+    tolerance: float,
+    max_rounds: int,
+) -> tuple[Any, Any, Any, Any]:
+    """Find the best policies of members with equal chains by sweeps, for all members at once.
+
+    Values are NaN where sweeps are too slow.
+    """
+    if any(batch.chance.shape[1] > 1 for batch in batches):
+        raise RuntimeError("the chains differ")
+    moves = Moves.of([batch.matrix() for batch in batches], allowed)
+    gain = np.where(allowed, discount[:, None, None] * reward, -np.inf).transpose(1, 2, 0)
+    value, left = np.zeros((moves.cells, discount.size)), np.arange(discount.size)
+    rounds, cell = np.zeros(discount.size, np.int32), np.arange(moves.cells)
+    for _ in range(min(max_rounds, _MOST_SWEEPS // _SWEEPS)):
+        rounds[left] += 1
+        later = discount[left] * moves.expected(value[:, left])
+        total, now = gain[..., left] + later, value[:, left]
+        # Members share more policies if gains that do not matter do not decide.
+        spare = tolerance / 4 * (1 - discount[left]) * np.abs(now).max(axis=0)
+        best = (total >= total.max(axis=0) - spare).argmax(axis=0)
+        users: dict[bytes, list[int]] = {}
+        for member, policy in zip(left.tolist(), best.T, strict=True):
+            users.setdefault(policy.tobytes(), []).append(member)
+        for policy, members in users.items():
+            chosen = np.frombuffer(policy, best.dtype)
+            step, own = moves.of_policy(chosen), gain[chosen[:, None], cell[:, None], members]
+            swept, scale = value[:, members], discount[members]
+            for _ in range(_SWEEPS):
+                swept = own + scale * (step @ swept)
+            value[:, members] = swept
+        # All later sweeps change values by less than this, if the policies stay.
+        fall, after = discount[left] ** _SWEEPS, value[:, left]
+        change = fall / (1 - fall) * np.abs(after - now).max(axis=0)
+        left = left[change > tolerance / 4 * np.abs(after).max(axis=0)]
+        if not left.size:
+            break
+    none = np.zeros(moves.cells)
+    found = [
+        _Evaluated.of(_Discounted.of(moves, *given), row, none)
+        for *given, row in zip(reward, discount.tolist(), value.T, strict=True)
+    ]
+    residual = np.array([one.residual for one in found])
+    value = np.where(residual[:, None] <= tolerance, [one.value for one in found], np.nan)
+    return value, np.array([one.better for one in found], np.int32), rounds, residual
+
+
 def _change(value: Float[Array, "cells"], inputs: Any) -> Float[Array, "cells"]:
     """Solve for the change of the values of the best policy, for their derivatives."""
     chain, gain, discount = inputs
@@ -165,9 +221,7 @@ class _Discounted:
 
     @classmethod
     def of(cls, moves: Moves, reward: _Gains, discount: float) -> "_Discounted":
-        missing = missing_rows(moves.matrix).reshape(moves.allowed.shape)
-        ending = (1 - discount) + discount * missing
-        return cls(moves, reward, discount, ending)
+        return cls(moves, reward, discount, (1 - discount) + discount * moves.missing)
 
     @property
     def stays(self) -> bool:
@@ -183,20 +237,23 @@ class _Discounted:
         """
         none = np.zeros(self.moves.cells)
         found = _Evaluated.of(self, none, none)
-        policy, rounds, tried = found.better, 0, set[bytes]()
+        policy, rounds, tried, least = found.better, 0, set[bytes](), math.inf
         few = self.moves.cells > LIMITS.small and self.discount**_MOST_SWEEPS <= tolerance
         while True:
             rounds += 1
-            if few and rounds * _SWEEPS <= _MOST_SWEEPS:
+            sweeps = few and rounds * _SWEEPS <= _MOST_SWEEPS
+            if sweeps:
                 found = _Evaluated.of(self, self._swept(policy, found.value), none)
-                if found.residual <= tolerance and np.array_equal(found.better, policy):
-                    return policy, found, rounds
             else:
                 tried.add(policy.tobytes())
                 found = self.evaluate(policy)
-                # Rounding could make the iteration alternate between equally good policies.
-                if rounds >= max_rounds or found.better.tobytes() in tried:
-                    return policy, found, rounds
+            # Rounding could make the iteration wander among equally good policies.
+            settled = least / 2 < found.residual or np.array_equal(found.better, policy)
+            if found.residual <= tolerance and settled:
+                return policy, found, rounds
+            if not sweeps and (rounds >= max_rounds or found.better.tobytes() in tried):
+                return policy, found, rounds
+            least = min(least, found.residual)
             policy = found.better
 
     def _swept(

@@ -8,7 +8,7 @@ import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ..mapping.classes import next_cells
-from ..mapping.generalized import leaving_rows
+from ..mapping.generalized import leaving_rows, missing_rows
 
 
 _Cells: TypeAlias = Bool[np.ndarray, "cells"]
@@ -40,6 +40,11 @@ class Moves:
         return self.allowed.shape[1]
 
     @functools.cached_property
+    def missing(self) -> Float[np.ndarray, "actions cells"]:
+        """1 minus the sum of the probabilities of each action in each cell, with all digits."""
+        return missing_rows(self.matrix).reshape(self.allowed.shape)
+
+    @functools.cached_property
     def steps(self) -> tuple[Int[np.ndarray, "edges"], Int[np.ndarray, "edges"]]:
         """The row and the column of every possible step, row by row."""
         return self.matrix.nonzero()
@@ -47,9 +52,11 @@ class Moves:
     def of_policy(self, policy: Policy) -> scipy.sparse.csr_array:
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
-    def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
+    def expected(
+        self, value: Float[np.ndarray, "cells *members"]
+    ) -> Float[np.ndarray, "actions cells *members"]:
         """Compute the expected value after one step, for each action and cell."""
-        return (self.matrix @ value).reshape(self.allowed.shape)
+        return (self.matrix @ value).reshape(*self.allowed.shape, *value.shape[1:])
 
     def changes(self, *values: _Values) -> tuple[np.ndarray, np.ndarray]:
         """Compute the expected change of the sum of some values in one step, and its size.

@@ -11,7 +11,7 @@ import pytest
 from jaxcell import markov
 from jaxcell.mapping import Chain, classes, persistent_groups
 from jaxcell.mapping.batch import Batch
-from jaxcell.markov import transient
+from jaxcell.markov import discounted, transient
 from jaxcell.markov.solving import rounds
 
 from ..oracles import exact_chains
@@ -195,3 +195,59 @@ def test_long_eliminations_are_left_to_the_host(monkeypatch):
     for value, matrix in zip(found, matrices, strict=True):
         truth = markov.hitting_times(Chain.from_scipy(matrix), 4).value
         np.testing.assert_array_equal(value, truth)
+
+
+def plain_values(matrices, reward, allowed, discount):
+    """Values by the equation, repeated until rounding stops it."""
+    value = np.zeros(CELLS)
+    for _ in range(int(40 / (1 - discount))):
+        gain = np.where(allowed, reward + matrices @ value, -np.inf)
+        value = discount * gain.max(axis=0)
+    return value
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_best_values_of_many_discounts_and_rewards(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    matrices, reward = batch_of(rng, leak=0.1)[:3], rng.normal(size=(MEMBERS, 3, CELLS))
+    allowed = rng.random((3, CELLS)) < 0.6
+    allowed[0] |= ~allowed.any(axis=0)
+    chains = tuple(chain_of(matrix) for matrix in matrices)
+    discounts = np.array([0.1, 0.5, 0.8, 0.97, 0.99])
+
+    @jax.jit
+    @jax.vmap
+    def found(discount, reward):
+        model = markov.DecisionModel(chains, reward, jnp.asarray(allowed))
+        best = markov.value_iteration(model, discount, 1e-9)
+        return best.value, best.policy, best.certificate.residual
+
+    with monkeypatch.context() as patch:
+        patch.setattr(discounted, "_optimum", alone)
+        results = found(discounts, reward)
+    for value, policy, bound, discount, gains in zip(*results, discounts, reward, strict=True):
+        truth = plain_values(matrices, gains, allowed, discount)
+        assert np.abs(value - truth).max() <= float(bound) * np.abs(truth).max()
+        assert bound <= 1e-9
+        only = np.arange(3)[:, None] == np.asarray(policy)
+        assert (allowed & only).any(axis=0).all()
+        own = plain_values(matrices, gains, only, discount)
+        assert (truth - own).max() <= 3e-9 * np.abs(truth).max()
+
+
+def test_discounts_near_1_are_left_to_each_member():
+    matrix = batch_of(np.random.default_rng(0))[0]
+    reward = np.random.default_rng(1).normal(size=(1, CELLS))
+
+    @jax.jit
+    @jax.vmap
+    def found(discount):
+        model = markov.DecisionModel(
+            (chain_of(matrix),), jnp.asarray(reward), jnp.ones((1, CELLS), bool)
+        )
+        return markov.value_iteration(model, discount).value
+
+    discounts = np.array([0.5, 0.999999])
+    for value, discount in zip(found(discounts), discounts, strict=True):
+        truth = np.linalg.solve(np.eye(CELLS) - discount * matrix, discount * reward[0])
+        np.testing.assert_allclose(value, truth, rtol=1e-8)
