@@ -276,9 +276,7 @@ def _between_all(
 
 def _derived(quantity: Callable[[Any], Any], value: Any, chain: Chain) -> Any:
     """Return `value` with the derivatives of a quantity of the dense transition matrix."""
-    cells = jnp.broadcast_to(jnp.arange(chain.cells), chain.image.shape)
-    P = jnp.zeros((chain.cells, chain.cells)).at[cells, chain.image].add(chain.probability)
-    return implicit(lambda _, P: quantity(P), value, P)
+    return implicit(lambda _, P: quantity(P), value, dense.matrix(chain))
 
 
 def _of_irreducible(
