@@ -20,7 +20,7 @@ from .batch import Batch, alike, rows
 from .generalized import Chain, matrix_of
 
 
-_FAILED = {"f": np.nan, "c": np.nan, "i": -1, "b": False}
+_FAILED = {"f": np.nan, "c": np.nan, "i": -1, "u": 0, "b": False}
 
 
 def like(kind: type, *shape: int) -> jax.ShapeDtypeStruct:
