@@ -290,16 +290,17 @@ def _of_irreducible(
             f"than {most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
 
-    def checked(matrix: scipy.sparse.csr_array) -> Any:
-        group = closed_classes(matrix)[0]
-        lost = np.flatnonzero(group != 0)
-        if lost.size:
-            cell = lost[0]
-            where = "transient" if group[cell] < 0 else "in another persistent group than cell 0"
-            raise ValueError(
-                f"{caller}: expected an irreducible chain, but cell {cell} is {where}; "
-                "hitting_times serves any chain"
-            )
-        return compute(matrix, group)
+    return on_host(functools.partial(_checked, compute, caller), form, chain)
 
-    return on_host(checked, form, chain)
+
+def _checked(compute: Callable[..., Any], caller: str, matrix: scipy.sparse.csr_array) -> Any:
+    group = closed_classes(matrix)[0]
+    lost = np.flatnonzero(group != 0)
+    if lost.size:
+        cell = lost[0]
+        where = "transient" if group[cell] < 0 else "in another persistent group than cell 0"
+        raise ValueError(
+            f"{caller}: expected an irreducible chain, but cell {cell} is {where}; "
+            "hitting_times serves any chain"
+        )
+    return compute(matrix, group)
