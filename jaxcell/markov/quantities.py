@@ -218,7 +218,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> Real:
     """
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
-    compute = functools.partial(_mixing_time, distance=distance)
+    compute = functools.partial(_mixing_time, distance=float(distance))
     time = _of_irreducible(compute, like(float), chain, "mixing_time", MAX_VERTICES)
     return time if traced(chain) else float(time)
 
