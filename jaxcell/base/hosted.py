@@ -69,7 +69,7 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
         except (TypeError, IndexError) as error:
             # A user's function that is traced inside may raise such an error too.
             of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
-            if not (of_jax and traced(args, options)):
+            if not (of_jax and _holds_traced((args, options))):
                 raise
             raise OnHostError(
                 f"{name} reads the values of its arrays, on the host: call it outside jit, vmap "
@@ -78,6 +78,13 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
 
     call._hosted = True  # type: ignore[attr-defined]
     return call
+
+
+def _holds_traced(values: Any) -> bool:
+    """Return whether JAX traces an array in a tree of values, or in a field of its objects."""
+    leaves = sys.modules["jax"].tree.leaves(values)
+    fields = [getattr(leaf, "__dict__", {}) for leaf in leaves if dataclasses.is_dataclass(leaf)]
+    return traced(leaves) or (bool(fields) and _holds_traced(fields))
 
 
 def on_host_only(method: _Method) -> _Method:

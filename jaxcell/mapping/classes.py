@@ -38,7 +38,7 @@ class PersistentGroups:
         """Keep only the first `cells` states: the cells at phase 0 of a [`ChainSequence`][]."""
         group, rows = self.group[:cells], self.size.shape[0]
         form = like(int, rows)
-        size = on_host(lambda _, group: _sizes(group, rows), form, (), group)
+        size = on_host(functools.partial(_sizes, rows=rows), form, (), group)
         return PersistentGroups(group, self.count, jax.device_put(size), self._chain, self.group)
 
     @functools.cached_property
@@ -53,7 +53,7 @@ class PersistentGroups:
         return jax.device_put(period) // phases
 
 
-def _sizes(group: Int[np.ndarray, "cells"], rows: int) -> Int[np.ndarray, "groups"]:
+def _sizes(_: Any, group: Int[np.ndarray, "cells"], rows: int) -> Int[np.ndarray, "groups"]:
     group = np.asarray(group)
     return np.bincount(group[group >= 0], minlength=rows).astype(np.int32)
 

@@ -6,6 +6,7 @@ same. A program cannot raise errors: values that cannot be computed are NaN, -1 
 """
 
 import contextlib
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from .batch import Batch, alike, rows
 from .generalized import Chain, matrix_of
 
 
-_FAILED = {"f": np.nan, "c": np.nan, "i": -1, "b": False}
+_FAILED = {"f": np.nan, "c": np.nan, "i": -1, "u": 0, "b": False}
 
 
 def like(kind: type, *shape: int) -> jax.ShapeDtypeStruct:
@@ -100,7 +101,26 @@ def on_host(
                 result[member] = found
         return outer.unflatten([x.reshape(*lead, *x.shape[1:]) for x in results])
 
-    return jax.pure_callback(call, form, *given, vmap_method="expand_dims")
+    same = _identity(compute), _identity(many), of_steps, whole, tree, outer, *forms, *axes
+    return jax.pure_callback(_Call(same, call), form, *given, vmap_method="expand_dims")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Call:
+    """A function on the host. JAX compiles calls once that are equal, also outside `jit`."""
+
+    same: tuple[Any, ...]
+    function: Callable[..., Any] = dataclasses.field(compare=False)
+
+    def __call__(self, *given: Any) -> Any:
+        return self.function(*given)
+
+
+def _identity(function: Any) -> Any:
+    """Return an object that is equal for functions of the same code and the same arguments."""
+    if not isinstance(function, functools.partial):
+        return function
+    return *map(_identity, (function.func, *function.args)), *sorted(function.keywords.items())
 
 
 def _rows(array: np.ndarray, part: Int[np.ndarray, "part"]) -> Any:

@@ -75,8 +75,9 @@ differ from those of a single call by rounding, and certificates are a little la
 stop the program, so values that cannot be computed are NaN, and `certificate.converged` is `False`.
 The derivative of a solution is the solution of the same equations with another right-hand side, or
 of the transposed equations (Schweitzer 1968), so it is as accurate as the values. The structure of
-the chain and the best policy count as constant. `leading_modes`, `almost_invariant_sets`,
-`coherent_sets`, `attracting_regions`, `mean_first_arrival` and `sample_walks` run on the host only.
+the chain and the best policy count as constant, and so do the times of `simulate_arrival`.
+`almost_invariant_sets`, `coherent_sets`, `attracting_regions` and `sample_walks` run on the host
+only.
 """
 
 from ..base.hosted import attach

@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.certificate import Numbers
 from ..base.precision import require_x64
+from ..base.wide import traced
 from ..mapping.generalized import Chain
 from ..mapping.sequence import check_steps
 from .hitting import cell_mask, common_cells
@@ -36,7 +38,7 @@ class Race:
     "The chains of the robots; a chain that several robots share is listed once."
     robot: tuple[int, ...]
     "For each robot, the index of its chain in `chains`."
-    start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
+    start: Float[Numbers, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start or, for a `Distinct` start, the possible cells."
     there: Bool[np.ndarray, "cells"]
     "The target, as a mask over the cells."
@@ -65,7 +67,7 @@ class Race:
                     f"starts: {len(chains)} robots cannot begin in {start.size} different cells"
                 )
         else:
-            if not isinstance(starts, list | tuple | np.ndarray):
+            if not isinstance(starts, list | tuple | np.ndarray | jax.Array):
                 raise ValueError(
                     f"starts: expected a list of starts, one per robot, got {type(starts).__name__}"
                 )
@@ -73,7 +75,8 @@ class Race:
                 raise ValueError(
                     f"starts: expected a start for each of {len(chains)} robots, got {len(starts)}"
                 )
-            start = np.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
+            xp = jnp if traced(starts) else np
+            start = xp.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
         return cls(tuple(different.values()), robot_chain, start, cell_mask(cells, target))
 
     @property
@@ -84,7 +87,7 @@ class Race:
     def distinct(self) -> bool:
         return self.start.ndim == 1
 
-    def begins(self, robot: int) -> Bool[np.ndarray, "cells"]:
+    def begins(self, robot: int) -> Bool[Numbers, "cells"]:
         """Return the mask of the cells in which a robot may begin."""
         if self.distinct:
             return np.isin(np.arange(self.there.size), self.start)
@@ -172,7 +175,7 @@ def mean_product(value: Float[Array, "steps choices"], count: int) -> Float[Arra
     return jax.lax.scan(add, mean, columns)[0][-1]
 
 
-def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
+def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[Numbers, "cells"]:
     try:
         return start_distribution(cells, start)
     except ValueError as error:

@@ -29,6 +29,14 @@ from jaxtyping import Array, Float
 
 from ..base.indices import as_array
 from ..base.wide import wide
+from ..mapping.generalized import Chain
+
+
+@wide
+def matrix(chain: Chain) -> Float[Array, "cells cells"]:
+    """Return the transition matrix of a chain, without the sink."""
+    cells = jnp.broadcast_to(jnp.arange(chain.cells), chain.image.shape)
+    return jnp.zeros((chain.cells, chain.cells)).at[cells, chain.image].add(chain.probability)
 
 
 def _of_matrix(quantity: Callable[[Array], Array]) -> Callable[[npt.ArrayLike], Array]:

@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -56,7 +57,7 @@ def mean_first_arrival(
     length, so two geometric series bound the rest of the sum from below and above. The two bounds
     are nearly equal as soon as the factor hardly depends on the start, long before the rest is
     negligible. The rounding of each step is part of the bound: it is about 1e-15 times the mean.
-    If JAX traces the chains, only the first way is offered, and a lost robot is one more cell.
+    If JAX traces chains or starts, only the first way is offered; a lost robot is one more cell.
 
     **Arguments:** as for [`first_arrival`][jaxcell.markov.first_arrival], a tolerance for the
     relative error, and the largest number of steps.
@@ -77,7 +78,7 @@ def mean_first_arrival(
         if not number > 0:
             raise ValueError(f"{name}: expected a positive number, got {number}")
     race = Race.of(chains, starts, target)
-    if traced(chains):
+    if traced(chains, race.start):
         return _of_traced(race, tolerance)
     walkers = [_Walker.of(race, robot) for robot in range(race.robots)]
     if _may_fail(race, walkers):
@@ -92,7 +93,7 @@ def mean_first_arrival(
 
 
 def _of_traced(race: Race, tolerance: float) -> MeanArrival:
-    """Compute the mean of chains that JAX traces, from the hitting times of their joint chain.
+    """Compute the mean if JAX traces chains or starts, from the hitting times of the joint chain.
 
     The values of a traced chain are unknown, so no cell can be left out of the joint chain, as
     `_by_joint_chain` does.
@@ -112,11 +113,12 @@ def _of_traced(race: Race, tolerance: float) -> MeanArrival:
         chosen = apart & np.isin(place, race.start).all(axis=0)
         share = chosen / chosen.sum()
     else:
-        share = functools.reduce(np.kron, np.pad(race.start, [(0, 0), (0, 1)]))
+        xp: Any = jnp if traced(race.start) else np
+        share = functools.reduce(xp.kron, xp.pad(race.start, [(0, 0), (0, 1)]))
     time = hitting_times(chain, there, throw=False)
-    starts = np.flatnonzero(share)
     certificate = dataclasses.replace(time.certificate, tolerance=tolerance)
-    return MeanArrival(time.value[starts] @ share[starts], certificate)
+    counts = (share > 0) | jnp.isfinite(time.value)
+    return MeanArrival(jnp.where(counts, time.value, 0.0) @ share, certificate)
 
 
 def _with_lost(chain: Chain) -> Chain:

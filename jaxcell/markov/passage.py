@@ -81,15 +81,13 @@ def start_distribution(cells: int, start: Any) -> Any:
 
     Probabilities that JAX traces are not checked.
     """
-    if traced(start) and start.shape == (cells,):
-        return start
-    array = np.asarray(start)
+    array = start if traced(start) else np.asarray(start)
     if not array.size or not np.issubdtype(array.dtype, np.floating):
-        mask = cell_mask(cells, array, "start")
-        return np.asarray(mask / mask.sum())
+        share = cell_mask(cells, array, "start").astype(np.float64)
+        return share / share.sum()
     if array.shape != (cells,):
         raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
-    if not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
+    if not traced(array) and not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
         raise ValueError(
             f"start: expected probabilities that sum to 1, got the least {array.min()} and the sum "
             f"{array.sum()}"

@@ -218,7 +218,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> Real:
     """
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
-    compute = functools.partial(_mixing_time, distance=distance)
+    compute = functools.partial(_mixing_time, distance=float(distance))
     time = _of_irreducible(compute, like(float), chain, "mixing_time", MAX_VERTICES)
     return time if traced(chain) else float(time)
 
@@ -276,9 +276,7 @@ def _between_all(
 
 def _derived(quantity: Callable[[Any], Any], value: Any, chain: Chain) -> Any:
     """Return `value` with the derivatives of a quantity of the dense transition matrix."""
-    cells = jnp.broadcast_to(jnp.arange(chain.cells), chain.image.shape)
-    P = jnp.zeros((chain.cells, chain.cells)).at[cells, chain.image].add(chain.probability)
-    return implicit(lambda _, P: quantity(P), value, P)
+    return implicit(lambda _, P: quantity(P), value, dense.matrix(chain))
 
 
 def _of_irreducible(
@@ -292,16 +290,17 @@ def _of_irreducible(
             f"than {most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
 
-    def checked(matrix: scipy.sparse.csr_array) -> Any:
-        group = closed_classes(matrix)[0]
-        lost = np.flatnonzero(group != 0)
-        if lost.size:
-            cell = lost[0]
-            where = "transient" if group[cell] < 0 else "in another persistent group than cell 0"
-            raise ValueError(
-                f"{caller}: expected an irreducible chain, but cell {cell} is {where}; "
-                "hitting_times serves any chain"
-            )
-        return compute(matrix, group)
+    return on_host(functools.partial(_checked, compute, caller), form, chain)
 
-    return on_host(checked, form, chain)
+
+def _checked(compute: Callable[..., Any], caller: str, matrix: scipy.sparse.csr_array) -> Any:
+    group = closed_classes(matrix)[0]
+    lost = np.flatnonzero(group != 0)
+    if lost.size:
+        cell = lost[0]
+        where = "transient" if group[cell] < 0 else "in another persistent group than cell 0"
+        raise ValueError(
+            f"{caller}: expected an irreducible chain, but cell {cell} is {where}; "
+            "hitting_times serves any chain"
+        )
+    return compute(matrix, group)

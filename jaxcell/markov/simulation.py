@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +11,11 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..base import memory
+from ..base.certificate import Real
 from ..base.precision import require_x64
+from ..base.wide import host_array, traced
 from ..mapping.generalized import Chain
+from ..mapping.traced import like, on_host
 from .arrival import Distinct, Race
 
 
@@ -29,19 +33,21 @@ _BYTES_PER_SLOT = 100
 _EQUAL = 9
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Arrivals:
     """The times of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
     "The number of steps of each run; `inf` for a run that was stopped at the horizon."
-    horizon: int
+    horizon: int = dataclasses.field(metadata={"static": True})
     "The number of steps after which a run was stopped without an arrival."
 
     @property
-    def mean(self) -> float:
+    def mean(self) -> Real:
         """The mean time; `inf` if a run was stopped at the horizon."""
-        return float(jnp.mean(self.time))
+        mean: Any = jnp.mean(self.time)
+        return mean if traced(mean) else float(mean)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -70,7 +76,8 @@ def simulate_arrival(
 
     **Arguments:** a random key of JAX; chains, starts and a target as for `first_arrival`; the
     number of runs; and the number of steps after which a run without an arrival is stopped.
-    **Returns:** the time of each run.
+    **Returns:** the time of each run. Chains and starts may be traced by `jit` and `vmap`; under
+    `grad`, times count as constant.
 
     A robot that goes round in a ring of three cells:
 
@@ -97,10 +104,11 @@ def simulate_arrival(
         choices = jax.device_put(np.asarray(race.start, np.int32))
         cells = _draw_distinct_starts(placing, choices, race.robots, _TURNS * lanes)
     else:
-        cumulative = jax.device_put(np.cumsum(race.start, axis=1))
+        xp = jnp if traced(race.start) else np
+        cumulative = jax.device_put(xp.cumsum(race.start, axis=1))
         cells = _draw_starts(placing, cumulative, _TURNS * lanes)
     time = _walk(walking, _Tables.of(race), cells, np.int32(horizon))
-    return Arrivals(jax.device_put(np.asarray(time)[:runs]), horizon)
+    return Arrivals(jax.device_put(host_array(time)[:runs]), horizon)
 
 
 @jax.tree_util.register_dataclass
@@ -124,7 +132,6 @@ class _Tables:
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
-        images, probabilities = [], []
         slots = 1 + max(chain.image.shape[0] for chain in race.chains)
         places = race.there.size + 1
         memory.check(
@@ -132,29 +139,13 @@ class _Tables:
             f"simulate_arrival on {places - 1} cells with {slots - 1} images each",
             "first_arrival computes the law of these times in less",
         )
-        for number, chain in enumerate(race.chains):
-            branches = chain.image.shape[0]
-            # One more branch leads to the sink; unused branches stay in their cell.
-            image = np.tile(np.arange(places), (slots, 1))
-            image[:branches, :-1] = chain.image
-            image[branches] = places - 1
-            probability = np.zeros((slots, places))
-            probability[:branches, :-1] = chain.probability
-            probability[branches, :-1] = chain.leaving
-            probability[branches, -1] = 1
-            images.append(image + number * places)
-            probabilities.append(probability / probability.sum(axis=0))
-        image, probability = np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1)
-        first, second, part = alias(image.T, probability.T)
+        entry = like(int, len(race.chains) * slots * places)
+        form = entry, entry, entry.update(dtype=np.uint32)
+        given = [x for c in race.chains for x in (c.image, c.probability, c.leaving)]
+        tables = on_host(functools.partial(_built, slots), form, (), *given)
         there = np.tile(np.append(race.there, False), len(race.chains))
-        tables = (
-            first.ravel().astype(np.int32),
-            second.ravel().astype(np.int32),
-            np.minimum(part.ravel() * 2.0**32, 2.0**32 - 1).astype(np.uint32),
-            there,
-            (np.array(race.robot) * places).astype(np.int32),
-        )
-        return cls(*jax.device_put(tables))
+        offset = (np.array(race.robot) * places).astype(np.int32)
+        return cls(*jax.device_put((*tables, there, offset)))
 
     def step(
         self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]
@@ -167,6 +158,30 @@ class _Tables:
         entry = place * slots + (wide >> jnp.uint64(32)).astype(jnp.int32)
         within = wide.astype(jnp.uint32)
         return jnp.where(within < self.part[entry], self.first[entry], self.second[entry])
+
+
+def _built(slots: int, _: tuple[()], *given: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Build the tables from the images, the probabilities and `leaving` of each chain."""
+    images, probabilities = [], []
+    for number, start in enumerate(range(0, len(given), 3)):
+        branches, places = given[start].shape[0], given[start].shape[1] + 1
+        # One more branch leads to the sink; unused branches stay in their cell.
+        image = np.tile(np.arange(places), (slots, 1))
+        image[:branches, :-1] = given[start]
+        image[branches] = places - 1
+        probability = np.zeros((slots, places))
+        probability[:branches, :-1] = given[start + 1]
+        probability[branches, :-1] = given[start + 2]
+        probability[branches, -1] = 1
+        images.append(image + number * places)
+        probabilities.append(probability / probability.sum(axis=0))
+    image, probability = np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1)
+    first, second, part = alias(image.T, probability.T)
+    return (
+        first.ravel().astype(np.int32),
+        second.ravel().astype(np.int32),
+        np.minimum(part.ravel() * 2.0**32, 2.0**32 - 1).astype(np.uint32),
+    )
 
 
 def alias(

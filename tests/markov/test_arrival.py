@@ -217,6 +217,30 @@ def test_the_law_has_the_derivatives_of_geometric_laws():
             np.testing.assert_allclose(slope, -np.diff(derivative), rtol=1e-11, atol=1e-13)
 
 
+def test_the_law_and_the_mean_are_linear_in_traced_starts():
+    chain, there = random_chain(6, 0), np.arange(6) == 5
+
+    def law(start, other=1):
+        return first_arrival([chain, chain], [start, other], 5, STEPS)
+
+    from_each = np.stack([law(cell) for cell in range(6)])
+    np.testing.assert_allclose(jax.jit(jax.vmap(law))(np.arange(6)), from_each, rtol=1e-14)
+    start = np.random.default_rng(0).dirichlet(np.ones(6))
+    np.testing.assert_allclose(jax.jit(law)(start), start @ from_each, rtol=1e-13)
+    slopes = np.asarray(jax.jacfwd(law)(start)).T
+    # Changes of a distribution sum to 0.
+    np.testing.assert_allclose(slopes - slopes[0], from_each - from_each[0], atol=1e-13)
+    np.testing.assert_allclose(jax.jit(law)(there), law(5), rtol=1e-14)
+
+    def mean(start):
+        return mean_first_arrival([chain, chain], [start, 1], 5).value
+
+    times = [mean(cell) for cell in range(6)]
+    value, slope = jax.jit(jax.value_and_grad(mean))(start)
+    np.testing.assert_allclose(value, start @ times, rtol=1e-13)
+    np.testing.assert_allclose(slope, times, rtol=1e-12)
+
+
 def test_the_mean_has_the_derivatives_of_geometric_laws():
     """In a compiled batch. In each step a robot arrives, leaves the space, or stays in its cell."""
 

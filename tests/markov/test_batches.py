@@ -251,3 +251,24 @@ def test_discounts_near_1_are_left_to_each_member():
     for value, discount in zip(found(discounts), discounts, strict=True):
         truth = np.linalg.solve(np.eye(CELLS) - discount * matrix, discount * reward[0])
         np.testing.assert_allclose(value, truth, rtol=1e-8)
+
+
+def test_equal_calls_without_jit_are_compiled_once():
+    matrices = batch_of(np.random.default_rng(3))
+    compiled = []
+
+    def listen(event, _, **__):
+        compiled.extend([event] * ("backend_compile" in event))
+
+    def quantities(P):
+        chain = chain_of(P)
+        share = markov.limiting_distribution(chain, persistent_groups(chain)).value
+        return share, markov.mixing_time(chain, 0.1), markov.hitting_matrix(chain).value
+
+    first = jax.vmap(quantities)(matrices)
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    again = jax.vmap(quantities)(matrices[::-1])
+    jax.monitoring.unregister_event_duration_listener(listen)
+    assert not compiled
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other[::-1])

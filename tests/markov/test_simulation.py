@@ -60,6 +60,31 @@ def test_times_follow_the_exact_law_and_its_mean(name):
     assert abs(result.mean - mean) < 2.5 * (high - result.mean)
 
 
+@pytest.mark.parametrize("starts", [Distinct([0, 1, 2, 4]), [3, np.eye(5)[4]]])
+def test_a_batch_of_chains_has_the_times_of_each(starts):
+    chains = [random_chain(5, seed) for seed in range(3)]
+    image = np.tile(np.arange(5)[:, None], (1, 5))
+    matrices = np.stack([chain.to_scipy().toarray() for chain in chains])
+
+    def times(matrix, key):
+        return simulate_arrival(key, [Chain(image, matrix.T)] * 2, starts, 0, 50).time
+
+    key = jax.random.key(2)
+    found = jax.jit(jax.vmap(times, (0, None)))(matrices, key)
+    for time, matrix in zip(found, matrices, strict=True):
+        np.testing.assert_array_equal(time, times(matrix, key))
+    assert not jax.grad(lambda matrix: times(matrix, key).mean())(matrices[0]).any()
+
+
+def test_starts_may_be_traced():
+    def times(start):
+        starts = [start, 2]
+        return simulate_arrival(jax.random.key(0), [random_chain(5, 1)] * 2, starts, 0, 50).time
+
+    for start in (np.array([0.2, 0.3, 0.4, 0.1, 0.0]), np.arange(5) > 2, np.array([1, 3])):
+        np.testing.assert_array_equal(jax.jit(times)(start), times(start))
+
+
 def test_all_sets_of_distinct_starts_are_equally_likely():
     # The time of robots on a circle is the distance of the nearest one.
     n, runs = 6, 60_000

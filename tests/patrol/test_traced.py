@@ -11,6 +11,7 @@ from graphs import incidence
 from walks import missed, walk_on
 
 from jaxcell import examples, patrol
+from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph
 from jaxcell.patrol import perimeter, team, walks
 from jaxcell.patrol.map.circulation import shares
@@ -168,3 +169,42 @@ def test_the_law_on_a_perimeter_has_the_derivatives_of_its_polynomials():
     # Segment 1: ahead at once with p; back, and back again; back, ahead, ahead.
     p, q = 0.3, 0.7
     np.testing.assert_allclose(slope[1], [1, -2 * q, p * (2 * q - p)], rtol=1e-12)
+
+
+def test_measures_have_the_derivatives_of_two_vertices():
+    """In a compiled batch of chains that change their vertex with probabilities a and b."""
+
+    def found(a, b):
+        P = jnp.stack([jnp.stack([1 - a, a]), jnp.stack([b, 1 - b])])
+        walk = walks.measure(Chain.from_scipy(P))
+        times = walk.hitting_time[0, 1], walk.hitting_time[1, 0], walk.kemeny_constant
+        return jnp.stack([*walk.stationary, *times, walk.slem, walk.entropy_rate_nats])
+
+    def exact(a, b):
+        chance = [np.array([1 - a, a]), np.array([1 - b, b])]
+        surprise = [-p @ np.log(p) for p in chance]
+        times = 1 / a, 1 / b, 1 / (a + b)
+        rate = (b * surprise[0] + a * surprise[1]) / (a + b)
+        return np.array([b / (a + b), a / (a + b), *times, abs(1 - a - b), rate])
+
+    a, b = np.array([0.1, 0.3, 0.6]), np.array([0.2, 0.4, 0.7])
+    values = jax.jit(jax.vmap(found))(a, b)
+    slopes = jax.jit(jax.vmap(jax.jacrev(found, (0, 1))))(a, b)
+    for row, value in enumerate(values):
+        at = a[row], b[row]
+        np.testing.assert_allclose(value, exact(*at), rtol=1e-13)
+        for of, h in zip(slopes, np.eye(2) * 1e-6, strict=True):
+            central = (exact(*(at + h)) - exact(*(at - h))) / 2e-6
+            np.testing.assert_allclose(of[row], central, rtol=1e-8, atol=1e-12)
+
+
+def test_measures_of_a_program_are_those_of_the_host():
+    alone = walks.measure(walks.random_walk(KITE, WEIGHTS))
+    found = jax.jit(lambda w: walks.measure(walks.random_walk(KITE, w)))(WEIGHTS)
+    for name in ("transition", "stationary", "hitting_time", "mixing_time", "mean_time_to"):
+        np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-13)
+    # Vertex 3 is not visited in the long run.
+    chain = Chain([[1, 2, 0, 0]], np.ones((1, 4)))
+    lost = jax.jit(lambda p: walks.measure(Chain(chain.image, p)))(chain.probability)
+    assert np.isnan(lost.kemeny_constant)
+    np.testing.assert_allclose(lost.stationary, walks.measure(chain).stationary)

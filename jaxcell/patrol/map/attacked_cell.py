@@ -98,11 +98,12 @@ def vulnerability(
     runs: int = 5000,
 ) -> Vulnerability:
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
+    It runs on the host, because it fits a law to samples, or says why none is fitted.
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
     distribution to the times, and takes the probabilities from the fit. The result also contains
-    the exact probabilities, and so shows the error of the fit. The fit runs on the host;
-    [`jaxcell.patrol.capture_probabilities`][] of the cell can be traced.
+    the exact probabilities, and so shows the error of the fit;
+    [`jaxcell.patrol.capture_probabilities`][] of all cells can be traced.
 
     **Arguments:**
 

@@ -1,6 +1,7 @@
 import itertools
 
 import jax
+import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -50,6 +51,43 @@ def test_given_entropy_rate_against_cvxpy(seed):
     problem.solve(solver="CLARABEL")
     assert walk.value == pytest.approx(problem.value, abs=1e-6)
     assert walk.certificate.outcome is Outcome.CONVERGED
+
+
+def test_traced_entropy_rate_has_the_derivatives_of_independent_places():
+    """A patroller who may step anywhere does best by drawing each place from its shares of time."""
+    graph = Graph([[0, 1], [1, 2], [2, 0]])
+    shares = np.random.default_rng(0).dirichlet(np.full(3, 3.0), 3)
+
+    def found(share):
+        walk = maximum_entropy_rate(graph, share, stay=True)
+        return walk.matrix, walk.value
+
+    def exact(share):
+        share = share / share.sum()
+        return jnp.tile(share, (3, 1)), -share @ jnp.log(share)
+
+    for function, tolerance in ((lambda f: f, 1e-14), (jax.jacrev, 1e-12)):
+        values = jax.jit(jax.vmap(function(found)))(shares)
+        for value, truth in zip(values, jax.vmap(function(exact))(shares), strict=True):
+            np.testing.assert_allclose(value, truth, atol=tolerance)
+
+
+@pytest.mark.parametrize("edges", [TRIANGLE.edges, [[0, 1], [1, 2], [2, 3]]])
+def test_traced_entropy_rate_has_the_derivatives_of_the_host(edges):
+    graph = Graph(edges)
+    share = np.array([0.2, 0.25, 0.3, 0.25])
+    # The second graph has two sides, and each has half of the time.
+    change = np.array([1.0, 2.0, -1.0, -2.0])
+
+    def found(at):
+        walk = maximum_entropy_rate(graph, share + at * change)
+        return walk.matrix, walk.value
+
+    slopes = jax.jit(jax.jacfwd(found))(0.0)
+    for slope, above, below in zip(slopes, found(1e-5), found(-1e-5), strict=True):
+        np.testing.assert_allclose(slope, (above - below) / 2e-5, atol=1e-8)
+    refused = jax.jit(lambda share: maximum_entropy_rate(graph, share).value)
+    assert np.isnan(refused(np.array([0.7, 0.1, 0.1, 0.1])))
 
 
 def test_entropy_rate_where_some_moves_are_ruled_out():

@@ -10,7 +10,7 @@ import optax
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ....base.certificate import Certificate
+from ....base.certificate import Certificate, Numbers, Real
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
@@ -29,12 +29,13 @@ _MEMORY = 30
 Measure = Callable[..., Float[Array, ""]]
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class OptimizedWalk:
     """A chain of a patroller that minimises or maximises a quantity, such as its entropy rate."""
 
-    matrix: Float[np.ndarray, "vertices vertices"]
-    value: float
+    matrix: Float[Numbers, "vertices vertices"]
+    value: Real
     "The value of the minimised or maximised quantity."
     certificate: Certificate
 

@@ -1,3 +1,4 @@
+import functools
 import math
 from typing import Any
 
@@ -8,6 +9,9 @@ import scipy.special
 from jaxtyping import Array, Float
 
 from ....base.certificate import Certificate
+from ....base.precision import require_x64
+from ....base.wide import traced
+from ....mapping.traced import implicit, like, on_host
 from ....markov import dense
 from ....optimize import Graph
 from ....optimize.checked import check_count
@@ -36,7 +40,7 @@ def maximum_entropy_rate(
     **Arguments:** as in [`jaxcell.patrol.walks.minimum_kemeny`][]. **Returns:**
     [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in nats per step.
     The residual of its certificate, in nats, is an upper bound on the amount by which another chain
-    can exceed this rate.
+    can exceed this rate. The distribution may be traced by `jit`, `vmap` and `grad`.
 
     A star with three leaves, whose adjacency matrix has the Perron root `sqrt(3)`:
 
@@ -46,9 +50,10 @@ def maximum_entropy_rate(
         >>> round(best.value, 6), best.matrix[0].round(6).tolist()
         (0.549306, [0.0, 0.333333, 0.333333, 0.333333])
     """
-    among = ChainPolytope.on(graph, stationary, stay=stay)
-    adjacency = among.matrix(np.ones(among.tails.size))
-    if among.stationary is None:
+    require_x64("maximum_entropy_rate")
+    if stationary is None:
+        among = ChainPolytope.on(graph, stay=stay)
+        adjacency = among.matrix(np.ones(among.tails.size))
         vector = np.abs(np.linalg.eigh(adjacency)[1][:, -1])
         follow = adjacency * vector
         growth = follow.sum(axis=1) / vector
@@ -58,15 +63,46 @@ def maximum_entropy_rate(
         weight = growth * vector**2
         value = float(weight @ scipy.special.entr(matrix).sum(axis=1) / weight.sum())
         residual = math.log(growth.max()) - value
+        residual = max(0.0, residual)
     else:
-        matrix = scale_to_stationary(adjacency, among.stationary)
-        value = float(among.stationary @ scipy.special.entr(matrix).sum(axis=1))
-        surprise = -np.log(matrix[among.tails, among.heads])
-        gap = among.gap(matrix[among.tails, among.heads], among.stationary[among.tails] * surprise)
-        residual = gap + float(np.abs(among.stationary @ matrix - among.stationary).sum())
-    certificate = Certificate(1, max(0.0, residual), _TOLERANCE)
+        compute = functools.partial(_scaled, graph, stay)
+        form = like(float, graph.vertices, graph.vertices), like(float), like(float)
+        matrix, value, residual = on_host(compute, form, (), stationary)
+        if traced(stationary):
+            matrix, value = implicit(_scaled_change, (matrix, value), stationary)
+    certificate = Certificate(1, residual, _TOLERANCE)
     certificate.check("maximum_entropy_rate", throw)
     return OptimizedWalk(matrix, value, certificate)
+
+
+def _scaled(
+    graph: Graph, stay: bool, _: tuple[()], stationary: Any
+) -> tuple[Float[np.ndarray, "vertices vertices"], float, float]:
+    among = ChainPolytope.on(graph, stationary, stay=stay)
+    share: Any = among.stationary
+    matrix = scale_to_stationary(among.matrix(np.ones(among.tails.size)), share)
+    value = float(share @ scipy.special.entr(matrix).sum(axis=1))
+    surprise = -np.log(matrix[among.tails, among.heads])
+    gap = among.gap(matrix[among.tails, among.heads], share[among.tails] * surprise)
+    residual = gap + float(np.abs(share @ matrix - share).sum())
+    return matrix, value, max(0.0, residual)
+
+
+def _scaled_change(now: Any, stationary: Float[Array, "vertices"]) -> Any:
+    """Compute the chain and its entropy rate from their values, for their derivatives.
+
+    The flows `a_i w_ij b_j` change with the logarithms of `a` and `b`, so that the sums of their
+    rows and columns remain the shares of time.
+    """
+    matrix, value = now
+    share = stationary / jnp.sum(stationary)
+    fixed = jax.lax.stop_gradient(share)
+    flow = fixed[:, None] * matrix
+    sums = jnp.block([[jnp.diag(fixed), flow], [flow.T, jnp.diag(fixed)]])
+    a, b = jnp.split(jnp.linalg.pinv(sums) @ jnp.tile(share - fixed, 2), 2)
+    change = flow * (a[:, None] + b[None, :])
+    surprise = -jnp.log(jnp.where(matrix > 0, matrix, 1.0))
+    return (flow + change) / share[:, None], value + jnp.sum(change * surprise)
 
 
 def maximum_return_time_entropy(
