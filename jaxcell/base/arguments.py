@@ -1,4 +1,8 @@
-"""Check arguments by the annotations of a function, for errors that say what was expected."""
+"""Convert and check arguments by the annotations of a function.
+
+A class may have a method `of_input` that makes an object of what people have: a matrix or a graph
+of networkx, for example. Errors say what was expected.
+"""
 
 import collections.abc
 import dataclasses
@@ -14,7 +18,7 @@ import numpy as np
 
 # Advice of errors to make an object of a class.
 _ADVICE = {
-    "Chain": "; Chain.from_scipy(matrix) makes one, and sequence.unrolled is one",
+    "Chain": "; a square matrix is one, and sequence.unrolled",
     "PersistentGroups": "; persistent_groups(chain) finds them",
     "Generator": "; numpy.random.default_rng() makes one",
     "DecisionModel": "; DecisionModel.of(chains, reward) makes one",
@@ -22,9 +26,10 @@ _ADVICE = {
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that arguments of other types than its annotations raise `ValueError`.
+    """Wrap a function so that it converts its arguments to the types of its annotations.
 
-    It checks classes of the library, sequences of them, whole numbers, and numbers.
+    Other arguments raise `ValueError`. The types are classes of the library, sequences of them,
+    whole numbers, and numbers.
     """
     signature = inspect.signature(function)
     checks = {
@@ -35,15 +40,18 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **options: Any) -> Any:
-        for name, value in (*zip(signature.parameters, args, strict=False), *options.items()):
-            if name in checks:
-                checks[name](name, value)
-        return function(*args, **options)
+        given = tuple(zip(signature.parameters, args, strict=False))
+        args = tuple(_checked(checks, *one) for one in given) + args[len(given) :]
+        return function(*args, **{name: _checked(checks, name, options[name]) for name in options})
 
     return call
 
 
-def _check_of(annotation: Any) -> Callable[[str, Any], None] | None:
+def _checked(checks: dict[str, Callable[[str, Any], Any]], name: str, value: Any) -> Any:
+    return checks[name](name, value) if name in checks else value
+
+
+def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
     kinds = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
     own = tuple(kind for kind in kinds if _is_own(kind))
     if own and all(kind in own or kind is type(None) for kind in kinds):
@@ -70,28 +78,31 @@ def _is_own(kind: Any) -> bool:
     return kind is np.random.Generator
 
 
-def _check_class(kinds: tuple[type, ...], name: str, value: Any) -> None:
-    if not isinstance(value, kinds):
-        names = [kind.__name__ for kind in kinds if kind is not type(None)]
-        advice = _ADVICE.get(names[0], "")
-        raise ValueError(
-            f"{name}: expected a {' or '.join(names)}, got {type(value).__name__}{advice}"
-        )
+def _check_class(kinds: tuple[type, ...], name: str, value: Any) -> Any:
+    if isinstance(value, kinds):
+        return value
+    for kind in kinds:
+        if hasattr(kind, "of_input") and (made := kind.of_input(value)) is not None:
+            return made
+    names = [kind.__name__ for kind in kinds if kind is not type(None)]
+    advice = _ADVICE.get(names[0], "")
+    raise ValueError(f"{name}: expected a {' or '.join(names)}, got {type(value).__name__}{advice}")
 
 
-def _check_sequence(kind: type, name: str, value: Any) -> None:
+def _check_sequence(kind: type, name: str, value: Any) -> Any:
     if not isinstance(value, list | tuple):
         raise ValueError(f"{name}: expected a list of {kind.__name__}s, got {type(value).__name__}")
-    for place, part in enumerate(value):
-        _check_class((kind,), f"{name}[{place}]", part)
+    parts = [_check_class((kind,), f"{name}[{place}]", part) for place, part in enumerate(value)]
+    return type(value)(parts)
 
 
-def _check_number(kinds: tuple[type, ...], name: str, value: Any) -> None:
+def _check_number(kinds: tuple[type, ...], name: str, value: Any) -> Any:
     if value is None and type(None) in kinds:
-        return
+        return value
     kind = getattr(getattr(value, "dtype", None), "kind", None)
     if kind is None:
         kind = {bool: "b", int: "i", float: "f"}.get(type(value), "O")
     if kind not in ("biuf" if float in kinds else "biu") or np.ndim(value):
         noun = "number" if float in kinds else "whole number"
         raise ValueError(f"{name}: expected a {noun}, got {value!r}")
+    return value

@@ -95,6 +95,16 @@ class Chain:
         # The arrays are new, so JAX need not copy them.
         return cls(*jax.device_put(slots_of(rows)))
 
+    @classmethod
+    def of_input(cls, value: Any) -> "Chain | None":
+        """Create a chain of a matrix, or of a networkx graph whose weights are probabilities."""
+        if hasattr(value, "is_multigraph"):
+            import networkx
+
+            value = networkx.to_scipy_sparse_array(value)
+        matrix = hasattr(value, "shape") or isinstance(value, list)
+        return cls.from_scipy(value) if matrix else None
+
     @on_host_only
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix without the sink; all its entries are positive.

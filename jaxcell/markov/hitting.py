@@ -15,7 +15,7 @@ from ..base.indices import check_indices
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.batch import Batch
-from ..mapping.classes import PersistentGroups, check_groups, reaching
+from ..mapping.classes import PersistentGroups, check_groups, persistent_groups, reaching
 from ..mapping.generalized import Chain, leaving_rows
 from ..mapping.traced import like, on_host
 from .solving.rounds import eliminated
@@ -43,23 +43,23 @@ class Absorption:
 
 
 def absorption_probabilities(
-    chain: Chain, groups: PersistentGroups, *, throw: bool = True
+    chain: Chain, groups: PersistentGroups | None = None, *, throw: bool = True
 ) -> Absorption:
     """Compute the probability that a chain ends in each persistent group, for each start.
 
-    **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
-    for each start, exactly 1 if only one end is possible. The residual of the certificate bounds
-    the error of every probability.
+    **Arguments:** a chain, and its persistent groups, which are found if they are not given.
+    **Returns:** the probability of each group for each start, exactly 1 if only one end is
+    possible. The residual of the certificate bounds the error of every probability.
 
     A random walk on a line of four cells, which stops at both ends:
 
-        >>> from jaxcell import examples, mapping, markov
+        >>> from jaxcell import examples, markov
         >>> chain = examples.ruin()
-        >>> groups = mapping.persistent_groups(chain)
-        >>> (3 * markov.absorption_probabilities(chain, groups).value).round(6).tolist()
+        >>> (3 * markov.absorption_probabilities(chain).value).round(6).tolist()
         [[3.0, 2.0, 1.0, 0.0], [0.0, 1.0, 2.0, 3.0]]
     """
     require_x64("absorption_probabilities")
+    groups = groups or persistent_groups(chain)
     return absorption(chain, check_groups(chain, groups), groups.size.shape[0], throw)
 
 
@@ -95,7 +95,9 @@ def _absorption(
     return value, ends.products, float(ends.error[:, :-1].max(initial=0.0))
 
 
-def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
+def absorption_times(
+    chain: Chain, groups: PersistentGroups | None = None, *, throw: bool = True
+) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
     **Arguments:** as for [`absorption_probabilities`][]. **Returns:** the time for each start, 0 in
@@ -103,14 +105,12 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
 
     A random walk on a line of four cells, which stops at both ends:
 
-        >>> from jaxcell import examples, mapping, markov
-        >>> chain = examples.ruin()
-        >>> groups = mapping.persistent_groups(chain)
-        >>> markov.absorption_times(chain, groups).value.round(6).tolist()
+        >>> from jaxcell import examples, markov
+        >>> markov.absorption_times(examples.ruin()).value.round(6).tolist()
         [0.0, 2.0, 2.0, 0.0]
     """
     require_x64("absorption_times")
-    inside = check_groups(chain, groups) < 0
+    inside = check_groups(chain, groups or persistent_groups(chain)) < 0
     return _times_until_left(chain, inside, np.zeros(chain.cells), "absorption_times", throw)
 
 

@@ -14,7 +14,7 @@ from ..base.indices import as_array
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.batch import Batch, Sums
-from ..mapping.classes import PersistentGroups, check_groups
+from ..mapping.classes import PersistentGroups, check_groups, persistent_groups
 from ..mapping.generalized import Chain, leaving_rows
 from ..mapping.traced import implicit, like, on_host
 from .solving.rounds import eliminated
@@ -42,7 +42,7 @@ class LimitingDistribution:
 
 def limiting_distribution(
     chain: Chain,
-    groups: PersistentGroups,
+    groups: PersistentGroups | None = None,
     weights: Literal["basin", "size"] | npt.ArrayLike | None = None,
     *,
     throw: bool = True,
@@ -52,7 +52,8 @@ def limiting_distribution(
     It exists even if the chain is periodic. Only the weights of the persistent groups depend on
     `p`, the distribution of the start.
 
-    **Arguments:** a chain, its persistent groups, and the weights of the groups: numbers that sum
+    **Arguments:** a chain, its persistent groups, which are found if they are not given, and the
+    weights of the groups: numbers that sum
     to 1; `"size"`, for weights proportional to the sizes of the groups; or `"basin"`, the default,
     for the probabilities of ending in each group from a random start.
 
@@ -61,13 +62,14 @@ def limiting_distribution(
 
     A random walk on a line of three cells:
 
-        >>> from jaxcell import examples, mapping, markov
-        >>> chain = examples.walk()
-        >>> groups = mapping.persistent_groups(chain)
-        >>> markov.limiting_distribution(chain, groups).value.round(6).tolist()
+        >>> import numpy as np
+        >>> from jaxcell import markov
+        >>> P = np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> markov.limiting_distribution(P).value.round(6).tolist()
         [0.25, 0.5, 0.25]
     """
     require_x64("limiting_distribution")
+    groups = groups or persistent_groups(chain)
     group = check_groups(chain, groups)
     share, leaving, *about = _weights(chain, groups, group, weights)
     form = like(float, chain.cells), *CERTIFIED

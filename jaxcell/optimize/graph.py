@@ -84,6 +84,14 @@ class Graph:
         object.__setattr__(self, "edges", ends.astype(np.int32))
         object.__setattr__(self, "xy", places)
 
+    @classmethod
+    def of_input(cls, value: Any) -> "Graph | None":
+        """Create a graph of a networkx graph or of an array of edges."""
+        edges = (
+            hasattr(value, "is_multigraph") or hasattr(value, "shape") or isinstance(value, list)
+        )
+        return cls(value) if edges else None
+
     @property
     def lengths(self) -> Float[np.ndarray, "edges"]:
         """The length of each edge: from `ways` in metres, or from `xy`, or 1 if both are `None`."""

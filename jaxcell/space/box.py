@@ -48,13 +48,18 @@ class Box:
         self,
         lower: Sequence[float | int] | np.ndarray,
         upper: Sequence[float | int] | np.ndarray,
-        cells: Sequence[int] | np.ndarray,
+        cells: Sequence[int] | np.ndarray | None = None,
         axes: Sequence[Axis] | Axis = "sink",
     ) -> None:
         """Create a box from its lower and upper corner, and its number of cells along each axis.
 
         A single value of `axes` applies to all axes.
         """
+        if cells is None:
+            raise ValueError(
+                "box: expected a lower and an upper corner, and a number of cells along each axis, "
+                "as in Box([-2, -1], [2, 1], cells=[400, 200])"
+            )
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))
         object.__setattr__(self, "upper", tuple(map(float, upper)))

@@ -134,8 +134,12 @@ class MapStudy(CellStudy):
         )
 
 
-def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Parse a cell: its number, or a pose `x,y,heading` (m, degrees). Errors name `parameter`."""
+def cell_at(cells: "space.CellSpace", text: Any, parameter: str) -> int:
+    """Parse a cell: its number, or a pose `x,y,heading` (m, degrees), as a text or as numbers.
+
+    Errors name `parameter`.
+    """
+    text = ",".join(map(str, text)) if isinstance(text, tuple | list) else str(text)
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))

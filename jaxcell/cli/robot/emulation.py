@@ -144,7 +144,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
     """Return the start cell of a task or, if it has none, a random cell with this `heading`."""
     match task:
         case PlanTask():
-            return cell_at(cells, str(task.start), f"{task.path}: start")
+            return cell_at(cells, task.start, f"{task.path}: start")
         case MemberTask():
             pose = task.start
         case PatrolTask():

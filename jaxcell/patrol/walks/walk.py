@@ -12,13 +12,14 @@ from ...optimize import Graph
 from ...optimize.checked import one_each
 
 
-def random_walk(graph: Graph, weights: Any) -> Chain:
+def random_walk(graph: Graph, weights: Any = None) -> Chain:
     """Build the chain of a patroller that takes edges with probabilities proportional to weights.
 
     The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
 
-    **Arguments:** the graph, and the weight of each edge, at least 0; `jit`, `vmap` and `grad` may
-    trace the weights. **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+    **Arguments:** the graph, and the weight of each edge, at least 0, by default 1; `jit`, `vmap`
+    and `grad` may trace the weights. **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the
+    vertices.
 
     On a line of three vertices, the second edge has three times the weight of the first:
 
@@ -27,6 +28,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
         >>> patrol.random_walk(graph, [1, 3]).to_scipy().toarray().tolist()
         [[0.0, 1.0, 0.0], [0.25, 0.0, 0.75], [0.0, 1.0, 0.0]]
     """
+    if weights is None:
+        weights = np.ones(len(graph.edges))
     if traced(weights):
         image, edge = slots_of(graph.matrix(1.0 + np.arange(len(graph.edges))))
         near = jnp.where(edge > 0, jnp.append(0.0, weights)[edge.astype(int)], 0.0)

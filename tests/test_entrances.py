@@ -1,0 +1,88 @@
+"""Arguments as people have them: matrices and graphs of other libraries, and poses as numbers."""
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.sparse
+
+from jaxcell import bundled, mapping, markov, optimize, patrol, space
+from jaxcell.study.map_study import cell_at
+
+
+# A walk on a line, which stays at its right end, and its times to this end.
+P = np.array([[0.5, 0.5, 0], [0.25, 0.5, 0.25], [0, 0, 1]])
+TIMES = [8, 6, 0]
+
+
+def digraph():
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(3))
+    graph.add_weighted_edges_from((i, j, P[i, j]) for i, j in np.argwhere(P).tolist())
+    return graph
+
+
+MATRICES = [P, P.tolist(), jnp.asarray(P), scipy.sparse.coo_matrix(P), scipy.sparse.csc_array(P)]
+
+
+@pytest.mark.parametrize("matrix", [*MATRICES, digraph()], ids=lambda one: type(one).__name__)
+def test_a_matrix_is_a_chain(matrix):
+    np.testing.assert_allclose(markov.hitting_times(matrix, 2).value, TIMES, rtol=1e-12)
+    np.testing.assert_allclose(markov.absorption_times(matrix).value, TIMES, rtol=1e-12)
+    np.testing.assert_allclose(markov.limiting_distribution(matrix).value, [0, 0, 1])
+    np.testing.assert_allclose(markov.first_arrival([matrix], [2], 2, 1), [1, 0])
+    assert mapping.persistent_groups(matrix).group.tolist() == [-1, -1, 0]
+
+
+def test_a_traced_matrix_is_a_chain():
+    def time(p):
+        return markov.hitting_times(p, 2).value[0]
+
+    # By elimination, the time from cell 0 is 1 / a + (1 + b / a) / c.
+    a, b, c = P[0, 1], P[1, 0], P[1, 2]
+    by_hand = -1 / c**2 * (1 + b / a)
+    slope = jax.jit(jax.grad(time))(jnp.asarray(P))
+    # Probability moves from staying in cell 1 to leaving it for cell 2.
+    assert slope[1, 2] - slope[1, 1] == pytest.approx(by_hand, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("lab", "chain: expected a Chain, got str; a square matrix is one, and sequence.unrolled"),
+        (P[:2], r"matrix: expected as many rows as columns, got \(2, 3\)"),
+        (2 * P, "sum"),
+        (nx.path_graph(3), "sum"),
+        (None, "chain: expected a Chain, got NoneType"),
+    ],
+)
+def test_other_chains_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said) as caught:
+        markov.hitting_times(wrong, 2)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_networkx_graph_is_a_graph():
+    grid = nx.grid_2d_graph(3, 3)
+    own = optimize.Graph(grid)
+    walk = patrol.random_walk(grid)
+    # A vertex is visited in proportion to its edges.
+    share = [degree / 24 for _, degree in grid.degree]
+    np.testing.assert_allclose(markov.limiting_distribution(walk).value, share, rtol=1e-12)
+    found = optimize.minimum_commute(grid), optimize.minimum_commute(own)
+    np.testing.assert_array_equal(found[0].weights, found[1].weights)
+    with pytest.raises(ValueError, match="graph: expected a Graph, got str"):
+        patrol.random_walk("eight")
+
+
+def test_poses_are_texts_or_numbers():
+    lab = space.CellSpace.load(bundled("lab_a"), cell=1.0, directions=8)
+    cell = int(lab.index(0.5, 0.5, 0.0))
+    for pose in ("0.5,0.5,0", (0.5, 0.5, 0), [0.5, 0.5, 0.0], str(cell), cell):
+        assert cell_at(lab, pose, "start") == cell
+
+
+def test_a_box_without_cells_is_refused_with_an_example():
+    with pytest.raises(ValueError, match=r"a number of cells along each axis, as in Box\("):
+        space.Box([-2, -2], [2, 2])
