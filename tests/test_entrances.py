@@ -6,8 +6,9 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
+import shapely
 
-from jaxcell import bundled, mapping, markov, optimize, patrol, space
+from jaxcell import bundled, mapping, markov, optimize, patrol, space, study
 from jaxcell.study.map_study import cell_at
 
 
@@ -86,3 +87,49 @@ def test_poses_are_texts_or_numbers():
 def test_a_box_without_cells_is_refused_with_an_example():
     with pytest.raises(ValueError, match=r"a number of cells along each axis, as in Box\("):
         space.Box([-2, -2], [2, 2])
+
+
+ROOM = [(0, 0), (6, 0), (6, 4), (0, 4)]
+
+
+@pytest.mark.parametrize(
+    "room",
+    [
+        space.Workspace(ROOM),
+        shapely.Polygon(ROOM),
+        ROOM,
+        np.ones((4, 6), bool),
+        space.CellSpace.of(space.Workspace(ROOM), 2.0, 4),
+    ],
+    ids=lambda room: type(room).__name__,
+)
+def test_a_room_is_a_map(room):
+    question = study.Groups(map=room, cell=1.0, directions=4, bounce=(180.0,))
+    result = question.run()
+    assert question.spec(result)["map"] == "a room of the program"
+    assert result.cells.positions == 24
+    # A robot that turns back at walls: one group in each row and column.
+    assert result.count.tolist() == [4 + 6]
+    assert result.longest_period.tolist() == [2 * 6]
+
+
+def test_holes_of_a_polygon_are_obstacles():
+    pillar = [(2, 1), (3, 1), (3, 2), (2, 2)]
+    cells = space.CellSpace.of(shapely.Polygon(ROOM, [pillar]), 1.0, 4)
+    assert cells.positions == 23
+
+
+def test_other_rooms_are_refused():
+    for room in (7, {"a": 1}, None):
+        with pytest.raises(ValueError, match="map: expected a file, a Workspace, a shapely"):
+            study.Groups(map=room, bounce=(90.0,))
+    with pytest.raises(FileNotFoundError, match=r"none\.json"):
+        study.Groups(map="none.json", bounce=(90.0,)).run()
+
+
+def test_a_networkx_graph_is_patrolled():
+    star = nx.star_graph(3)
+    result = study.PatrolGraph(file=nx.relabel_nodes(star, {0: "hall"})).run()
+    assert result.names[0] == "hall"
+    # Half of all steps end in the hall of a star.
+    assert result.shares[0][0] == pytest.approx(0.5)

@@ -61,7 +61,7 @@ class Graph:
         """
         names: Sequence[Hashable] | None = None
         if hasattr(edges, "is_multigraph"):
-            names = _numbered(edges)
+            names = numbered(edges)
             edges, xy, ways = _of_networkx(edges, names, xy, ways)
             vertices = len(names) if vertices is None else vertices
         ends = np.asarray(edges)
@@ -109,7 +109,7 @@ class Graph:
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
 
 
-def _numbered(network: Any) -> Sequence[Hashable]:
+def numbered(network: Any) -> Sequence[Hashable]:
     """List the nodes of a networkx graph by their number: by name if the names are 0, 1, ..."""
     nodes = list(network)
     return range(len(nodes)) if set(nodes) == set(range(len(nodes))) else nodes

@@ -71,13 +71,16 @@ class CellSpace:
             )
 
     @classmethod
-    def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
+    def of(cls, workspace: Workspace | Any, cell: float, directions: int) -> "CellSpace":
         """Divide the free space of a map into cells with sides of `cell` metres.
+
+        `workspace` may also be a file, a polygon or a grid; see [`Workspace.of_input`][].
 
         **Raises:** `ValueError` if no cell is free, or if there are more than `2**31 - 1` cells;
         `MemoryError` if the squares do not fit in the free memory.
         """
         _check_side(cell)
+        workspace = Workspace.of_input(workspace)
         left, bottom = workspace.boundary.min(axis=0).tolist()
         right, top = workspace.boundary.max(axis=0).tolist()
         blocked = rasterise(workspace.free_space, (left, bottom, right, top), cell)
@@ -274,22 +277,23 @@ def _check_side(cell: float) -> None:
 
 
 def suggested(
-    path: str | os.PathLike[str],
+    room: Workspace | str | os.PathLike[str],
     cell: float | None,
     directions: int | None,
     robot_radius: float | None,
     unknown: Unknown = "wall",
 ) -> tuple[Workspace, float, int]:
     """Read a map; return it with the given or suggested side of a cell and number of directions."""
-    workspace = Workspace.load(path, unknown)
+    workspace = Workspace.of_input(room, unknown)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
     side = workspace.cell if cell is None else cell
     if side is None:
         side = _usual_side(workspace)
+        place = workspace.name if room is workspace else room
         doubt = (
-            f"{os.fspath(path)}: the map suggests no side of a cell, so cells are squares of "
-            f"{side:g} m; set another side with `cell`"
+            f"{place}: the map suggests no side of a cell, so cells are squares of {side:g} m; "
+            "set another side with `cell`"
         )
         warnings.warn(doubt, Doubt, stacklevel=2)
     return workspace, side, (workspace.directions or 8) if directions is None else directions

@@ -6,14 +6,16 @@ import os
 import re
 import reprlib
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 from jaxtyping import Float, Int
 
+from ..base.bundled import with_path
 from ..base.limits import Unknown
+from .maps.grid_files import grid_fields
 from .maps.map_files import read_map, write_map
 from .outlines import cut_along_axes
 
@@ -188,6 +190,29 @@ class Workspace:
             return cls(**fields)
         except ValueError as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
+
+    @classmethod
+    def of_input(cls, room: Any, unknown: Unknown = "wall") -> "Workspace":
+        """Create a map of what people have.
+
+        It may be a map, a map file, or a name such as `@lab_a`; a shapely polygon, whose holes are
+        obstacles; the vertices of a boundary; or a grid `[rows, columns]` that is `True` in free
+        squares, which have sides of 1 m, row 0 at the bottom.
+        """
+        if isinstance(room, cls):
+            return room
+        if isinstance(room, str | os.PathLike):
+            return cls.load(with_path(os.fspath(room)), unknown)
+        if isinstance(room, shapely.Polygon):
+            return cls(room.exterior.coords, [hole.coords for hole in room.interiors])
+        if getattr(room, "dtype", "") == np.dtype(bool) and np.ndim(room) == 2:
+            return cls(**grid_fields(~np.asarray(room), (0.0, 0.0), 1.0))
+        if isinstance(room, list | tuple | np.ndarray):
+            return cls(room)
+        raise ValueError(
+            "map: expected a file, a Workspace, a shapely polygon, its vertices or a grid of "
+            f"booleans, got {type(room).__name__}"
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a map file in the format that its suffix indicates, completely or not at all.

@@ -15,7 +15,7 @@ from .study import Study, about, numbers
 
 # A map, the side of a cell, the number of directions, the radius of the robot, and what unknown
 # pixels are.
-_Cut: TypeAlias = tuple[Path, float | None, int | None, float | None, Unknown]
+_Cut: TypeAlias = tuple[Any, float | None, int | None, float | None, Unknown]
 # Tolerance of a heading, in degrees.
 DIRECTION_DEG = 0.01
 
@@ -24,7 +24,7 @@ DIRECTION_DEG = 0.01
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
 
-    map: tyro.conf.Positional[Path]
+    map: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests, or a round length for
@@ -34,13 +34,21 @@ class CellStudy(Study):
     floor (free)."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.map, str | Path):
+            object.__setattr__(self, "map", _named(self.map))
         super().__post_init__()
         if self.unknown == "free" and not self._ros:
-            raise ValueError(f"unknown: expected a ROS map, .yaml; {self.map} has no such pixels")
+            raise ValueError(
+                f"unknown: expected a ROS map, .yaml; {self._place} has no such pixels"
+            )
+
+    @property
+    def _place(self) -> str:
+        return str(self.map) if isinstance(self.map, Path) else self.map.name
 
     @property
     def _ros(self) -> bool:
-        return self.map.suffix.lower() in (".yaml", ".yml")
+        return isinstance(self.map, Path) and self.map.suffix.lower() in (".yaml", ".yml")
 
     def needed(self, extent: "space.Extent") -> float | int:
         """Estimate the memory in bytes that `run` needs on a map with the size `extent`."""
@@ -132,6 +140,16 @@ class MapStudy(CellStudy):
             f"{spec['directions']} directions = {spec['cells']:,} cells"
             + (f", {pieces} separate pieces" if pieces > 1 else "")
         )
+
+
+def _named(room: Any) -> "space.Workspace":
+    """Return the map of a room of a program, with a name for results."""
+    cut: dict[str, Any] = {}
+    if isinstance(room, space.CellSpace):
+        cut, room = {"cell": room.cell, "directions": room.directions}, room.room
+    workspace = space.Workspace.of_input(room)
+    name = workspace.name or "a room of the program"
+    return dataclasses.replace(workspace, name=name, **cut)
 
 
 def cell_at(cells: "space.CellSpace", text: Any, parameter: str) -> int:

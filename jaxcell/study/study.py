@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from .. import verify as verification
-from ..base.bundled import bundled
+from ..base.bundled import with_path
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Result
 from ..base.wide import widened
@@ -60,8 +60,8 @@ class Study:
         kind: Any = type(self)
         for name, kinds in _kinds(kind).items():
             value = getattr(self, name)
-            if Path in kinds and str(value).startswith("@"):
-                value = bundled(str(value))
+            if Path in kinds and isinstance(value, str | Path):
+                value = Path(with_path(str(value)))
             if Ellipsis in kinds and isinstance(value, str | Path | float | int):
                 value = (value,)
             object.__setattr__(self, name, value)
@@ -170,4 +170,9 @@ def radians(degrees: Sequence[float]) -> "np.ndarray":
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(part) for part in value]
-    return name_in_results(value) if isinstance(value, Path) else value
+    if isinstance(value, Path):
+        return name_in_results(value)
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    # A map or a graph of the program.
+    return getattr(value, "name", "") or f"a {type(value).__name__} of the program"

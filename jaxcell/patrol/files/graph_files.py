@@ -48,6 +48,7 @@ from ...base.documents import (
 )
 from ...optimize import Graph
 from ...optimize.geographic import degrees, great_circles, in_metres, positioned
+from ...optimize.graph import numbered
 
 
 LIST_SUFFIXES = (".edges", ".txt")
@@ -82,12 +83,13 @@ class Edge(NamedTuple):
     length: object = None
 
 
-def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
-    """Read a graph file.
+def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ...]]:
+    """Read a graph file, or number the vertices of a graph of networkx.
 
-    **Arguments:** the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link
-    JSON, `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
-    graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an edge.
+    **Arguments:** the graph, or the file, of at most 64 MiB. Its suffix gives the format: `.json`
+    is node-link JSON, `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a
+    patrolling_sim graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and
+    `name name` an edge.
 
     **Returns:** the graph, and the names of its vertices in the order of their numbers.
 
@@ -98,6 +100,9 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
         >>> graph.vertices, len(graph.edges), names[:2], graph.xy[0].tolist()
         (8, 13, ('1', '2'), [1.0, 3.0])
     """
+    if not isinstance(path, str | os.PathLike):
+        graph = path if isinstance(path, Graph) else Graph(path)
+        return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
     path = Path(path)
     check_file(path, "a graph")
     suffix = path.suffix.lower()
@@ -238,10 +243,10 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
     return vertices, edges
 
 
-def has_weights(path: str | os.PathLike[str]) -> bool:
+def has_weights(path: str | os.PathLike[str] | Any) -> bool:
     """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
 
-    The result is `False` for formats without weights.
+    The result is `False` for formats without weights, and for a graph that is not a file.
 
     The graph of section 4.5.2 of Alam 2018 has no weights:
 
@@ -249,6 +254,8 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
         >>> patrol.files.has_weights(bundled("graphs/eight.json"))
         False
     """
+    if not isinstance(path, str | os.PathLike):
+        return False
     return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
         _WEIGHT.search(_text(Path(path)))
     )

@@ -100,7 +100,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
     if len(origin) != 2:
         raise refused("origin", "two numbers x y", header["origin"])
     cell = _side("cell", header.get("cell", "1"))
-    return {**fields, **_grid_fields(blocked, (origin[0], origin[1]), cell)}
+    return {**fields, **grid_fields(blocked, (origin[0], origin[1]), cell)}
 
 
 def format_ascii(
@@ -179,7 +179,7 @@ def parse_map_server(text: str, folder: Path, unknown: Unknown = "wall") -> dict
         free_pixels = _free_pixels(path, "mode" in document, negate, thresholds, unknown)
     except ValueError as error:
         raise ValueError(f"image: {document['image']}: {error}") from error
-    return _grid_fields(~free_pixels[::-1], (x, y), resolution)
+    return grid_fields(~free_pixels[::-1], (x, y), resolution)
 
 
 def format_map_server(
@@ -225,7 +225,7 @@ def _side(field: str, text: Any) -> float:
     return value
 
 
-def _grid_fields(
+def grid_fields(
     blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
 ) -> dict[str, Any]:
     """Return the map fields of a grid; row 0 is the lowest, `origin` the lower left corner."""

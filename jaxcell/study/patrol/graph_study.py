@@ -25,7 +25,7 @@ _OF_ALL = Only(
 class GraphStudy(Study):
     """Base class of studies of robots that patrol a graph, with time in steps or in seconds."""
 
-    file: tyro.conf.Positional[Path]
+    file: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
     patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
     positions, all edges have the same length."""

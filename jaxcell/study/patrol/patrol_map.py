@@ -226,7 +226,6 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ...base.paths import name_in_results
         from ...robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]
@@ -242,7 +241,7 @@ class PatrolMap(CellStudy):
                 for policy in result.policies
             ],
             self.range,
-            map=name_in_results(self.map),
+            map=self.spec(result)["map"],
             name=result.cells.workspace.name,
         )
 
@@ -257,19 +256,19 @@ class PatrolMap(CellStudy):
 
         if cells.positions > MAX_CELLS:
             raise ValueError(
-                f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
+                f"{self._place}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
                 f"computed for at most {MAX_CELLS:,}; expected larger cells"
             )
         if self.robots != "auto" and self.robots > cells.positions:
             raise ValueError(
                 f"robots: {self.robots} robots are more than the {cells.positions} cells of "
-                f"{self.map}"
+                f"{self._place}"
             )
         graph = patrol.cell_graph(cells)
         if (parts := vertices_apart(graph.vertices, graph.edges)) is not None:
             x, y, _ = cells.centre(np.array([parts[1], parts[0][0]]))
             raise ValueError(
-                f"{self.map}: its cells are in separate pieces; no way leads from "
+                f"{self._place}: its cells are in separate pieces; no way leads from "
                 f"({x[0]:g}, {y[0]:g}) to ({x[1]:g}, {y[1]:g})"
             )
         return graph
