@@ -32,4 +32,4 @@ boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, 
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
