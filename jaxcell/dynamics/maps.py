@@ -299,18 +299,17 @@ def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: flo
     """Find a zero of `height`, whose values at 0 and at `dt` are `below` and `above`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
-        low, high, below, above = state
+        low, high, below, above, was_up = state
         # Heights are equal only without a crossing, when the time does not matter.
         gap = jnp.where(above == below, 1.0, above - below)
         time = jnp.clip(high - above * (high - low) / gap, low, high)
         value = height(time)
         up = value >= 0
-        return (
-            jnp.where(up, low, time),
-            jnp.where(up, time, high),
-            jnp.where(up, below / 2, value),
-            jnp.where(up, value, above / 2),
-        )
+        # An end that stays for a second time counts half, so that the next time lies beyond zero.
+        half = jnp.where(up == was_up, 0.5, 1.0).astype(value.dtype)
+        low, high = jnp.where(up, low, time), jnp.where(up, time, high)
+        below, above = jnp.where(up, below * half, value), jnp.where(up, value, above * half)
+        return low, high, below, above, up
 
     ends = jnp.zeros_like(below), jnp.full_like(below, dt)
-    return jax.lax.fori_loop(0, 12, narrow, (*ends, below, above))[1]
+    return jax.lax.fori_loop(0, 12, narrow, (*ends, below, above, above >= 0))[1]

@@ -46,6 +46,19 @@ def test_section_of_a_spiral_is_its_return_map():
     np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
 
 
+def test_section_returns_to_a_curved_surface():
+    # The search for the crossing ends on the surface, however long the steps are.
+    def surface(x, p):
+        return x[1] - x[0] ** 3 / 8
+
+    returns = dynamics.section(
+        turning, lambda x, p: -surface(x, p), lift=lambda u, p: u, project=lambda x, p: x, dt=0.3
+    )
+    starts = np.linspace(0.1, 2, 50)
+    ends = jax.vmap(returns, (0, None))(np.stack([starts, starts**3 / 8], axis=1), None)
+    assert np.abs(jax.vmap(surface, (0, None))(ends, None)).max() < 1e-14
+
+
 def test_section_without_return_maps_nowhere():
     away = dynamics.section(
         lambda x, p: jnp.ones(2),
