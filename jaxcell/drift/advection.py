@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.wide import traced
 from ..mapping.section import bucket
 from .flow import Flow, between, in_squares, nearest_square
 from .water import on_grid
@@ -24,8 +25,8 @@ _CHUNK = 1 << 16
 _FEW_POINTS = 1024
 
 _Pair: TypeAlias = tuple[Array, Array]
-_Points: TypeAlias = Float[np.ndarray, "*points"]
-_Time: TypeAlias = float | int
+_Points: TypeAlias = Float[Any, "*points"]
+_Time: TypeAlias = Float[Array, ""] | float | int
 
 
 @functools.partial(jax.jit, static_argnames=("method", "steps"))
@@ -72,7 +73,12 @@ def advect(
 def carried(
     flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
 ) -> tuple[_Points, _Points]:
-    """Move points like [`advect`][], with one compilation for many numbers of points or steps."""
+    """Move points like [`advect`][], with one compilation for many numbers of points or steps.
+
+    If JAX traces the flow or a time, they move in the program.
+    """
+    if traced(flow, duration, start):
+        return advected(flow, x, y, duration, start, method, steps)
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 import scipy.special
@@ -12,10 +11,9 @@ from jaxtyping import Array, Float, Int
 
 from ..base import memory
 from ..base.precision import require_x64
-from ..base.wide import traced
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
-from .advection import advected, carried
+from .advection import carried
 from .currents.sphere import turned
 from .drifting import drifted
 from .flow import Flow, crossing_time
@@ -68,11 +66,8 @@ def flow_map(
     """
     duration = step.seconds(water, flow)
     x, y = np.stack([water.column, water.row]).astype(np.float64)
-    if traced(flow, duration, start):
-        ends = advected(flow, x, y, duration, start, step.method, step.substeps)
-        return jnp.stack([ends[0] - x, ends[1] - y])
-    ends = carried(flow, x, y, duration, start, step.method, step.substeps)
-    return jax.device_put(np.stack([ends[0] - x, ends[1] - y]))
+    right, up = carried(flow, x, y, duration, start, step.method, step.substeps)
+    return jax.device_put(right.__array_namespace__().stack([right - x, up - y]))
 
 
 def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0) -> Chain:
@@ -192,8 +187,7 @@ def exit_shares(
 
     One cell, whose water moves East by half a cell in a step; 3 of 5 columns of points leave it:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import drift, examples
+        >>>         >>> from jaxcell import drift, examples
         >>> water = examples.water([[1]])
         >>> flow = drift.Flow(jnp.array([0.5, 0.0]).reshape(1, 2, 1, 1), jnp.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
