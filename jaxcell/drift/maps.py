@@ -210,7 +210,8 @@ def exit_shares(
 
     One cell, whose water moves East by half a cell in a step; 3 of 5 columns of points leave it:
 
-        >>>         >>> from jaxcell import drift, examples
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import drift, examples
         >>> water = examples.water([[1]])
         >>> flow = drift.Flow(jnp.array([0.5, 0.0]).reshape(1, 2, 1, 1), jnp.zeros(1))
         >>> step = drift.METHODS["drifters"].lasting(1.0)
