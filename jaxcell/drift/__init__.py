@@ -81,6 +81,10 @@ brings a drifter to a goal: in each step the drifter goes up (-1), goes down (1)
 the quickest of those with the largest probability of arrival. `simulate_voyages` simulates
 drifters.
 
+**In a compiled program.** The rate of the flow and the times may be traced by `jit`, `vmap` and
+`grad` in `advect`, `flow_map`, `drift_map`, `ftle` and `crossing_time`, and the chain by `jit` and
+`vmap` in `reachable`. The other functions run on the host.
+
 A `SeaDrift` has all results for the currents of a file, with a `Layer` for each depth and a
 `SeaVoyage` for each policy; `jaxcell.study.Drift` computes it.
 """

@@ -8,8 +8,9 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from ..base.wide import traced
 from ..mapping.section import bucket
 from .flow import Flow, between, in_squares, nearest_square
 from .water import on_grid
@@ -24,8 +25,8 @@ _CHUNK = 1 << 16
 _FEW_POINTS = 1024
 
 _Pair: TypeAlias = tuple[Array, Array]
-_Points: TypeAlias = Float[np.ndarray, "*points"]
-_Time: TypeAlias = float | int
+_Points: TypeAlias = Float[Any, "*points"]
+_Time: TypeAlias = Float[Array, ""] | float | int
 
 
 @functools.partial(jax.jit, static_argnames=("method", "steps"))
@@ -70,13 +71,25 @@ def advect(
 
 
 def carried(
-    flow: Flow, x: _Points, y: _Points, duration: _Time, start: _Time, method: str, steps: int
+    flow: Flow,
+    x: _Points,
+    y: _Points,
+    duration: _Time,
+    start: _Time,
+    method: str,
+    steps: int,
+    gone: Bool[np.ndarray, "rows columns"] | None = None,
 ) -> tuple[_Points, _Points]:
-    """Move points like [`advect`][], with one compilation for many numbers of points or steps."""
+    """Move points like [`advect`][], with one compilation for many numbers of points or steps.
+
+    If JAX traces the flow or a time, they move in the program.
+    """
+    if traced(flow, duration, start):
+        return advected(flow, x, y, duration, start, method, steps, gone)
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
-    return in_chunks(lambda _, x, y: _carried(flow, x, y, *seconds, method, steps), x, y)
+    return in_chunks(lambda _, x, y: _carried(flow, x, y, *seconds, method, steps, gone), x, y)
 
 
 def in_chunks(
@@ -115,7 +128,7 @@ def advected(flow, x, y, duration, start, method, steps, gone=None):  # type: ig
         rates = between(flow, rate, *place)
         if gone is not None:
             on = on_grid(gone.shape, flow.wraps, *place)
-            on &= ~gone[nearest_square(gone.shape, flow.wraps, *place)]
+            on &= ~jnp.asarray(gone)[nearest_square(gone.shape, flow.wraps, *place)]
             begun, reached = (_chosen(on, places, place) for places in (begun, reached))
             rates = _chosen(on, rates, (0.0, 0.0))
         reached = _moved(reached, rates, share[stage - 1])

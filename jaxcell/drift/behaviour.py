@@ -102,6 +102,8 @@ def long_term_behaviour(
 ) -> LongTermBehaviour:
     """Compute where the drifters of one layer end in the long term (Alam 2018, Alg. 5.1).
 
+    It runs on the host, because the sets of groups in which drifters end have different sizes.
+
     **Arguments:**
 
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].

@@ -141,8 +141,9 @@ def _first_ancestor(
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     """Find the fewest cells from which all cells can ever be reached.
 
-    They are one cell of each *source*, a strongly connected component to which no other component
-    leads. Each source needs a drifter, and all other components are reached from the sources.
+    It runs on the host, because the number of drifters depends on the chain. The cells are one cell
+    of each *source*, a strongly connected component to which no other component leads. Each source
+    needs a drifter, and all other components are reached from the sources.
 
     A persistent group gets no drifter if a transient cell leads to it, although a drifter from that
     cell may end in another group. To put a drifter in each group, use

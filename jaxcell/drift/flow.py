@@ -32,13 +32,13 @@ class Flow:
         ((1, 2, 21, 29), [0.0])
     """
 
-    rate: Float[Array, "records axes rows columns"]
+    rate: Float[Any, "records axes rows columns"]
     "The velocities along x and y at the centres of the cells, in cells per second."
-    time: Float[Array, "records"]
+    time: Float[Any, "records"]
     "Seconds since the first record of the file, ascending."
     wraps: bool = dataclasses.field(default=False, metadata={"static": True})
     "True if the last column is beside the first, as in `Water`."
-    period: Float[Array, ""] | None = None
+    period: Float[Any, ""] | None = None
     """Seconds from the first record to the last record, which repeats the first one; `None` if the
     current is not periodic."""
     diffusivity: float = dataclasses.field(default=0.0, metadata={"static": True})

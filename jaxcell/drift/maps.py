@@ -8,19 +8,28 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 import scipy.special
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..base import memory
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
-from .advection import advected, carried
-from .currents.sphere import turned
-from .drifting import drifted
+from ..mapping.traced import like, on_host
+from .advection import carried
+from .disturbances import (
+    Origin,
+    Points,
+    Squares,
+    around,
+    set_probabilities,
+    squares_around,
+    turned_ends,
+    with_uniform_boundary,
+)
 from .flow import Flow, crossing_time
 from .step import DriftStep
-from .water import NEIGHBORS, Water, on_grid, square
+from .water import Water, on_grid, square
 
 
 # Diffusion is cut off at this number of standard deviations; the largest deviation in cells.
@@ -33,14 +42,9 @@ EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
 """The exits through which drifters leave the map."""
-# The index that stands for no target; -1 is the sink.
-_NONE = -2
 
-# Cells of origin, their end points, and points or squares of each of them, one row per branch.
-_Origin: TypeAlias = Int[np.ndarray, "some"]
-_Ends: TypeAlias = Float[np.ndarray, "some"]
-_Points: TypeAlias = Float[np.ndarray, "_branches some"]
-_Squares: TypeAlias = Int[np.ndarray, "_branches some"]
+# The end points of drifters from some cells.
+_Ends: TypeAlias = Float[Any, "some"]
 
 
 def flow_map(
@@ -68,14 +72,11 @@ def flow_map(
     """
     duration = step.seconds(water, flow)
     x, y = np.stack([water.column, water.row]).astype(np.float64)
-    if traced(flow, duration, start):
-        ends = advected(flow, x, y, duration, start, step.method, step.substeps)
-        return jnp.stack([ends[0] - x, ends[1] - y])
-    ends = carried(flow, x, y, duration, start, step.method, step.substeps)
-    return jax.device_put(np.stack([ends[0] - x, ends[1] - y]))
+    right, up = carried(flow, x, y, duration, start, step.method, step.substeps)
+    return jax.device_put(right.__array_namespace__().stack([right - x, up - y]))
 
 
-def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0) -> Chain:
+def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | Any = 0.0) -> Chain:
     """Compute the transition probabilities between cells (Alam 2018, section 5.4.3 and Alg. 5.1).
 
     **Arguments:**
@@ -83,9 +84,11 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     - `water`: the cells.
     - `flow`: the flow of the same layer.
     - `step`: the duration of a step and its rules.
-    - `start`: the time at the beginning, in seconds as in `Flow.time`.
+    - `start`: the time at the beginning, in seconds as in `Flow.time`. The rate of the flow, the
+        time and, without a diffusivity, the duration may be traced by `jit`, `vmap` and `grad`.
 
-    **Returns:** the chain over the cells.
+    **Returns:** the chain over the cells. In a program, each sampled point has an image of its own.
+    Probabilities have derivatives if there is a diffusivity; otherwise they change only in jumps.
 
     **Raises:** `ValueError` if the flow and the water are on different grids, if the coast is
     `"strand"` but the edge is not `"exit"`, if the diffusivity is too large, or if there is a
@@ -103,6 +106,11 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     """
     require_x64("drift_map")
     duration = step.seconds(water, flow)
+    if traced(flow.diffusivity) or (flow.diffusivity and traced(duration)):
+        raise TypeError(
+            "diffusivity, duration: expected numbers that JAX does not trace, because the number "
+            "of images of a cell depends on them"
+        )
     if water.coast == "strand" and step.edge != "exit":
         raise ValueError(f"coast: expected the edge 'exit' with 'strand', got {step.edge!r}")
     if flow.diffusivity and step.spread != "sampled":
@@ -114,32 +122,42 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
             f"a step of {duration:g} s; expected {_MAX_SPREAD:g} at most"
         )
     samples, exits = step.samples, step.edge == "exit"
-    branches = {"turned": 3, "all": 9, "sampled": min(9, samples**2)}[step.spread]
-    if flow.diffusivity:
-        branches = (2 * math.ceil(_TAILS * widest) + 3) ** 2
+    in_program = traced(flow, duration, start) and step.spread == "sampled"
+    # In a program the images of sampled points are not merged, because their number would change.
+    near = (2 * math.ceil(_TAILS * widest) + 3) ** 2 if flow.diffusivity else min(9, samples**2)
+    sampled = samples**2 * (near if flow.diffusivity else 1) if in_program else near
+    branches = {"turned": 3, "all": 9, "sampled": sampled}[step.spread]
     memory.check(
         (40 * (branches + 1) + 100 * samples) * water.cells,
         f"a drift map of {water.cells:,} cells of water",
         "read less of the currents",
     )
 
-    every = np.arange(water.cells)
-    if step.spread == "sampled":
-        matrix: scipy.sparse.csr_array | int = 0
-        for x, y, share in _ends(water, flow, step, start, every):
-            matrix = matrix + _transitions(water.landing(x, y, exits=exits), share)
-        image, probability = slots_of(matrix / samples**2)
+    def landing(x: Points, y: Points) -> Squares:
+        images = around if step.spread == "all" else Water.landing
+        form = like(int, 9 if step.spread == "all" else len(x), water.cells)
+        return on_host(lambda _, x, y: images(water, x, y, exits=exits), form, (), x, y)
+
+    every = np.arange(water.cells, dtype=np.int32)
+    ends = _ends(water, flow, step, start, every)
+    if step.spread != "sampled":
+        [(x, y, _)] = ends
+        image = landing(x, y)
+        probability = set_probabilities(image, float(step.rho))
+    elif in_program:
+        x, y, share = map(jnp.concatenate, zip(*ends, strict=True))
+        image, probability = landing(x, y), share / samples**2
     else:
-        [(x, y, _)] = _ends(water, flow, step, start, every)
-        images = _around if step.spread == "all" else Water.landing
-        image = images(water, x, y, exits=exits)
-        probability = _set_probabilities(image, float(step.rho))
+        matrix: scipy.sparse.csr_array | int = 0
+        for x, y, share in ends:
+            matrix = matrix + _transitions(landing(x, y), share)
+        image, probability = slots_of(matrix / samples**2)
     if not exits:
-        image, probability = _with_uniform_boundary(water, image, probability)
+        image, probability = with_uniform_boundary(water, image, probability)
     # The probability of the sink is 1 minus the sum over the cells.
-    gone = image < 0
-    image = np.where(gone, every, image)
-    return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
+    gone, xp = image < 0, image.__array_namespace__()
+    image = xp.where(gone, every[None], image)
+    return Chain(image.astype(np.int32), xp.where(gone, 0.0, probability))
 
 
 def drift_maps(
@@ -218,7 +236,7 @@ def _exit_shares(
     for x, y, share in _ends(water, flow, step, start, origin):
         if step.spread == "all":
             image = water.landing(x, y, origin=origin, exits=True)
-            row, column = _squares_around(water, image, x, y)
+            row, column = squares_around(water, image, x, y)
         else:
             row, column = square(x, y)
         cell, land = water.at(row, column)
@@ -232,7 +250,7 @@ def _exit_shares(
     return shares
 
 
-def _edge(water: Water, origin: _Origin, row: _Squares, column: _Squares) -> _Squares:
+def _edge(water: Water, origin: Origin, row: Squares, column: Squares) -> Squares:
     """Find the edge, an index of `EDGES`, that drifters from `origin` cross to reach a square."""
     up, right = (
         at - at.clip(0, size - 1)
@@ -261,39 +279,41 @@ def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[
 
 
 def _ends(
-    water: Water, flow: Flow, step: DriftStep, start: float | int, origin: _Origin
-) -> Iterator[tuple[_Points, _Points, _Points]]:
+    water: Water, flow: Flow, step: DriftStep, start: Any, origin: Origin
+) -> Iterator[tuple[Points, Points, Points]]:
     """Yield `x` and `y` of the end points of drifters from the cells `origin`, and their weights.
 
     The arrays have a row per sample point and a column per cell.
     """
     duration = step.seconds(water, flow)
 
-    def carry(right: np.ndarray, up: np.ndarray) -> tuple[_Points, _Points]:
+    def carry(right: np.ndarray, up: np.ndarray) -> tuple[Points, Points]:
         """Move points with the flow; they begin `right` and `up` of each centre, in cells."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
-        if step.edge == "exit" and step.method == "rk4":
-            longest = abs(duration) / step.substeps
-            return drifted(water, flow, x, y, start, start + duration, longest)
-        return carried(flow, x, y, duration, start, step.method, step.substeps)
+        gone = water.gone if step.edge == "exit" and step.method == "rk4" else None
+        return carried(flow, x, y, duration, start, step.method, step.substeps, gone)
 
     if step.spread != "sampled":
         x, y = carry(np.zeros(1), np.zeros(1))
         if step.spread == "turned":
-            x, y = _turned(water, x[0], y[0], origin)
+            x, y = turned_ends(water, x, y, origin)
         yield x, y, np.ones(x.shape)
         return
     places = (np.arange(step.samples) + 0.5) / step.samples - 0.5
     right, up = (offset.ravel() for offset in np.meshgrid(places, places))
     chunk = max(step.samples, _POINTS // origin.size)
     deviation = diffused_cells(water, flow, duration)[:, origin]
+
+    def left(_: Any, x: _Ends, y: _Ends) -> Any:
+        """Mark the drifters that have left, which do not diffuse back."""
+        return (step.edge == "exit") & water.left(x, y)
+
     for k in range(0, up.size, chunk):
         x, y = carry(right[k : k + chunk], up[k : k + chunk])
         if flow.diffusivity:
             for point in zip(x, y, strict=True):
-                # Drifters that have left do not diffuse back.
-                left = (step.edge == "exit") & water.left(*point)
-                yield _diffused(*point, np.where(left, _TINY, deviation))
+                gone = on_host(left, like(bool, origin.size), (), *point)
+                yield _diffused(*point, deviation, gone)
         else:
             yield x, y, np.ones(x.shape)
 
@@ -304,93 +324,38 @@ def refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
     return dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
 
 
-def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:
+def diffused_cells(water: Water, flow: Flow, duration: Any) -> Float[np.ndarray, "axes cells"]:
     """Compute the standard deviation of the diffusion from each cell, in cells along x and y."""
-    return math.sqrt(2 * flow.diffusivity * abs(duration)) / water.sides
+    distance = math.sqrt(2 * flow.diffusivity * abs(duration)) if flow.diffusivity else 0.0
+    return distance / water.sides
 
 
-def _diffused(x: _Ends, y: _Ends, deviation: _Points) -> tuple[_Points, _Points, _Points]:
+def _diffused(
+    x: _Ends, y: _Ends, deviation: Points, left: Bool[Any, "some"]
+) -> tuple[Points, Points, Points]:
     """Spread each cell's end point by a normal distribution, and integrate it over near squares.
 
     **Returns:** the columns and rows of the squares, and their shares.
     """
-    reach = math.ceil(_TAILS * float(deviation.max()))
-    steps = np.arange(-reach, reach + 1)[:, None]
+    xp = x.__array_namespace__()
+    ndtr = scipy.special.ndtr if xp is np else jax.scipy.special.ndtr
+    spread = xp.where(left[None], _TINY, deviation)
+    reach = math.ceil(_TAILS * float((deviation if traced(left) else spread).max()))
+    steps = np.arange(-reach, reach + 1.0)[:, None]
     sides = np.append(steps, [[reach + 1]], 0) - 0.5
-    row, column = square(x, y)
+    row, column = (at.astype(float)[None] for at in square(x, y))
     across, along = (
-        np.diff(scipy.special.ndtr((sides + centre - place) / width), axis=0)
-        for centre, place, width in zip((column, row), (x, y), deviation, strict=True)
+        xp.diff(ndtr((sides + centre - place[None]) / width[None]), axis=0)
+        for centre, place, width in zip((column, row), (x, y), spread, strict=True)
     )
-    across, along = across / across.sum(axis=0), along / along.sum(axis=0)
+    across, along = (part / part.sum(axis=0, keepdims=True) for part in (across, along))
     right, up = (offset.ravel()[:, None] for offset in np.meshgrid(steps, steps))
-    share = along[:, None] * across
-    return column + right + 0.0, row + up + 0.0, share.reshape(-1, x.size)
+    share = along[:, None] * across[None]
+    return column + right, row + up, share.reshape(-1, x.size)
 
 
-def _transitions(image: _Squares, share: _Points) -> scipy.sparse.csr_array:
+def _transitions(image: Squares, share: Points) -> scipy.sparse.csr_array:
     """Build a transition matrix from the images of each cell and their shares; -1 is the sink."""
     stays, cells = image >= 0, image.shape[1]
     origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
     return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
-
-
-def _turned(water: Water, x: _Ends, y: _Ends, origin: _Origin) -> tuple[_Points, _Points]:
-    """Turn the displacement of each drifter by 0, 45 and -45 degrees; return the end points."""
-    dx, dy = water.sides[:, origin]
-    column, row = water.column[origin], water.row[origin]
-    right, up = turned((x - column) * dx, (y - row) * dy, np.radians([[0], [45], [-45]]))
-    return column + right / dx, row + up / dy
-
-
-def _around(water: Water, x: _Points, y: _Points, *, exits: bool) -> _Squares:
-    """Find the image of each cell and its neighbours: off the map -1 if `exits`, else `_NONE`."""
-    image = water.landing(x, y, exits=exits)
-    row, column = _squares_around(water, image, x, y)
-    cell, land = water.at(row[1:], column[1:])
-    other = (cell < 0) | (water.piece[cell] != water.piece)
-    on = (cell >= 0) | (land & (water.coast != "strand"))
-    around = np.where(on, np.where(other, _NONE, cell), -1 if exits else _NONE)
-    return np.concatenate([image, around])
-
-
-def _squares_around(
-    water: Water, image: _Squares, x: _Points, y: _Points
-) -> tuple[_Squares, _Squares]:
-    """Return the rows and columns of each image and its eight neighbours, on and off the map."""
-    row, column = square(x, y)
-    row = np.where(image >= 0, water.row[image], row)
-    column = np.where(image >= 0, water.column[image], column)
-    up, right = np.array([(0, 0), *NEIGHBORS]).T[:, :, None]
-    return row + up, column + right
-
-
-def _set_probabilities(targets: _Squares, rho: float) -> _Points:
-    """Compute Eq. 5.4 for `targets`: row 0 has the images, repeated cells have probability 0."""
-    counts = np.ones(targets.shape, bool)
-    for branch in range(1, len(targets)):
-        new = (targets[branch] != targets[:branch]).all(axis=0)
-        counts[branch] = (targets[branch] != _NONE) & new
-    others = counts[1:].sum(axis=0)
-    probability = np.where(counts, (1 - rho) / np.maximum(others, 1), 0)
-    probability[0] = np.where(others > 0, rho, 1)
-    return probability
-
-
-def _with_uniform_boundary(
-    water: Water, image: _Squares, probability: _Points
-) -> tuple[_Squares, _Points]:
-    """Map each cell at a coast or an edge to its neighbours and itself with equal probability."""
-    cells = np.flatnonzero(water.boundary)
-    # Existing neighbours come first, in their order.
-    near = water.neighbor[:, cells]
-    near = np.vstack([cells, np.sort(np.where(near < 0, water.cells, near), axis=0)])
-    exists = near < water.cells
-    slots = max(len(image), exists.sum(axis=0).max(initial=0))
-    more = ((0, slots - len(image)), (0, 0))
-    image = np.pad(image, more, constant_values=_NONE)
-    probability = np.pad(probability, more)
-    image[:, cells], probability[:, cells] = _NONE, 0
-    image[: len(near), cells] = np.where(exists, near, _NONE)[:slots]
-    probability[: len(near), cells] = (exists / exists.sum(axis=0))[:slots]
-    return image, probability

@@ -1,20 +1,23 @@
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool
 
 from ..mapping import Chain
 from ..mapping.classes import reaching
+from ..mapping.traced import like, on_host
 from ..markov.hitting import cell_mask
 from .sea import Sea
 
 
-def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
+def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[Any, "cells"]:
     """Find the cells that a chain can ever reach, including the start.
 
     A cell can be reached if the chain visits it with any positive probability, after any time.
 
-    **Arguments:** the chain; and the start: a cell, several cells, or a mask over the cells.
-    **Returns:** a mask over the cells.
+    **Arguments:** the chain; and the start: a cell, several cells, or a mask over the cells. Both
+    may be traced by `jit` and `vmap`. **Returns:** a mask over the cells.
 
     From cell 1 drifters go to cell 2 or 3, and do not return:
 
@@ -23,7 +26,12 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
         >>> drift.reachable(chain, 1).tolist()
         [False, True, True, True]
     """
-    return reaching(chain.to_scipy().T.tocsr(), cell_mask(chain.cells, start, "start"))
+
+    def reached(matrix, begin):  # type: ignore[no-untyped-def]
+        return reaching(matrix.T.tocsr(), begin)
+
+    begin, form = cell_mask(chain.cells, start, "start"), like(bool, chain.cells)
+    return on_host(reached, form, chain, begin, of_steps=True)
 
 
 def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:

@@ -2,6 +2,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..base.wide import traced
@@ -94,7 +95,8 @@ class DriftStep:
             )
         if self.duration is None:
             return crossing_time(water, flow)
-        return self.duration if traced(self.duration) else float(self.duration)
+        given = self.duration
+        return jnp.asarray(given, float) if traced(given) else float(given)
 
     def check_duration(self, crossing: float) -> None:
         """Raise `ValueError` unless the duration is 0.001 to 1000 times the crossing time."""

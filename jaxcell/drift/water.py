@@ -298,13 +298,14 @@ def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
 
 
 def square(
-    x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
-) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
+    x: Float[Any, "*points"], y: Float[Any, "*points"]
+) -> tuple[Int[Any, "*points"], Int[Any, "*points"]]:
     """Find the row and column of the square of each point.
 
     A point on the edge between two squares belongs to the later row or column.
     """
-    row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
+    xp = x.__array_namespace__()
+    row, column = (xp.floor(xp.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column
 
 

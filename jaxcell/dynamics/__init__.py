@@ -22,6 +22,10 @@ small: cells that are their own images, images that differ with steps of half th
 that lead to a saddle. A map that preserves volumes has groups but no attractors: results then
 report that orbits had not settled, or that most cells are periodic.
 
+**In a compiled program.** Maps, and parameters and noise in `chain`, may be traced by `jit`, `vmap`
+and `grad`; parameters in `images` and boxes in `enclose` by `jit` and `vmap`. The other functions
+run on the host.
+
 `images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box,
 and `moved` estimates the errors of a chain.
 `refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find
@@ -32,4 +36,4 @@ boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, 
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -240,6 +240,8 @@ def basins(
 ) -> Basins:
     """Find the attractors of a map in a box, and the basin of each.
 
+    It runs on the host, because attractors have different numbers of points.
+
     **Arguments:**
 
     - `map`, `box`, `params`, `follow`: as in [`jaxcell.dynamics.images`][].

@@ -139,6 +139,8 @@ def continuation(
 ) -> Continuation:
     """Find attractors and basins for each set of parameters in a list, and match them along it.
 
+    It runs on the host, because the number of attractors depends on the parameters.
+
     An attractor may match an earlier attractor if it lies in the basin of that attractor, or if the
     Hausdorff distance of their orbits is small. The matching with the smallest total distance is
     chosen. If an attractor vanishes, an attractor that later appears in the same place gets its

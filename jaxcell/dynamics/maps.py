@@ -1,10 +1,12 @@
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from ..base.indices import check_whole
@@ -124,7 +126,11 @@ class Section:
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
         """Follow a point until it returns to the surface, and return the new point and the time."""
         start = jnp.asarray(self.lift(x, params))
+        # The arrays are parameters, and others that the functions of the section contain.
+        search, arrays = jax.closure_convert(lambda start: self._search(start, params), start)
+        return _by_jacobian(search, start, *arrays)
 
+    def _search(self, start: Any, params: Any) -> tuple[Any, Any]:
         def before(state):  # type: ignore[no-untyped-def]
             last, y, steps = state
             crossed = (self.surface(last, params) < 0) & (self.surface(y, params) >= 0)
@@ -223,7 +229,8 @@ def section(
 
     Steps continue until `surface` changes its sign from negative to positive. The Illinois method
     then finds the crossing within the last step. A point that does not return in `max_steps` steps
-    is mapped to NaN, which a box counts as `nowhere`.
+    is mapped to NaN, which a box counts as `nowhere`. Under `grad` a point is followed once for
+    each number of the point and the parameters.
 
     **Arguments:**
 
@@ -299,18 +306,47 @@ def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: flo
     """Find a zero of `height`, whose values at 0 and at `dt` are `below` and `above`."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
-        low, high, below, above = state
+        low, high, below, above, was_up = state
         # Heights are equal only without a crossing, when the time does not matter.
         gap = jnp.where(above == below, 1.0, above - below)
         time = jnp.clip(high - above * (high - low) / gap, low, high)
         value = height(time)
         up = value >= 0
-        return (
-            jnp.where(up, low, time),
-            jnp.where(up, time, high),
-            jnp.where(up, below / 2, value),
-            jnp.where(up, value, above / 2),
-        )
+        # An end that stays for a second time counts half, so that the next time lies beyond zero.
+        half = jnp.where(up == was_up, 0.5, 1.0).astype(value.dtype)
+        low, high = jnp.where(up, low, time), jnp.where(up, time, high)
+        below, above = jnp.where(up, below * half, value), jnp.where(up, value, above * half)
+        return low, high, below, above, up
 
-    ends = jnp.zeros_like(below), jnp.full_like(below, dt)
-    return jax.lax.fori_loop(0, 12, narrow, (*ends, below, above))[1]
+    def search(*_):  # type: ignore[no-untyped-def]
+        ends = jnp.zeros_like(below), jnp.full_like(below, dt)
+        state = jax.lax.fori_loop(0, 12, narrow, (*ends, below, above, above >= 0))
+        return state[1]
+
+    # The derivative of the zero is implicit: that of the search would be inaccurate.
+    return jax.lax.custom_root(height, below, search, lambda slope, y: y / slope(jnp.ones_like(y)))
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _by_jacobian(function: Callable[..., Any], *args: Any) -> Any:
+    """Call a function, such as a loop of unknown length, that has forward derivatives only.
+
+    Both forward and reverse derivatives become products with its Jacobian matrix.
+    """
+    return function(*args)
+
+
+def _by_jacobian_jvp(function, args, changes):  # type: ignore[no-untyped-def]
+    moved = [k for k, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
+    columns = jax.jacfwd(lambda *args: (value := function(*args), value), moved, has_aux=True)
+    jacobian, values = _by_jacobian(columns, *args)
+    tree: Any = jax.tree.structure(values)
+
+    def product(of_each):  # type: ignore[no-untyped-def]
+        pairs = zip(of_each, (changes[k] for k in moved), strict=True)
+        return sum(jnp.tensordot(part, change, change.ndim) for part, change in pairs)
+
+    return values, tree.unflatten(map(product, tree.flatten_up_to(jacobian)))
+
+
+_by_jacobian.defjvp(_by_jacobian_jvp, symbolic_zeros=True)

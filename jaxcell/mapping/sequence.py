@@ -1,6 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from ..base import memory
 from ..base.arguments import checked
 from ..base.indices import as_array
+from ..base.wide import traced
 from .generalized import BYTES_PER_SLOT, Chain, check_arrays, number_per_cell
 
 
@@ -98,13 +100,8 @@ class ChainSequence:
     ) -> Float[Array, "cells"]:
         """Compute the distribution `steps` steps after phase 0; its missing mass is in the sink."""
         check_steps(steps)
-        return self._push(number_per_cell(distribution, self.cells, "distribution"), steps)
-
-    @jax.jit
-    def _push(
-        self, distribution: Float[Array, "cells"], steps: Int[Array, ""] | int
-    ) -> Float[Array, "cells"]:
-        return jax.lax.fori_loop(0, steps, lambda n, p: self.at(n).push(p), distribution)
+        distribution = number_per_cell(distribution, self.cells, "distribution")
+        return _applied(self, distribution, steps, "push")
 
     def pushed(
         self, distribution: Float[np.ndarray, "cells"], steps: int
@@ -126,14 +123,7 @@ class ChainSequence:
     def pull(self, value: npt.ArrayLike, steps: Int[Array, ""] | int) -> Float[Array, "cells"]:
         """Compute the expected value after `steps` steps from cells at phase 0; the sink has 0."""
         check_steps(steps)
-        return self._pull(number_per_cell(value, self.cells, "value"), steps)
-
-    @jax.jit
-    def _pull(
-        self, value: Float[Array, "cells"], steps: Int[Array, ""] | int
-    ) -> Float[Array, "cells"]:
-        last = steps - 1
-        return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
+        return _applied(self, number_per_cell(value, self.cells, "value"), steps, "pull")
 
     @functools.cached_property
     def unrolled(self) -> Chain:
@@ -150,6 +140,27 @@ class ChainSequence:
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix of the unrolled chain."""
         return self.unrolled.to_scipy()
+
+
+def _applied(sequence: ChainSequence, values: Any, steps: Any, way: str) -> Any:
+    """Push or pull values through the chains of the steps, one after the other."""
+    # If JAX traces the values but not the steps, the length of the loop stays static, as reverse
+    # derivatives require. Otherwise one program serves all numbers of steps.
+    return (_loop if traced(sequence, values) else _compiled)(sequence, values, steps, way)
+
+
+def _loop(sequence: ChainSequence, values: Any, steps: Any, way: str) -> Any:
+    # Derivatives keep the values before each step, but not the arrays of each chain.
+    @jax.checkpoint
+    def step(n, values):  # type: ignore[no-untyped-def]
+        chain = sequence.at(n if way == "push" else last - n)
+        return getattr(chain, way)(values)
+
+    last = steps - 1
+    return jax.lax.fori_loop(0, steps, step, values)
+
+
+_compiled = jax.jit(_loop, static_argnames="way")
 
 
 def check_steps(steps: Int[Array, ""] | int) -> None:

@@ -1,6 +1,9 @@
 """Diffusion of unresolved motion, and reversed flows."""
 
+import dataclasses
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -50,6 +53,32 @@ def test_drifters_spread_by_the_heat_kernel(river):
         # Of the cell itself, of the walk, and of the cells of the grid.
         assert over @ (place - mean) ** 2 == pytest.approx(1 / 12 + SPREAD**2 + 1 / 12, rel=0.02)
     assert np.abs(once - heat(1)).sum() / 2 < 0.02
+
+
+def test_probabilities_have_the_derivative_of_the_heat_kernel():
+    currents = sea(np.full((9, 9), 300 / STEP), np.zeros((9, 9)))
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents, diffusivity=DIFFUSIVITY)
+    step = drift.DriftStep(STEP, spread="sampled", edge="exit", samples=1)
+    middle = jnp.zeros(water.cells).at[40].set(1.0)
+
+    def columns(scale, duration=STEP):
+        moving = dataclasses.replace(flow, rate=scale * flow.rate)
+        after = drift.drift_map(water, moving, step.lasting(duration)).push(middle)
+        return after.reshape(9, 9).sum(axis=0)
+
+    def kernel(scale):
+        """The normal distribution over the squares, which is cut off after 3 of them."""
+        sides = jax.scipy.stats.norm.cdf((jnp.arange(8.0) - 3.5 - 0.3 * scale) / SPREAD)
+        return jnp.pad(jnp.diff(sides) / (sides[-1] - sides[0]), 1)
+
+    scales = jnp.array([1.0, 0.5])
+    found, slopes = (jax.jit(jax.vmap(of))(scales) for of in (columns, jax.jacrev(columns)))
+    for k, scale in enumerate(scales.tolist()):
+        np.testing.assert_allclose(found[k], columns(scale), atol=1e-15)
+        np.testing.assert_allclose(found[k], kernel(scale), atol=1e-14)
+        np.testing.assert_allclose(slopes[k], jax.jacfwd(kernel)(scale), atol=1e-13)
+    with pytest.raises(TypeError, match="duration: expected numbers that JAX does not trace"):
+        jax.jit(columns)(1.0, STEP)
 
 
 def test_diffusion_needs_sampling_and_short_steps(river):

@@ -4,15 +4,27 @@ import dataclasses
 import math
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from oracles.drifter import SINK, Current, Drifter
-from seas import double_gyre, sea, seas
+from seas import double_gyre, sea, seas, water_and_flow
 
 from jaxcell import examples
 from jaxcell.base import memory
-from jaxcell.drift import METHODS, DriftStep, Flow, Water, drift_map, drift_maps, open_currents
+from jaxcell.drift import (
+    METHODS,
+    DriftStep,
+    Flow,
+    Water,
+    crossing_time,
+    drift_map,
+    drift_maps,
+    open_currents,
+)
+from jaxcell.mapping import Chain
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -158,3 +170,21 @@ def test_a_map_of_ten_million_cells_is_refused_with_the_memory_it_needs(monkeypa
     needs = "drift map of 10,000,000 cells of water needs about 9.0 GB of memory, and 4.0 GB"
     with pytest.raises(MemoryError, match=needs):
         drift_map(water, flow, METHODS["drifters"])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("spread", SPREADS)
+def test_maps_of_a_program_are_those_of_each_current(method, spread):
+    water, flow = water_and_flow(double_gyre(6, 12))
+    step = dataclasses.replace(METHODS[method], spread=spread, samples=2)
+
+    def chain(scale, duration):
+        moving = dataclasses.replace(flow, rate=scale * flow.rate)
+        return drift_map(water, moving, step.lasting(duration))
+
+    scales, durations = jnp.array([1.0, 0.4]), 2 * crossing_time(water, flow) * jnp.ones(2)
+    found = jax.jit(jax.vmap(chain))(scales, durations)
+    for k in range(2):
+        one = Chain(found.image[k], found.probability[k]).to_scipy()
+        expected = chain(float(scales[k]), float(durations[k])).to_scipy()
+        np.testing.assert_allclose(one.toarray(), expected.toarray(), atol=1e-15)

@@ -1,5 +1,6 @@
 import dataclasses
 
+import jax
 import networkx as nx
 import numpy as np
 import pytest
@@ -34,6 +35,16 @@ def test_layers_are_combined_in_order(seed):
         assert sea.below[z] == number.get((layer + 1, row, column), -1)
     blocks = scipy.sparse.block_diag([chain.to_scipy() for chain in chains])
     np.testing.assert_array_equal(sea.drift.to_scipy().toarray(), blocks.toarray())
+
+
+def test_reachable_in_a_program_is_the_closure():
+    random = np.random.default_rng(3)
+    P = np.triu(random.random((3, 6, 6)) < 0.3) / 6.0
+    starts = random.random((3, 6)) < 0.3
+    starts[:, 0] = True
+    found = jax.jit(jax.vmap(lambda P, start: reachable(Chain.from_scipy(P), start)))(P, starts)
+    for one, matrix, start in zip(found, P, starts, strict=True):
+        np.testing.assert_array_equal(one, closure(matrix)[start].any(axis=0))
 
 
 @given(matrices(), st.data())

@@ -46,6 +46,49 @@ def test_section_of_a_spiral_is_its_return_map():
     np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
 
 
+def damped_turn(u, a, w):
+    """Follow `r' = -a r` for a turn at the angular velocity `w`; return the radius and the time."""
+    returns = dynamics.section(
+        lambda x, p: jnp.stack([-a * x[0] - p * x[1], p * x[0] - a * x[1]]),
+        lambda x, p: x[1],
+        lift=lambda u, p: jnp.stack([u[0], 0.0 * u[0]]),
+        project=lambda x, p: x[:1],
+        dt=0.02,
+    )
+    place, time = returns.timed(u[None], w)
+    return jnp.append(place, time)
+
+
+def test_section_has_the_derivatives_of_the_closed_form():
+    def exact(u, a, w):
+        return jnp.stack([u * jnp.exp(-a * 2 * jnp.pi / w), 2 * jnp.pi / w])
+
+    # The field contains `a`, and `w` is its parameter.
+    ways = tuple(range(3))
+    points = jnp.array([1.3, 0.7]), jnp.array([0.1, 0.2]), jnp.array([1.1, 0.9])
+    slopes = jax.jit(jax.vmap(jax.jacrev(damped_turn, ways)))(*points)
+    np.testing.assert_allclose(slopes, jax.vmap(jax.jacrev(exact, ways))(*points), atol=2e-7)
+    turn = jax.jit(jax.vmap(damped_turn))
+    for k, slope in enumerate(slopes):
+        low, high = (turn(*(x + h * (k == n) for n, x in enumerate(points))) for h in (-1e-5, 1e-5))
+        np.testing.assert_allclose(slope, (high - low) / 2e-5, atol=1e-8)
+    curved = jax.jit(jax.grad(jax.grad(lambda a: damped_turn(points[0][0], a, 1.1)[0])))(0.1)
+    assert curved == pytest.approx((2 * np.pi / 1.1) ** 2 * exact(1.3, 0.1, 1.1)[0].item())
+
+
+def test_section_returns_to_a_curved_surface():
+    # The search for the crossing ends on the surface, however long the steps are.
+    def surface(x, p):
+        return x[1] - x[0] ** 3 / 8
+
+    returns = dynamics.section(
+        turning, lambda x, p: -surface(x, p), lift=lambda u, p: u, project=lambda x, p: x, dt=0.3
+    )
+    starts = np.linspace(0.1, 2, 50)
+    ends = jax.vmap(returns, (0, None))(np.stack([starts, starts**3 / 8], axis=1), None)
+    assert np.abs(jax.vmap(surface, (0, None))(ends, None)).max() < 1e-14
+
+
 def test_section_without_return_maps_nowhere():
     away = dynamics.section(
         lambda x, p: jnp.ones(2),

@@ -1,3 +1,5 @@
+import jax
+import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -123,3 +125,31 @@ def test_chains_of_different_cells_are_refused():
         ChainSequence.of([Chain.from_scipy(np.eye(n)) for n in (2, 3)])
     with pytest.raises(ValueError, match=r"got sizes \[\]"):
         ChainSequence.of([])
+
+
+@pytest.mark.parametrize("way", ["push", "pull"])
+def test_steps_in_a_program_have_the_derivatives_of_the_product(tide, way):
+    matrices, sequence = tide
+    random = np.random.default_rng(2)
+    values, weights = random.random((2, CELLS))
+    change = random.normal(size=sequence.probability.shape)
+
+    def total(probability, values, steps=5):
+        return jnp.vdot(
+            weights, getattr(ChainSequence(sequence.image, probability), way)(values, steps)
+        )
+
+    def changed(h):
+        """The same number from the product of dense matrices; the chains are changed by `h`."""
+        image = np.eye(CELLS)[np.asarray(sequence.image)]
+        other = matrices + h * (image * change[..., None]).sum(axis=1)
+        whole = product(other, 5)
+        return values @ whole @ weights if way == "push" else weights @ whole @ values
+
+    slope, by_value = jax.jit(jax.grad(total, (0, 1)))(sequence.probability, jnp.asarray(values))
+    np.testing.assert_allclose(
+        np.vdot(slope, change), (changed(1e-6) - changed(-1e-6)) / 2e-6, rtol=1e-7
+    )
+    np.testing.assert_allclose(np.vdot(by_value, values), changed(0.0), rtol=1e-12)
+    each = jax.vmap(lambda n: total(sequence.probability, values, n))(jnp.arange(6))
+    assert each[5] == pytest.approx(changed(0.0), rel=1e-12)

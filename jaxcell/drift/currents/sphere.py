@@ -1,6 +1,6 @@
 """Geometry of cells on the Earth: order of coordinates, sides in metres, angle of the x axis."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -208,8 +208,8 @@ def on_sphere(
 
 
 def turned(
-    x: Float[np.ndarray, "*any"], y: Float[np.ndarray, "*any"], angle: Float[np.ndarray, "..."]
-) -> tuple[Float[np.ndarray, "*all"], Float[np.ndarray, "*all"]]:
+    x: Float[Any, "*any"], y: Float[Any, "*any"], angle: Float[np.ndarray, "..."]
+) -> tuple[Float[Any, "*all"], Float[Any, "*all"]]:
     """Turn vectors counter-clockwise by an angle in radians.
 
     The angle from East to the x axis turns components along x and y to East and North."""

@@ -1,8 +1,9 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import scipy.ndimage
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..advection import carried
 from ..flow import Flow, nearest_square
@@ -13,12 +14,12 @@ from ..water import Water
 def ftle(
     water: Water,
     flow: Flow,
-    duration: float | int,
+    duration: Float[Array, ""] | float | int,
     *,
-    start: float | int = 0.0,
+    start: Float[Array, ""] | float | int = 0.0,
     method: str = "rk4",
     steps: int = 20,
-) -> Float[np.ndarray, "cells"]:
+) -> Float[Array | np.ndarray, "cells"]:
     """Compute the finite-time Lyapunov exponent, the rate at which water from a cell separates.
 
     It is `log(s) / |duration|`, where `s` is the largest factor by which the drift stretches a
@@ -33,7 +34,8 @@ def ftle(
     - `flow`: the flow of the same layer.
     - `duration`: the duration in seconds, negative to go backward in time. Ridges of the exponent
         repel the water if the duration is positive, and attract it otherwise.
-    - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
+    - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][]. The flow, the duration and the
+        start may be traced by `jit`, `vmap` and `grad`.
 
     **Returns:** the exponents, per second.
 
@@ -51,19 +53,18 @@ def ftle(
     """
     duration = DriftStep(duration, method=method, substeps=steps).seconds(water, flow)
     sides = np.stack([water.dx, water.dy])
-    x, y = np.stack([water.column, water.row]).astype(np.float64)
-    middles = (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)
-    ends = [
-        carried(flow, x + right, y + up, duration, start, method, steps) for right, up in middles
-    ]
-    east, west, north, south = np.array(ends)
-    row, column = map(np.asarray, nearest_square(sides.shape[1:], water.wraps, *(east + west) / 2))
-    began, ended = water.sides, sides[:, row, column]
-    a, c = (east - west) * ended / began[0]
-    b, d = (north - south) * ended / began[1]
+    right, up = np.array([[0.5, -0.5, 0.0, 0.0], [0.0, 0.0, 0.5, -0.5]])[:, :, None]
+    begin = water.column + right, water.row + up
+    ends: Any = carried(flow, *begin, duration, start, method, steps)
+    xp = ends[0].__array_namespace__()
+    east, west, north, south = xp.stack(ends, axis=1)
+    row, column = nearest_square(sides.shape[1:], water.wraps, *(east + west) / 2)
+    began, ended = water.sides, xp.asarray(sides)[:, row, column]
+    a, c = (east - west) * ended / began[:1]
+    b, d = (north - south) * ended / began[1:]
     # The singular values of the gradient of the drift, [[a, b], [c, d]], are half the sum and half
     # the difference of these two numbers.
-    return np.log((np.hypot(a + d, b - c) + np.hypot(a - d, b + c)) / 2) / abs(duration)
+    return xp.log((xp.hypot(a + d, b - c) + xp.hypot(a - d, b + c)) / 2) / abs(duration)
 
 
 def ridges(

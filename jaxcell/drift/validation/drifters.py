@@ -20,10 +20,10 @@ from ..water import Water
 class Drifters:
     """The positions of simulated drifters, step by step."""
 
-    x: Float[Array, "steps drifters"]
+    x: Float[Array | np.ndarray, "steps drifters"]
     """Column of each drifter after each step, in cells. Drifters stop where they leave the map. On
     a grid that goes round the Earth, x grows beyond the last column with each turn."""
-    y: Float[Array, "steps drifters"]
+    y: Float[Array | np.ndarray, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
     "The cell of each drifter, or the nearest cell if it ran ashore; -1 off the map."
     duration: float

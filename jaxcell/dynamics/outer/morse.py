@@ -144,6 +144,8 @@ def morse_sets(
 ) -> MorseSets:
     """Find the recurrent sets of a map in a box, and the order in which orbits visit them.
 
+    It runs on the host, because the number of boxes depends on the parameters.
+
     The image of a box is a box that contains the image of every point. A box leads to the boxes
     that touch its image. A Morse set is a maximal set of boxes that all lead to each other. Boxes
     on no cycle are dropped, the other boxes are bisected along one axis, and so on (Dellnitz &

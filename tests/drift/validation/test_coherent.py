@@ -1,5 +1,8 @@
+import dataclasses
 import math
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from seas import double_gyre, sea, water_and_flow
@@ -41,6 +44,31 @@ SHEARED = math.log((RATE * TIME + math.hypot(RATE * TIME, 2)) / 2) / TIME
 def test_linear_currents_stretch_at_their_rate(gradient, duration, expected, dx, dy):
     found = middle(linear(gradient, dx=dx, dy=dy), duration)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_exponents_have_the_derivatives_of_the_closed_form():
+    currents = linear(((0, 1e-5), (0, 0)), n=5)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+
+    def inner(scale, duration):
+        moving = dataclasses.replace(flow, rate=scale * flow.rate)
+        return drift.ftle(water, moving, duration)[water.row == 2][1:4]
+
+    def exact(scale, duration):
+        """The exponent of the shear, as SHEARED."""
+        shear = 1e-5 * scale * duration
+        return jnp.log((shear + jnp.sqrt(shear**2 + 4)) / 2) / duration
+
+    scales, durations = jnp.array([1.0, 2.0, 0.5]), jnp.array([9000.0, 3000.0, 7000.0])
+    found = jax.jit(jax.vmap(inner))(scales, durations)
+    slopes = jax.jit(jax.vmap(jax.jacrev(inner, (0, 1))))(scales, durations)
+    each = jax.vmap(jax.grad(exact, (0, 1)))(scales, durations)
+    for k in range(3):
+        one = inner(float(scales[k]), float(durations[k]))
+        np.testing.assert_allclose(found[k], one, rtol=1e-13)
+        np.testing.assert_allclose(found[k], exact(scales[k], durations[k]), rtol=1e-9)
+        for slope, expected in zip(slopes, each, strict=True):
+            np.testing.assert_allclose(slope[k], expected[k], rtol=1e-7)
 
 
 def test_a_cell_at_a_coast_has_an_exponent():
