@@ -35,15 +35,15 @@ CALLS = {
         chain(matrix), 1
     ),
     "Chain.to_scipy": lambda matrix: chain(matrix).to_scipy(),
-    "Gld.quantile": lambda matrix: patrol.Gld(0.0, 1.0, 0.0, 0.0).quantile(matrix),
-    "Gld.log_odds": lambda matrix: patrol.Gld(0.0, 1.0, 0.0, 0.0).cdf(matrix),
     "jaxcell.mapping.transient_groups": lambda matrix: mapping.transient_groups(
         chain(matrix), mapping.persistent_groups(chain(P))
     ),
     "jaxcell.automata.equivalence": lambda matrix: automata.equivalence(
         (matrix > 0.3).astype(int), np.zeros((2, 2))
     ),
-    "jaxcell.space.cell_strides": lambda matrix: space.cell_strides(4, 1.0, matrix[0, 0]),
+    "jaxcell.space.visible_cells": lambda matrix: space.visible_cells(
+        examples.corridor(), matrix[0, 0]
+    ),
     "jaxcell.markov.sample_walks": lambda matrix: markov.sample_walks(
         chain(matrix), np.array([0]), 3, np.random.default_rng(0)
     ),
