@@ -14,12 +14,16 @@ as long for all angles of a room (`chapter_2/angle_study.py` of the experiments)
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
+from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.wide import traced
 from ..mapping import GroupTotals
 from ..mapping.groups import follow, periodic_cells
 from ..space import CELL_BY_CELL, Motion
@@ -43,7 +47,8 @@ def grid_groups(
     counter-clockwise; the other arguments are those of [`walls`][].
 
     **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
-    or `[*rooms]` for a single angle.
+    or `[*rooms]` for a single angle. Under `jit` and `vmap`, which may trace `free`, they are
+    computed on the host.
 
     In an open room of 2 x 3 squares, a robot that turns by 180 degrees stays in its row or column:
 
@@ -54,8 +59,13 @@ def grid_groups(
         >>> bounce.grid_groups(rooms, math.pi, directions=4).count.tolist()
         [5]
     """
-    free = np.asarray(free)
     rooms = free.shape[:-2]
+    if traced(free):
+        shape = jax.ShapeDtypeStruct(rooms + np.shape(bounce), np.int64)
+        form = (shape,) * len(dataclasses.fields(GroupTotals))
+        find = functools.partial(_on_host, bounce, directions, motion)
+        return GroupTotals(*jax.pure_callback(find, form, free, vmap_method="broadcast_all"))
+    free = np.asarray(free)
     shift = bounce_shift(bounce, directions)
     flat = free.reshape(math.prod(rooms), *free.shape[-2:])
     for room in np.flatnonzero(~flat.any(axis=(1, 2))).tolist()[:1]:
@@ -63,6 +73,10 @@ def grid_groups(
     totals = wall_groups(walls_of(flat, directions, motion=motion), np.atleast_1d(shift))
     fields = (getattr(totals, field.name) for field in dataclasses.fields(totals))
     return GroupTotals(*(field.reshape((*rooms, *shift.shape)) for field in fields))
+
+
+def _on_host(bounce: Any, directions: int, motion: Motion, free: Any) -> tuple[Any, ...]:
+    return tuple(vars(grid_groups(np.asarray(free), bounce, directions, motion=motion)).values())
 
 
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:

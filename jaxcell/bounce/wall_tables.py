@@ -62,6 +62,8 @@ def walls(
 ) -> Walls:
     """Tabulate the walls of grids, whose obstacles are the squares that are not free.
 
+    It runs on the host, because the number of walls depends on the grids.
+
     **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
     1 m; the number of directions; and a motion. **Returns:** the walls of all grids.
 

@@ -62,21 +62,22 @@ class GroupSummary:
         return GroupTotals(*map(np.asarray, numbers))
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class GroupTotals:
     """Statistics over all periodic groups of a map."""
 
-    count: Int[np.ndarray, "*batch"]
+    count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
-    longest_transient: Int[np.ndarray, "*batch"]
+    longest_transient: Int[Array | np.ndarray, "*batch"]
     "The largest number of applications of the map until a cell is in its group."
-    shortest_period: Int[np.ndarray, "*batch"]
+    shortest_period: Int[Array | np.ndarray, "*batch"]
     "The smallest number of cells of a group."
-    longest_period: Int[np.ndarray, "*batch"]
+    longest_period: Int[Array | np.ndarray, "*batch"]
     "The largest number of cells of a group."
-    periodic_cells: Int[np.ndarray, "*batch"]
+    periodic_cells: Int[Array | np.ndarray, "*batch"]
     "Total number of cells of the groups."
-    largest_basin: Int[np.ndarray, "*batch"]
+    largest_basin: Int[Array | np.ndarray, "*batch"]
     "The largest number of cells that reach one group, including the cells of the group."
 
 

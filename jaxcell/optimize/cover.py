@@ -41,6 +41,8 @@ class MinimumCover:
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
     """Choose sets that cover all elements, one by one (Alam 2018, Alg. 4.3; Chvatal 1979).
 
+    It runs on the host, because the number of sets depends on the values.
+
     Each step ranks the sets by the number of elements that they would add; sets that add equally
     many keep their order. The step takes the best set, or with `choice` k the set k places below
     it. If too few sets add elements, the step takes the last set that adds elements; the source
@@ -85,6 +87,8 @@ def minimum_cover(
     sets: Bool[np.ndarray, "sets elements"], *, time_limit: float | None = None, throw: bool = True
 ) -> MinimumCover:
     """Choose the fewest sets that cover all elements, with a mixed-integer program.
+
+    It runs on the host, because HiGHS solves the program.
 
     In bad cases the computing time grows exponentially with the number of sets; a room of 200 cells
     takes a fraction of a second.

@@ -1,8 +1,11 @@
 import dataclasses
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
+
+from ..base.wide import namespace
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -20,7 +23,7 @@ class Stakes:
 
 
 def payoffs(
-    order: Int[np.ndarray, "strategies vertices"], stakes: Stakes | None = None
+    order: Int[Any, "strategies vertices"], stakes: Stakes | None = None
 ) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
     """Compute the payoffs of a patroller and of an adversary that attacks a vertex (Alg. 4.2).
 
@@ -29,9 +32,9 @@ def payoffs(
     the reward, by default `n - k + 1`, and the adversary pays the cost. The default cost `-k`, as
     in the source, is a gain. If the patroller fails, each gains its value of the goods there.
 
-    **Arguments:** for each strategy, the vertices in ascending order of their mean hitting times;
-    and the gains and losses at each vertex, by default as in Alg. 4.2. **Returns:** the payoffs of
-    the patroller and of the adversary, for [`stackelberg`][].
+    **Arguments:** for each strategy, the vertices in ascending order of their mean hitting times,
+    which may be traced; and the gains and losses at each vertex, by default as in Alg. 4.2.
+    **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
     Two strategies, the first closest to vertex 0, the second closest to vertex 1:
 
@@ -44,7 +47,8 @@ def payoffs(
     vertices = order.shape[1]
     if order.size == 0:
         raise ValueError(f"order: expected at least one strategy and vertex, got {order.shape}")
-    for strategy, row in enumerate(order):
+    xp = namespace(order)
+    for strategy, row in enumerate(order) if xp is np else ():
         if not np.array_equal(np.sort(row), np.arange(vertices)):
             raise ValueError(
                 f"order[{strategy}]: expected each vertex from 0 to {vertices - 1} once, got "
@@ -56,7 +60,7 @@ def payoffs(
             raise ValueError(
                 f"{name}: expected {vertices} finite numbers, one per vertex, got {numbers}"
             )
-    place = np.argsort(order, axis=1)
+    place = xp.argsort(order, axis=1)
     caught = 0.5**place
     goods = given.get("values", np.full(vertices, 1 / vertices))
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods

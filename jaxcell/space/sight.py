@@ -25,6 +25,8 @@ def visible_cells(
 ) -> Bool[np.ndarray, "positions positions"]:
     """Find the cells that are wholly visible from each centre (Alam 2018, Eq. 4.1 and Alg. 4.3).
 
+    It runs on the host, because the walls in sight depend on the values.
+
     A point is visible if it is no farther than `reach` and the segment to it stays in the closed
     environment. A cell is wholly visible if all points of its square that lie in the environment
     are visible. A cell that a thin wall divides may be invisible from all cells, even from itself.

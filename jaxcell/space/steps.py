@@ -154,6 +154,8 @@ def free_steps(
 ) -> Int[np.ndarray, "directions positions"]:
     """Find the position at the end of a step from each centre, among walls of any shape.
 
+    It runs on the host, because shapely finds the walls ahead.
+
     **Arguments:** a cell space and a motion. **Returns:** positions by direction; a step that is
     not possible ends where it starts.
 

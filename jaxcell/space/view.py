@@ -19,6 +19,8 @@ def visibility_polygon(
 ) -> shapely.Polygon | shapely.MultiPolygon:
     """Compute the polygon that is visible from a point (Alam 2018, Eq. 4.1).
 
+    It runs on the host, because shapely cuts the polygon.
+
     The rules of sight are the same as in [`visible_cells`][]: the radius of the robot is ignored.
 
     **Arguments:** a map, and a point and the range of sight in metres. The circle of the range is

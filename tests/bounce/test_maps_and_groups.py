@@ -226,6 +226,11 @@ def test_groups_of_larger_rooms_are_those_of_a_walk():
         image, _, _ = image_of(free[room], 360, round(math.degrees(angles[angle])))
         assert totals_at(totals, room, angle) == totals_of_cells(image)
     assert totals_at(grid_groups(free[1], angles[4], 360)) == totals_at(totals, 1, 4)
+    traced = jax.jit(jax.vmap(lambda room: grid_groups(room, angles, 360)))(free)
+    assert totals_at(traced, 2, 7) == totals_at(totals, 2, 7)
+    assert totals_at(jax.jit(lambda room: grid_groups(room, angles[4], 360))(free[1])) == totals_at(
+        totals, 1, 4
+    )
 
 
 @given(st.lists(MASKS, min_size=2, max_size=4), st.sampled_from(MOTIONS))

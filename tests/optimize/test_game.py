@@ -2,6 +2,7 @@ import itertools
 import os
 
 import jax.numpy as jnp
+import jax
 import numpy as np
 import pytest
 import scipy.optimize
@@ -141,8 +142,9 @@ def test_answers_that_nearly_tie(method, difference):
         assert solution.value == 1
 
 
-def test_payoffs_are_those_of_the_table():
-    patroller, adversary = payoffs(TABLE_4_2)
+@pytest.mark.parametrize("compute", [payoffs, jax.jit(payoffs)])
+def test_payoffs_are_those_of_the_table(compute):
+    patroller, adversary = compute(TABLE_4_2)
     for paid, expected in ((patroller, PATROLLER), (adversary, ADVERSARY)):
         by_place = np.take_along_axis(np.asarray(paid), TABLE_4_2, axis=1)
         np.testing.assert_allclose(by_place, np.tile(expected, (10, 1)), atol=5.1e-5)

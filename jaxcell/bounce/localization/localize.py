@@ -26,6 +26,8 @@ def localization_filter(
 ) -> Filter:
     """Build the filter that localizes a robot from its bumps and its clock (Alam 2018, sec. 2.4).
 
+    It runs on the host, because the number of I-states depends on the map.
+
     The I-state graph of the map (I for information) is a nondeterministic automaton that may start
     in any cell. Subset construction makes it deterministic. On a knowledge cycle, which is a cycle
     without exits, the robot is localized. Each cycle has a colour, the output of its states.

@@ -135,6 +135,8 @@ def plan(
 ) -> Plan:
     """Find a cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
 
+    It runs on the host, because the search depends on the values.
+
     At each bump the robot may turn by any of the angles. A step forward costs `keep`, and so does a
     bump with the same angle as the previous bump. A bump with another angle costs `change`. The
     first bump of a plan costs `keep` with any angle, because in the dissertation a path may start
