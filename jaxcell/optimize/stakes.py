@@ -60,7 +60,7 @@ def payoffs(
             raise ValueError(
                 f"{name}: expected {vertices} finite numbers, one per vertex, got {numbers}"
             )
-    place = xp.argsort(order, axis=1)
+    place = xp.argsort(order, axis=1).astype(float)
     caught = 0.5**place
     goods = given.get("values", np.full(vertices, 1 / vertices))
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods

@@ -1,8 +1,8 @@
 import itertools
 import os
 
-import jax.numpy as jnp
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
