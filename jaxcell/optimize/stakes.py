@@ -60,9 +60,10 @@ def payoffs(
             raise ValueError(
                 f"{name}: expected {vertices} finite numbers, one per vertex, got {numbers}"
             )
+    given = {name: numbers[None] for name, numbers in given.items()}
     place = xp.argsort(order, axis=1).astype(float)
     caught = 0.5**place
-    goods = given.get("values", np.full(vertices, 1 / vertices))
+    goods = given.get("values", np.full((1, vertices), 1 / vertices))
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods
     paid = -given["costs"] if "costs" in given else place + 1
     adversary = caught * paid + (1 - caught) * given.get("adversary_values", goods)
