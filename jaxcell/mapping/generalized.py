@@ -268,6 +268,15 @@ def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     return np.where(missing > _ROUNDING, missing, 0.0)
 
 
+def are_probabilities(
+    probability: Float[np.ndarray, "*members branches cells"],
+) -> Bool[np.ndarray, "*members"]:
+    """Check numbers as [`Chain`][] does, for the chain of each member."""
+    total = probability.sum(axis=-2)
+    right = (probability.min(axis=(-2, -1)) >= 0) & (total.max(axis=-1) <= 1 + _ROUNDING)
+    return np.asarray(right)
+
+
 def missing_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     """Compute 1 minus the sum of each row, with all digits."""
     coarse = np.floor(matrix.data * _COARSE) / _COARSE

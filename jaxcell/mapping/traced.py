@@ -18,7 +18,7 @@ from jaxtyping import Bool, Int
 
 from ..base.wide import traced
 from .batch import Batch, alike, rows
-from .generalized import Chain, matrix_of
+from .generalized import Chain, are_probabilities, matrix_of
 
 
 _FAILED = {"f": np.nan, "c": np.nan, "i": -1, "u": 0, "b": False}
@@ -65,6 +65,8 @@ def on_host(
     def alone(values: list[Any]) -> list[Any]:
         args = tree.unflatten(map(_value_of, values[count:]))
         try:
+            if not all(are_probabilities(chance) for chance in values[1:count:2]):
+                raise ValueError("probabilities")
             matrices = map(matrix_of, values[:count:2], values[1:count:2])
             result = outer.flatten_up_to(compute(whole.unflatten(matrices), *args))
         except (ValueError, RuntimeError, ArithmeticError):
@@ -90,12 +92,18 @@ def on_host(
         values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
         results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
         left = np.ones(math.prod(lead), bool)
+        right = left.copy()
+        for chance in values[1:count:2]:
+            right &= are_probabilities(chance if chance.strides[0] else chance[:1])
         with contextlib.suppress(RuntimeError):
             for part in alike(values[:count], values[count:]) if of_steps or many else ():
                 if of_steps or part.size > 1:
                     for result, found in zip(results, together(values, part), strict=True):
                         result[part] = found
                     left[part] = ~np.all([_finite(result[part]) for result in results], axis=0)
+        for result in results:
+            result[~right] = _FAILED[result.dtype.kind]
+        left &= right
         for member in np.flatnonzero(left):
             for result, found in zip(results, alone([x[member] for x in values]), strict=True):
                 result[member] = found
@@ -146,6 +154,30 @@ def _filled(form: jax.ShapeDtypeStruct, values: Any) -> np.ndarray:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _once(name: str, values: Any) -> Any:
+    """Return `values`, which have no derivative."""
+    return values
+
+
+@_once.defjvp
+def _refuse_derivative(name: str, *_: Any) -> Any:
+    raise TypeError(f"{name}: expected no second derivative; only the first one is computed")
+
+
+def first_derivative_only(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Mark a `change` of [`implicit`][] that has numbers from the host, which have no derivative.
+
+    A second derivative would lack a term, so it is refused with the `name` of the function.
+    """
+
+    def mark(change: Callable[..., Any]) -> Callable[..., Any]:
+        change.only_first = name  # type: ignore[attr-defined]
+        return change
+
+    return mark
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def implicit(change: Callable[[Any, Any], Any], value: Any, inputs: Any) -> Any:
     """Return `value`, whose derivative is that of `change(value, inputs)` in the inputs.
 
@@ -156,6 +188,8 @@ def implicit(change: Callable[[Any, Any], Any], value: Any, inputs: Any) -> Any:
 
 @implicit.defjvp
 def _implicit_jvp(change, primals, tangents):  # type: ignore[no-untyped-def]
+    if (name := getattr(change, "only_first", None)) is not None:
+        primals = _once(name, primals)
     value = implicit(change, *primals)
     _, later = jax.jvp(lambda inputs: change(value, inputs), primals[1:], tangents[1:])
     return value, later

@@ -74,8 +74,11 @@ distributions, hitting times and derivatives by elimination without subtractions
 differ from those of a single call by rounding, and certificates are a little larger. An error would
 stop the program, so values that cannot be computed are NaN, and `certificate.converged` is `False`.
 The derivative of a solution is the solution of the same equations with another right-hand side, or
-of the transposed equations (Schweitzer 1968), so it is as accurate as the values. The structure of
-the chain and the best policy count as constant, and so do the times of `simulate_arrival`.
+of the transposed equations (Schweitzer 1968). It loses as many digits as the longest expected time
+has: of 10^9 steps, 7 digits are left, and of more than 10^15 steps, none. The structure of the
+chain and the best policy count as constant, and so do the times of `simulate_arrival`. A step with
+probability 0 is no step of the chain, so a derivative there lacks it. `entropy_rate`, `slem`,
+`leading_modes` and `maximum_entropy_rate` have no second derivatives.
 `almost_invariant_sets`, `coherent_sets`, `attracting_regions` and `sample_walks` run on the host
 only.
 """

@@ -112,7 +112,7 @@ def _limit_of_many(
     visits, _ = eliminated(
         batch, (group >= 0) & (root[:, 0] == 0), batch.push(root)[:-1], adjoint=True
     )
-    value = visits + root
+    value = np.zeros((group.size, len(share))) + visits + root
     total = np.zeros((share.shape[1], value.shape[1]))
     Sums.of(group[cells]).add(total, value[cells])
     with np.errstate(all="ignore"):

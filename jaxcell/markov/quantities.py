@@ -16,7 +16,7 @@ from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import closed_classes, periods, persistent_groups
 from ..mapping.generalized import Chain
-from ..mapping.traced import implicit, like, on_host
+from ..mapping.traced import first_derivative_only, implicit, like, on_host
 from . import dense
 from .hitting import TOLERANCE
 from .limiting import limiting_distribution
@@ -142,6 +142,7 @@ def _surprise(
     return np.where(p > 0, -np.log(np.where(p > 0, p, 1.0)) - 1, 0.0)
 
 
+@first_derivative_only("entropy_rate")
 def _entropy_change(_: Any, inputs: Any) -> Float[Array, ""]:
     chain, share, surprise = inputs
     # The entropy of a cell is the sum over its branches plus 1, the sum of its probabilities.
@@ -186,12 +187,15 @@ def _slem_slope(
     matrix: scipy.sparse.csr_array, image: Int[np.ndarray, "branches cells"]
 ) -> Float[np.ndarray, "branches cells"]:
     """Compute the derivative of a simple eigenvalue's modulus by the probability of each branch."""
+    if matrix.shape[0] == 1:
+        return np.zeros(image.shape)
     values, left, right = scipy.linalg.eig(matrix.toarray(), left=True)
     second = np.argsort(np.abs(values), kind="stable")[-2]
     value, u, v = values[second], left[:, second].conj(), right[:, second]
     return ((value.conj() / abs(value)) * u * v[image] / (u @ v)).real
 
 
+@first_derivative_only("slem")
 def _slem_change(_: Any, inputs: Any) -> Float[Array, ""]:
     probability, slope = inputs
     return jnp.sum(probability * slope)

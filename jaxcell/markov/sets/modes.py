@@ -13,7 +13,7 @@ from scipy.sparse import linalg
 from ...base.certificate import Certificate
 from ...base.wide import traced
 from ...mapping import Chain, ChainSequence
-from ...mapping.traced import implicit, like, on_host
+from ...mapping.traced import first_derivative_only, implicit, like, on_host
 from ..traced import CERTIFIED
 from .window import Window, leading_subspace, steps_of
 
@@ -117,6 +117,7 @@ def _modes(matrices: _Matrices, count: int, exactly: bool) -> tuple[_Modes, tupl
     return (value, right, left), (functions.products + measures.products, residual)
 
 
+@first_derivative_only("leading_modes")
 def _change(modes: _Modes, steps: tuple[Chain, ...]) -> _Modes:
     """Compute the modes from their values, for their derivatives.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from ...base.precision import require_x64
 from ...base.wide import namespace, traced
 
 
@@ -164,14 +165,15 @@ def _power(log_u: Any, shape: _Parameter) -> Any:
 @jax.custom_jvp
 def _inverse(z: Any, l3: Any, l4: Any) -> Float[Any, "*values"]:
     """Find log-odds for arrays of one shape, of which JAX traces at least one."""
-
-    @np.errstate(all="ignore")
-    def find(*arrays: Any) -> Float[np.ndarray, "*values"]:
-        column, *shapes = (np.asarray(array).reshape(-1, 1) for array in arrays)
-        return _invert(column, shapes[0], shapes[1], None).reshape(np.shape(arrays[0]))
-
+    require_x64("Gld")
     shape = jax.ShapeDtypeStruct(z.shape, np.float64)
-    return jax.pure_callback(find, shape, z, l3, l4, vmap_method="broadcast_all")
+    return jax.pure_callback(_inverse_on_host, shape, z, l3, l4, vmap_method="broadcast_all")
+
+
+@np.errstate(all="ignore")
+def _inverse_on_host(*arrays: Any) -> Float[np.ndarray, "*values"]:
+    column, *shapes = (np.asarray(array).reshape(-1, 1) for array in arrays)
+    return _invert(column, shapes[0], shapes[1], None).reshape(np.shape(arrays[0]))
 
 
 @_inverse.defjvp

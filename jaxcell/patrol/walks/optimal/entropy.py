@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ....base.certificate import Certificate
 from ....base.precision import require_x64
 from ....base.wide import traced
-from ....mapping.traced import implicit, like, on_host
+from ....mapping.traced import first_derivative_only, implicit, like, on_host
 from ....markov import dense
 from ....optimize import Graph
 from ....optimize.checked import check_count
@@ -88,6 +88,7 @@ def _scaled(
     return matrix, value, max(0.0, residual)
 
 
+@first_derivative_only("maximum_entropy_rate")
 def _scaled_change(now: Any, stationary: Float[Array, "vertices"]) -> Any:
     """Compute the chain and its entropy rate from their values, for their derivatives.
 
