@@ -100,4 +100,9 @@ def _solved_of_many(
     *,
     adjoint: bool,
 ) -> Float[np.ndarray, "members cells"]:
-    return eliminated(batch, inside, right.T, adjoint=adjoint)[0].T
+    # Eliminations without subtractions lose no digits.
+    more, less = (
+        eliminated(batch, inside, part.T, adjoint=adjoint)[0].T if part.any() else 0.0
+        for part in (np.maximum(right, 0), np.maximum(-right, 0))
+    )
+    return np.asarray(more - less) + np.zeros_like(right)
