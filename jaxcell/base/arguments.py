@@ -93,7 +93,7 @@ def _check_sequence(kind: type, name: str, value: Any) -> Any:
     if not isinstance(value, list | tuple):
         raise ValueError(f"{name}: expected a list of {kind.__name__}s, got {type(value).__name__}")
     parts = [_check_class((kind,), f"{name}[{place}]", part) for place, part in enumerate(value)]
-    return type(value)(parts)
+    return tuple(parts) if isinstance(value, tuple) else parts
 
 
 def _check_number(kinds: tuple[type, ...], name: str, value: Any) -> Any:

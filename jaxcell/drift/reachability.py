@@ -2,6 +2,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from jaxtyping import Bool
 
 from ..mapping import Chain
@@ -26,12 +27,14 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[Any, "cells"]:
         >>> drift.reachable(chain, 1).tolist()
         [False, True, True, True]
     """
-
-    def reached(matrix, begin):  # type: ignore[no-untyped-def]
-        return reaching(matrix.T.tocsr(), begin)
-
     begin, form = cell_mask(chain.cells, start, "start"), like(bool, chain.cells)
-    return on_host(reached, form, chain, begin, of_steps=True)
+    return on_host(_reached, form, chain, begin, of_steps=True)
+
+
+def _reached(
+    matrix: scipy.sparse.csr_array, begin: Bool[np.ndarray, "cells"]
+) -> Bool[np.ndarray, "cells"]:
+    return reaching(matrix.T.tocsr(), begin)
 
 
 def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
