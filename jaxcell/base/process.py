@@ -163,8 +163,9 @@ _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGHUP: signal.SIG_DFL,
 }
 # Compiled code calls two methods in hash tables, and Python a function to import a module. JAX and
-# modules make another error of an exception there, and C++ may abort.
-_UNINTERRUPTED = ("__eq__", "__hash__", "_find_and_load")
+# modules make another error of an exception there, and C++ may abort. JAX never repairs a file of
+# its cache that was not written completely.
+_UNINTERRUPTED = ("__eq__", "__hash__", "_find_and_load", "write_bytes")
 _received: list[int] = []
 # Seconds after which a postponed signal is sent again, and the most times that it is.
 _SOON, _MOST = 0.05, 100

@@ -1,5 +1,6 @@
 """Configure JAX for the commands of jaxcell; other programs choose their own configuration."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -20,6 +21,11 @@ def configure_jax() -> None:
         directory.chmod(0o700)
     except (OSError, RuntimeError):
         return
+    # JAX never repairs a file that a killed process left empty.
+    with contextlib.suppress(OSError):
+        for entry in os.scandir(directory):
+            if not entry.stat().st_size:
+                os.unlink(entry)
     jax.config.update("jax_compilation_cache_dir", str(directory))
     # By default JAX does not cache small programs, and most programs here are small.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
