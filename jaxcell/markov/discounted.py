@@ -161,8 +161,9 @@ def _optima(
 
     Values are NaN where sweeps are too slow.
     """
-    if any(batch.chance.shape[1] > 1 for batch in batches):
-        raise RuntimeError("the chains differ")
+    wrong = not ((discount > 0) & (discount < 1)).all()
+    if wrong or any(batch.chance.shape[1] > 1 for batch in batches):
+        raise RuntimeError("expected discounts between 0 and 1, and equal chains")
     moves = Moves.of([batch.matrix() for batch in batches], allowed)
     gain = np.where(allowed, discount[:, None, None] * reward, -np.inf).transpose(1, 2, 0)
     value, left = np.zeros((moves.cells, discount.size)), np.arange(discount.size)

@@ -248,6 +248,10 @@ def test_discounts_near_1_are_left_to_each_member():
         return markov.value_iteration(model, discount).value
 
     discounts = np.array([0.5, 0.999999])
+    assert np.isnan(found(np.array([0.5, 0.0, -0.5, 1.0]))).all(axis=1).tolist() == [
+        False,
+        *[True] * 3,
+    ]
     for value, discount in zip(found(discounts), discounts, strict=True):
         truth = np.linalg.solve(np.eye(CELLS) - discount * matrix, discount * reward[0])
         np.testing.assert_allclose(value, truth, rtol=1e-8)
