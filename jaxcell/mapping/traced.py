@@ -92,18 +92,15 @@ def on_host(
         values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
         results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
         left = np.ones(math.prod(lead), bool)
-        right = left.copy()
-        for chance in values[1:count:2]:
-            right &= are_probabilities(chance if chance.strides[0] else chance[:1])
         with contextlib.suppress(RuntimeError):
             for part in alike(values[:count], values[count:]) if of_steps or many else ():
                 if of_steps or part.size > 1:
                     for result, found in zip(results, together(values, part), strict=True):
                         result[part] = found
                     left[part] = ~np.all([_finite(result[part]) for result in results], axis=0)
-        for result in results:
-            result[~right] = _FAILED[result.dtype.kind]
-        left &= right
+        # These are refused one by one.
+        for chance in values[1:count:2]:
+            left |= ~are_probabilities(chance if chance.strides[0] else chance[:1])
         for member in np.flatnonzero(left):
             for result, found in zip(results, alone([x[member] for x in values]), strict=True):
                 result[member] = found

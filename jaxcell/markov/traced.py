@@ -101,8 +101,6 @@ def _solved_of_many(
     adjoint: bool,
 ) -> Float[np.ndarray, "members cells"]:
     # Eliminations without subtractions lose no digits.
-    more, less = (
-        eliminated(batch, inside, part.T, adjoint=adjoint)[0].T if part.any() else 0.0
-        for part in (np.maximum(right, 0), np.maximum(-right, 0))
-    )
-    return np.asarray(more - less) + np.zeros_like(right)
+    more, less = np.maximum(right.T, 0), np.maximum(-right.T, 0)
+    x = eliminated(batch, inside, more, adjoint=adjoint)[0]
+    return (x - eliminated(batch, inside, less, adjoint=adjoint)[0] if less.any() else x).T

@@ -10,6 +10,7 @@ def sample_walks(
     chain: Chain, starts: Int[np.ndarray, "walks"], steps: int, random: np.random.Generator
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
+
     It runs on the host, because the random numbers come from a generator of NumPy.
 
     **Arguments:** a chain, a first cell for each walk, the number of steps, and a generator of

@@ -46,6 +46,7 @@ def minimum_commute(
     throw: bool = True,
 ) -> MinimumCommute:
     """Find edge weights with minimum average expected commute time, MAECT.
+
     It runs on the host, because the steps of its solver in SciPy depend on the values.
 
     See Alam 2018, Eq. 4.4 and 4.5. The weights `w` define a random walk that takes an edge with a

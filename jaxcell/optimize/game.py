@@ -50,6 +50,7 @@ def stackelberg(
     throw: bool = True,
 ) -> Commitment:
     """Find the best mixture to which a leader can commit, if a follower answers to the mixture.
+
     It runs on the host, because HiGHS solves the programs.
 
     The leader mixes its strategies. Each type of the follower knows the mixture and chooses the

@@ -38,6 +38,7 @@ def fastest_mixing(
     graph: Graph, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
 ) -> FastestMixing:
     """Find the fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
+
     It runs on the host, because the steps of its solver in SciPy depend on the values.
 
     Among the reversible chains that step along edges or stay, and that have a given stationary

@@ -73,6 +73,7 @@ def almost_invariant_sets(
     throw: bool = True,
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
+
     It runs on the host, because the number of sets depends on the values.
 
     Let `L` be the product of the matrices of the steps, `p` the mass and `q = p L`. The reversible

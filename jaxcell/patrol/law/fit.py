@@ -70,6 +70,7 @@ def fit_gld(
     samples: Any, *, censored: bool | None = None, steps: int = 60, throw: bool = True
 ) -> GldFit:
     """Fit a generalized lambda distribution with maximum likelihood (Alam 2018, section 4.4.6).
+
     It runs on the host, because it counts equal samples, and compares local maxima.
 
     Times counted in steps are whole numbers, for which the likelihood of a density grows without

@@ -98,6 +98,7 @@ def vulnerability(
     runs: int = 5000,
 ) -> Vulnerability:
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
+
     It runs on the host, because it fits a law to samples, or says why none is fitted.
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda

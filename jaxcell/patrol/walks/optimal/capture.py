@@ -91,6 +91,7 @@ def maximin_capture(
     throw: bool = True,
 ) -> MaximinCapture:
     """Find chains that maximise the least probability of capturing an all-knowing adversary.
+
     It runs on the host, because it compares local optima, and solves linear programs.
 
     The adversary attacks a vertex as a robot leaves this or another vertex, and is captured if a

@@ -19,6 +19,7 @@ def minimum_kemeny(
     throw: bool = True,
 ) -> OptimizedWalk:
     """Find a chain with a small Kemeny constant: the mean number of steps to a random vertex.
+
     It runs on the host, because it compares local optima from several starts.
 
     The problem is not convex (Patel, Agharkar and Bullo 2015): the result is a local optimum, the
