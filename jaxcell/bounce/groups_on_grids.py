@@ -23,6 +23,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.callbacks import call_back
 from ..base.wide import traced
 from ..mapping import GroupTotals
 from ..mapping.groups import follow, periodic_cells
@@ -64,7 +65,7 @@ def grid_groups(
         shape = jax.ShapeDtypeStruct(rooms + np.shape(bounce), np.int64)
         form = (shape,) * len(dataclasses.fields(GroupTotals))
         find = functools.partial(_on_host, bounce, directions, motion)
-        return GroupTotals(*jax.pure_callback(find, form, free, vmap_method="broadcast_all"))
+        return GroupTotals(*call_back(find, form, free))
     free = np.asarray(free)
     shift = bounce_shift(bounce, directions)
     flat = free.reshape(math.prod(rooms), *free.shape[-2:])
@@ -76,7 +77,7 @@ def grid_groups(
 
 
 def _on_host(bounce: Any, directions: int, motion: Motion, free: Any) -> tuple[Any, ...]:
-    return tuple(vars(grid_groups(np.asarray(free), bounce, directions, motion=motion)).values())
+    return tuple(vars(grid_groups(free, bounce, directions, motion=motion)).values())
 
 
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:

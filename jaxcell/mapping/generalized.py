@@ -153,7 +153,7 @@ class Chain:
             image, probability = branch
             return later.at[image].add(probability * distribution), None
 
-        start = jnp.zeros_like(distribution, jnp.result_type(distribution, self.probability))
+        start = jnp.zeros_like(distribution * self.probability[0])
         later, _ = jax.lax.scan(add, start, (self.image, self.probability))
         return later
 
@@ -169,7 +169,7 @@ class Chain:
 
         # Eight branches are unrolled to save memory traffic of the sums.
         branches = (self.image, self.probability)
-        start = jnp.zeros_like(value, jnp.result_type(value, self.probability))
+        start = jnp.zeros_like(value * self.probability[0])
         return jax.lax.scan(add, start, branches, unroll=8)[0]
 
     def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
+from ..base.callbacks import call_back
 from ..base.wide import traced
 from .batch import Batch, alike, rows
 from .generalized import Chain, are_probabilities, matrix_of
@@ -107,7 +108,7 @@ def on_host(
         return outer.unflatten([x.reshape(*lead, *x.shape[1:]) for x in results])
 
     same = _identity(compute), _identity(many), of_steps, whole, tree, outer, *forms, *axes
-    return jax.pure_callback(_Call(same, call), form, *given, vmap_method="expand_dims")
+    return call_back(_Call(same, call), form, *given)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from ...base.callbacks import call_back
 from ...base.precision import require_x64
 from ...base.wide import namespace, traced
 
@@ -167,13 +168,14 @@ def _inverse(z: Any, l3: Any, l4: Any) -> Float[Any, "*values"]:
     """Find log-odds for arrays of one shape, of which JAX traces at least one."""
     require_x64("Gld")
     shape = jax.ShapeDtypeStruct(z.shape, np.float64)
-    return jax.pure_callback(_inverse_on_host, shape, z, l3, l4, vmap_method="broadcast_all")
+    return call_back(_inverse_on_host, shape, z, l3, l4)
 
 
 @np.errstate(all="ignore")
 def _inverse_on_host(*arrays: Any) -> Float[np.ndarray, "*values"]:
-    column, *shapes = (np.asarray(array).reshape(-1, 1) for array in arrays)
-    return _invert(column, shapes[0], shapes[1], None).reshape(np.shape(arrays[0]))
+    z, l3, l4 = np.broadcast_arrays(*arrays)
+    column, *shapes = (array.reshape(-1, 1) for array in (z, l3, l4))
+    return _invert(column, shapes[0], shapes[1], None).reshape(z.shape)
 
 
 @_inverse.defjvp
