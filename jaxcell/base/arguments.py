@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from .wide import OnHostError, traced
+
 
 # Advice of errors to make an object of a class.
 _ADVICE = {
@@ -60,10 +62,10 @@ def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
         map(_is_own, kinds[0].__args__)
     ):
         return functools.partial(_check_sequence, kinds[0].__args__[0])
-    # A number may be traced, too.
-    kinds = tuple(kind for kind in kinds if getattr(kind, "dim_str", None) != "")
-    if set(kinds) <= {int, float, type(None)} and kinds != (type(None),):
-        return functools.partial(_check_number, kinds)
+    # A number that may be traced has the type of an array without axes, too.
+    plain = tuple(kind for kind in kinds if getattr(kind, "dim_str", None) != "")
+    if set(plain) <= {int, float, type(None)} and plain != (type(None),):
+        return functools.partial(_check_number, plain, plain != kinds)
     return None
 
 
@@ -96,13 +98,18 @@ def _check_sequence(kind: type, name: str, value: Any) -> Any:
     return tuple(parts) if isinstance(value, tuple) else parts
 
 
-def _check_number(kinds: tuple[type, ...], name: str, value: Any) -> Any:
+def _check_number(kinds: tuple[type, ...], may_trace: bool, name: str, value: Any) -> Any:
     if value is None and type(None) in kinds:
         return value
+    noun = "number" if float in kinds else "whole number"
+    if not may_trace and traced(value):
+        raise OnHostError(
+            f"{name}: expected a {noun}, got one that JAX traces; it is read on the host, outside "
+            "jit, vmap and grad"
+        )
     kind = getattr(getattr(value, "dtype", None), "kind", None)
     if kind is None:
         kind = {bool: "b", int: "i", float: "f"}.get(type(value), "O")
     if kind not in ("biuf" if float in kinds else "biu") or np.ndim(value):
-        noun = "number" if float in kinds else "whole number"
         raise ValueError(f"{name}: expected a {noun}, got {value!r}")
     return value

@@ -1,26 +1,13 @@
-"""Raise clear errors if JAX traces a function that must run on the host.
-
-Most public functions read the values of their arrays. Under `jit`, `vmap` and `grad` arrays have no
-values, and the error of JAX mentions only NumPy or `bool`. The packages wrap their functions so
-that the error names the function and a remedy.
-"""
+"""Wrap public functions and classes, which are imported when they are first used."""
 
 import dataclasses
-import functools
 import sys
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import lazy_loader  # type: ignore[import-untyped]
 
-from .wide import is_function, traced, wide, widened
-
-
-_Method = TypeVar("_Method", bound=Callable[..., Any])
-
-
-class OnHostError(TypeError):
-    """JAX traces an argument of a function that reads values on the host."""
+from .wide import is_function, wide, widened
 
 
 def attach(
@@ -41,52 +28,19 @@ def attach(
 
 
 def hosted(package: str, name: str, value: Any, check: bool = False) -> Any:
-    """Wrap a public function so that a call with traced arrays raises an error with a remedy.
+    """Wrap a public function, or the methods of a public class, as [`wide`][] does.
 
-    The wrapper also replaces the function in its own module, where `pickle` looks it up.
+    The wrapper of a function also replaces it in its own module, where `pickle` looks it up.
     """
     if isinstance(value, type):
         return widened(value) if dataclasses.is_dataclass(value) else value
-    if is_function(value) and not hasattr(value, "_hosted"):
+    if is_function(value) and not hasattr(value, "_wide"):
         if check:
             # Help does without NumPy, which takes .1 s to import.
             from .arguments import checked
 
             value = checked(value)
-        value = hosted_function(wide(value), f"{package}.{name}")
+        value = wide(value, f"{package}.{name}")
         setattr(sys.modules[value.__module__], value.__name__, value)
         setattr(sys.modules[package], name, value)
     return value
-
-
-def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """Wrap a function so that a call with traced arrays raises an error that contains `name`."""
-
-    @functools.wraps(function)
-    def call(*args: Any, **options: Any) -> Any:
-        try:
-            return function(*args, **options)
-        except (TypeError, IndexError) as error:
-            # A user's function that is traced inside may raise such an error too.
-            of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
-            if not (of_jax and _holds_traced((args, options))):
-                raise
-            raise OnHostError(
-                f"{name} reads the values of its arrays, on the host: call it outside jit, vmap "
-                "and grad"
-            ) from error
-
-    call._hosted = True  # type: ignore[attr-defined]
-    return call
-
-
-def _holds_traced(values: Any) -> bool:
-    """Return whether JAX traces an array in a tree of values, or in a field of its objects."""
-    leaves = sys.modules["jax"].tree.leaves(values)
-    fields = [getattr(leaf, "__dict__", {}) for leaf in leaves if dataclasses.is_dataclass(leaf)]
-    return traced(leaves) or (bool(fields) and _holds_traced(fields))
-
-
-def on_host_only(method: _Method) -> _Method:
-    """Let a method say that it reads the values of its arrays, if JAX traces one of them."""
-    return cast(_Method, hosted_function(method, method.__qualname__))

@@ -4,6 +4,9 @@ JAX uses 32 bits by default, too few for probabilities and linear solves. Public
 methods of their results compute in a context of JAX with 64 bits. The setting of the program does
 not change. Outside the context JAX would round the 64-bit arrays of a result at the next operation,
 so the result gets NumPy arrays in their place.
+
+Some functions read the values of their arrays. Under `jit`, `vmap` and `grad` arrays have no
+values, and the error of JAX mentions only NumPy or `bool`. Their error names the function instead.
 """
 
 import dataclasses
@@ -23,8 +26,15 @@ _ROUNDED = ("float64", "int64", "uint64", "complex128")
 _HOST = tuple(f"jaxcell.{name}." for name in ("automata", "robot", "space", "walls"))
 
 
-def wide(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that it computes with 64 bits, unless JAX traces it for a program."""
+class OnHostError(TypeError):
+    """JAX traces an argument of a function that reads values on the host."""
+
+
+def wide(function: Callable[..., Any], name: str | None = None) -> Callable[..., Any]:
+    """Wrap a function so that it computes with 64 bits, unless JAX traces it for a program.
+
+    If it cannot be traced, an error contains `name`, by default that of the function in its module.
+    """
     if getattr(function, "_wide", False) or inspect.isgeneratorfunction(function):
         return function
 
@@ -36,7 +46,17 @@ def wide(function: Callable[..., Any]) -> Callable[..., Any]:
         jax: Any = sys.modules.get("jax")
         args, options = _each(_native, args), _each(_native, options)
         if jax is None or jax.config.jax_enable_x64 or traced(args[creates:], options):
-            return function(*args, **options)
+            try:
+                return function(*args, **options)
+            except (TypeError, IndexError) as error:
+                # A user's function that is traced inside may raise such an error too.
+                of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
+                if not (of_jax and _holds_traced((args, options))):
+                    raise
+                raise OnHostError(
+                    f"{name or function.__qualname__} reads the values of its arrays, on the host: "
+                    "call it outside jit, vmap and grad"
+                ) from error
         args, options = _each(_given, args), _each(_given, options)
         with jax.enable_x64(True):
             result = function(*args, **options)
@@ -58,6 +78,13 @@ def traced(*values: Any) -> bool:
     return jax is not None and any(
         isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)
     )
+
+
+def _holds_traced(values: Any) -> bool:
+    """Return whether JAX traces an array in a tree of values, or in a field of its objects."""
+    leaves = sys.modules["jax"].tree.leaves(values)
+    fields = [getattr(leaf, "__dict__", {}) for leaf in leaves if dataclasses.is_dataclass(leaf)]
+    return traced(leaves) or (bool(fields) and _holds_traced(fields))
 
 
 def namespace(*values: Any) -> Any:

@@ -11,7 +11,6 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base import memory
-from ..base.hosted import on_host_only
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
 from ..base.wide import traced, widened
@@ -105,7 +104,6 @@ class Chain:
         matrix = hasattr(value, "shape") or isinstance(value, list)
         return cls.from_scipy(value) if matrix else None
 
-    @on_host_only
     def to_scipy(self) -> scipy.sparse.csr_array:
         """Return the transition matrix without the sink; all its entries are positive.
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxcell import automata, bounce, examples, mapping, markov, optimize, patrol, space
-from jaxcell.base.hosted import hosted_function
+from jaxcell.base.wide import wide
 
 
 P = jnp.array([[0.5, 0.5], [0.25, 0.75]])
@@ -79,11 +79,23 @@ def test_a_sentence_names_the_function(name, transform):
     assert str(raised.value).startswith(f"{name} ")
 
 
+METHODS = {
+    "Chain.can_leave": lambda matrix: chain(matrix).can_leave,
+    "ChainSequence.of": lambda matrix: mapping.ChainSequence.of([chain(matrix)]),
+}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_sentence_names_the_method(name):
+    with pytest.raises(TypeError, match=rf"^{name} reads .* on the host: call it outside jit"):
+        jax.jit(METHODS[name])(P)
+
+
 def test_errors_in_a_function_of_the_users_own_stay_what_they_are():
     def apply(function, given):
         return jax.jit(function)(given)
 
-    hosted = hosted_function(apply, "apply")
+    hosted = wide(apply, "apply")
     with pytest.raises(jax.errors.TracerBoolConversionError):
         hosted(lambda x: x if x else -x, 1.0)
 
