@@ -15,7 +15,15 @@ from ..base.wide import traced
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain
 from ..mapping.traced import like, on_host
-from .hitting import TOLERANCE, Cells, cell_mask, leaving_times, prospects, with_moved
+from .hitting import (
+    TOLERANCE,
+    Cells,
+    cell_mask,
+    check_target,
+    leaving_times,
+    prospects,
+    with_moved,
+)
 from .solving.scaled import Scaled
 from .traced import CERTIFIED, expected
 from .transient import Transient
@@ -55,6 +63,7 @@ def arrival_probabilities(
 
 
 def _arrivals(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Any, ...]:
+    check_target(there)
     arrivals = Arrivals.of(matrix, there)
     inside = np.zeros(there.size, bool)
     inside[arrivals.part.cells] = True
@@ -101,6 +110,7 @@ def conditional_hitting_times(
 def _conditional_times(
     matrix: scipy.sparse.csr_array, there: Cells
 ) -> tuple[Float[np.ndarray, "cells"], int, float]:
+    check_target(there)
     arrivals = Arrivals.of(matrix, there)
     time, certificate = _times(matrix, there, Scaled.of(arrivals.value), arrivals.relative)
     if not certificate.converged and (exact := arrivals.scaled()) is not None:

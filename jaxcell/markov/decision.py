@@ -116,10 +116,15 @@ def _closed(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     branches = max(chain.image.shape[0] for chain in model.chains)
     me = jnp.arange(model.cells, dtype=jnp.int32)
     image = jnp.broadcast_to(me, (branches, model.cells))
-    probability = jnp.zeros(image.shape)
+    # A program cannot refuse an action.
+    may = jnp.any(
+        model.allowed & (policy[None] == jnp.arange(model.actions, dtype=policy.dtype)[:, None]),
+        axis=0,
+    )
+    probability = jnp.broadcast_to(jnp.where(may, 0.0, jnp.nan), image.shape)
     for action, chain in enumerate(model.chains):
         used = chain.image.shape[0]
-        taken = (policy == action)[None]
+        taken = (may & (policy == action))[None]
         image = image.at[:used].set(jnp.where(taken, chain.image, image[:used]))
         probability = probability.at[:used].set(
             jnp.where(taken, chain.probability, probability[:used])

@@ -82,8 +82,8 @@ def value_iteration(
     is that of MacQueen (1966): if an application of the equation changes all values by `low` to
     `high`, all errors are between `low / (1 - discount)` and `high / (1 - discount)`. If this is
     too much, the sum of all later changes under any policy is the bound, from another iteration.
-    Both include rounding, and hold for rows as they are, even if their sums differ from 1 by
-    rounding.
+    Both include rounding, and hold for the rows of [`jaxcell.mapping.Chain.to_scipy`][], which adds
+    up the probabilities of equal images, even if their sums differ from 1 by rounding.
 
     **Arguments:** a model; a discount of more than 0 and less than 1 (without a discount, values
     may be infinite; see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance relative to the
@@ -116,7 +116,8 @@ def value_iteration(
     certificate.check("value_iteration", throw)
     value, policy = jax.device_put((value, policy))
     if traced(problem):
-        gain = jnp.take_along_axis(model.reward, policy[None], axis=0)[0]
+        taken = policy[None] == jnp.arange(model.actions, dtype=policy.dtype)[:, None]
+        gain = jnp.where(taken, model.reward, 0.0).sum(axis=0)
         inputs = policy_chain(model, policy), gain, jnp.asarray(discount, value.dtype)
         value = implicit(_change, value, inputs)
     return Optimum(value, policy, certificate)

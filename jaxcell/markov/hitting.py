@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.certificate import Certificate, Solution
 from ..base.indices import check_indices
 from ..base.precision import require_x64
-from ..base.wide import traced
+from ..base.wide import namespace, traced
 from ..mapping.batch import Batch
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups, reaching
 from ..mapping.generalized import Chain, leaving_rows
@@ -133,7 +133,8 @@ def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = Tr
     there = cell_mask(chain.cells, target)
     form = (like(bool, chain.cells),) * 2
     _, may_fail = on_host(prospects, form, chain, there, of_steps=True)
-    others = may_fail.__array_namespace__().where(may_fail, np.inf, 0.0)
+    xp = namespace(may_fail)
+    others = xp.where(there.any(), xp.where(may_fail, np.inf, 0.0), np.nan)
     times = _times_until_left(chain, ~may_fail & ~there, others, "hitting_times", throw)
     return with_moved(times, chain, hitting_times, there)
 
@@ -216,7 +217,10 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 
 
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Any:
-    """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`."""
+    """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`.
+
+    The mask of traced cells is empty if one of them does not exist.
+    """
     if traced(listed):
         return _traced_mask(cells, listed, name)
     array = np.asarray(listed)
@@ -227,14 +231,20 @@ def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> 
     else:
         mask = np.zeros(cells, bool)
         mask[np.asarray(check_indices(array, cells, name)).astype(np.int64)] = True
-    if not mask.any():
-        raise ValueError(f"{name}: expected at least one cell, got none")
+    check_target(mask, name)
     return mask
+
+
+def check_target(there: Bool[np.ndarray, "cells"], name: str = "target") -> None:
+    """Raise a `ValueError` for an empty set of cells."""
+    if not there.any():
+        raise ValueError(f"{name}: expected at least one cell, got none")
 
 
 def _traced_mask(cells: int, listed: Any, name: str) -> Bool[Array, "cells"]:
     if listed.dtype != bool:
-        return jnp.zeros(cells, bool).at[check_indices(listed, cells, name)].set(True)
+        exist = jnp.all((listed >= 0) & (listed < cells))
+        return jnp.zeros(cells, bool).at[check_indices(listed, cells, name)].set(True) & exist
     if listed.shape != (cells,):
         raise ValueError(f"{name}: expected a mask of {cells} cells, got {listed.shape}")
     return listed

@@ -155,7 +155,7 @@ class _Walker:
     @classmethod
     def of(cls, race: Race, robot: int) -> "_Walker":
         matrix = race.chains[race.robot[robot]].to_scipy()
-        on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
+        on = scipy.sparse.diags_array(np.asarray(~race.there, float), format="csr")
         # Backwards along the edges from cells outside the target.
         passed = reaching((on @ matrix).T.tocsr(), race.begins(robot)) & ~race.there
         return cls(matrix, *prospects(matrix, race.there), passed)

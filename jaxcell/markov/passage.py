@@ -8,7 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float
 
 from ..base.precision import require_x64
-from ..base.wide import traced
+from ..base.wide import namespace, traced
 from ..mapping.generalized import Chain
 from ..mapping.sequence import check_steps
 from .hitting import cell_mask
@@ -73,7 +73,8 @@ def _law(
     def step(now, _):  # type: ignore[no-untyped-def]
         return chain.push(jnp.where(there, 0.0, now)), jnp.sum(now, where=there)
 
-    return jax.lax.scan(step, start, length=steps + 1)[1]
+    law = jax.lax.scan(step, start, length=steps + 1)[1]
+    return jnp.where(there.any(), law, jnp.nan)
 
 
 def start_distribution(cells: int, start: Any) -> Any:
@@ -83,8 +84,9 @@ def start_distribution(cells: int, start: Any) -> Any:
     """
     array = start if traced(start) else np.asarray(start)
     if not array.size or not np.issubdtype(array.dtype, np.floating):
-        share = cell_mask(cells, array, "start").astype(np.float64)
-        return share / share.sum()
+        mask = cell_mask(cells, array, "start")
+        xp = namespace(mask)
+        return xp.where(mask.any(), 1 / xp.maximum(mask.sum(), 1), np.nan) * mask.astype(np.float64)
     if array.shape != (cells,):
         raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
     if not traced(array) and not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):

@@ -16,7 +16,7 @@ from ..mapping.classes import reaching
 from ..mapping.traced import like, on_host
 from .conditional import ALMOST_SURE, conditioned, distortion
 from .decision import DecisionModel, policy_chain
-from .hitting import TOLERANCE, cell_mask, leaving_times
+from .hitting import TOLERANCE, cell_mask, check_target, leaving_times
 from .moves import Moves, Policy, Usable
 from .solving.scaled import Scaled
 from .traced import CERTIFIED, expected
@@ -99,13 +99,14 @@ def stochastic_shortest_path(
         probability = expected(probability, chain, inside & ~sure, 0.0)
         product = expected(product, chain, inside, probability)
         time = jnp.where(inside, product / probability, time)
-    certain = jnp.where(sure, time, jnp.inf)
+    certain = jnp.where(sure | jnp.isnan(time), time, jnp.inf)
     return ShortestPath(probability, certain, time, policy, certificate)
 
 
 def _shortest(
     matrices: Sequence[scipy.sparse.csr_array], allowed: Usable, there: _Cells
 ) -> tuple[_Values, _Values, Policy, _Cells, int, float]:
+    check_target(there)
     moves = Moves.of(matrices, allowed)
     usable = moves.allowed & ~there
     can = reaching(moves.joint(usable), there)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcell import mapping, markov, patrol
+from jaxcell import examples, mapping, markov, patrol
 
 
 RIGHT = np.array([[0.5, 0.5, 0.0], [0.25, 0.25, 0.5], [0.0, 0.5, 0.5]])
@@ -49,6 +49,38 @@ def test_wrong_probabilities_have_no_value(name, wrong):
     assert converged.tolist() == [True, False, True]
     assert np.isnan(values[1]).any()
     np.testing.assert_allclose(values[::2], [found(name)(RIGHT)[0]] * 2, rtol=1e-13)
+
+
+LINE = examples.line_model()
+TARGETS = {
+    "hitting": lambda cell: markov.hitting_times(examples.walk(), cell).value,
+    "arrival": lambda cell: markov.arrival_probabilities(examples.walk(), cell).value,
+    "conditional": lambda cell: markov.conditional_hitting_times(examples.walk(), cell).value,
+    "passage": lambda cell: markov.first_passage(examples.walk(), 0, cell, steps=4),
+    "start": lambda cell: markov.first_passage(examples.walk(), cell, 0, steps=4),
+    "quickest": lambda cell: markov.stochastic_shortest_path(LINE, cell).time,
+}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("cell", [-1, 3])
+def test_cells_that_do_not_exist_have_no_value(name, cell):
+    compute = jax.jit(jax.vmap(TARGETS[name]))
+    values = compute(jnp.array([0, cell, 1]))
+    assert np.isnan(values[1]).all()
+    assert not np.isnan(values[::2]).any()
+    assert np.isnan(jax.jit(TARGETS[name])(jnp.array([0, cell]))).all()
+
+
+@pytest.mark.parametrize("action", [-1, 2])
+def test_actions_that_do_not_exist_have_no_value(action):
+    def compute(policy):
+        return markov.hitting_times(markov.policy_chain(LINE, policy), 2).value
+
+    policies = jnp.array([[0, 0, 0], [0, action, 0]])
+    first, second = jax.jit(jax.vmap(compute))(policies)
+    assert first.tolist() == [2, 1, 0]
+    assert np.isnan(second).any()
 
 
 def walk(e):
