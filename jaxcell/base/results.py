@@ -206,19 +206,26 @@ def result_folder(out: Path) -> Iterator[Path]:
     """
     created = not out.exists()
     hidden = out / _HIDDEN
-    with _lock(hidden):
+    lock, earlier = None, True
+    token = _RUN.set(current_run() or secrets.token_hex(8))
+    try:
+        # A signal that comes here is raised where the folder is removed again.
+        with signals_deferred():
+            lock = _lock(hidden)
         _complete(hidden, out)
+        earlier = False
         for leftover in hidden.iterdir():
             if leftover.name != _LOCK:
                 _remove(leftover)
-        token = _RUN.set(current_run() or secrets.token_hex(8))
-        try:
-            yield hidden
-            _complete(hidden, out)
-        finally:
-            _RUN.reset(token)
-            with signals_deferred():
-                shutil.rmtree(hidden, ignore_errors=True)
+        yield hidden
+        _complete(hidden, out)
+    finally:
+        _RUN.reset(token)
+        if lock is not None:
+            with signals_deferred(), lock:
+                # What an earlier run left is kept until it is complete.
+                if not (earlier and interrupted(out)):
+                    shutil.rmtree(hidden, ignore_errors=True)
                 if created:
                     # It stays if there are files in it.
                     with contextlib.suppress(OSError):

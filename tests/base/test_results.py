@@ -9,6 +9,7 @@ import textwrap
 
 import pytest
 
+from jaxcell.base import results
 from jaxcell.base.results import MANIFEST, Manifest, check_result, current_run, result_folder
 
 
@@ -192,3 +193,33 @@ def test_the_next_run_removes_what_a_kill_left(tmp_path):
     assert (tmp_path / "out" / ".writing" / "a").exists()
     _write(tmp_path / "out", b="3")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["b", MANIFEST]
+
+
+@pytest.mark.parametrize("function", ["_lock", "_complete"])
+def test_a_signal_before_the_first_file_leaves_nothing(tmp_path, monkeypatch, function):
+    begin = getattr(results, function)
+
+    def interrupted(*arguments):
+        result = begin(*arguments)
+        signal.raise_signal(signal.SIGINT)
+        return result
+
+    monkeypatch.setattr(results, function, interrupted)
+    with pytest.raises(KeyboardInterrupt), result_folder(tmp_path / "out"):
+        pytest.fail("the block is not reached")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_signal_before_an_earlier_run_is_complete_keeps_its_files(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    first = _write(out, a="1", b="1")
+    with _in_process(_DIES, out, 2) as process:
+        assert process.wait() == 9
+    with monkeypatch.context() as patch:
+        patch.setattr(results, "_complete", lambda *_: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt), result_folder(out):
+            pytest.fail("the block is not reached")
+    with pytest.raises(ZeroDivisionError), result_folder(out) as folder:
+        _fail(folder)
+    check_result(out)
+    assert Manifest.read(out).run_id != first
