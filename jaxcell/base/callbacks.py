@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.experimental.buffer_callback import buffer_callback
@@ -28,7 +29,9 @@ def call_back(function: Callable[..., Any], form: Any, *given: Any) -> Any:
 
     @call.def_vmap
     def _(size: int, batched: list[bool], *given: Any) -> Any:
-        given = tuple(x if own else x[None] for x, own in zip(given, batched, strict=True))
+        given = tuple(
+            x if own else jnp.expand_dims(x, 0) for x, own in zip(given, batched, strict=True)
+        )
         rows = next(filter(None, map(_rows_on_devices, given)), None)
         share = size if rows is None else rows.shard_shape((size,))[0]
         part = jax.tree.map(lambda x: jax.ShapeDtypeStruct((share, *x.shape), x.dtype), form)

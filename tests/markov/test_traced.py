@@ -3,6 +3,7 @@
 The truth of a derivative is a central difference in rational numbers, in which nothing is rounded.
 """
 
+import dataclasses
 from fractions import Fraction
 
 import jax
@@ -277,6 +278,14 @@ def test_targets_and_discounts_can_be_traced():
     # At the right end, V = g (1 + V) for the discount g, so that its derivative is 1 / (1 - g)^2.
     right = jax.grad(lambda discount: markov.value_iteration(model, discount).value[2])
     assert float(right(0.5)) == pytest.approx(4, rel=1e-12)
+    # A number beside a batch of rewards.
+    rewards = jnp.stack([model.reward, 2 * model.reward])
+
+    def values(reward):
+        return markov.value_iteration(dataclasses.replace(model, reward=reward), 0.5).value
+
+    found = jax.vmap(values)(rewards)
+    np.testing.assert_allclose(found, [[0.25, 0.5, 1], [0.5, 1, 2]], rtol=1e-12)
 
 
 def test_second_derivatives_of_times():
