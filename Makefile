@@ -66,15 +66,15 @@ pictures: .venv/.dev
 
 # Without bytecode the installation is faster, because most modules are never imported.
 .venv/.runtime: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --no-compile --editable ".[view]"
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[app]"
 	touch $@
 
 .venv/.dev: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --no-compile --editable ".[view]" --group dev
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[app]" --group dev
 	touch $@
 
 .venv/.bench: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --editable ".[cluster]" --group bench
+	$(BIN)/python -m pip install --quiet --editable ".[app,cluster]" --group bench
 	touch $@
 
 clean:

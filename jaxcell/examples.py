@@ -9,14 +9,18 @@ import atexit
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool
 
-from . import automata, drift, dynamics, mapping, markov, optimize, robot, space, sweep
+from . import automata, drift, dynamics, mapping, markov, optimize, space, sweep
 from .base.bundled import bundled
+
+
+if TYPE_CHECKING:
+    from . import robot
 
 
 def folder() -> Path:
@@ -45,6 +49,7 @@ def ring() -> "automata.Filter":
 
 def walker(x: float = 0.5, direction: int = 0) -> "robot.Walker":
     """Put an emulated robot into the corridor at `x` metres, in one of 4 directions."""
+    from . import robot
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
 
@@ -54,6 +59,8 @@ def walker(x: float = 0.5, direction: int = 0) -> "robot.Walker":
 
 def patrol_task() -> "robot.PatrolTask":
     """Build the task of a robot that patrols between the ends of the corridor."""
+    from . import robot
+
     walk = np.array([[2, 1, 0]]), np.ones((1, 3))
     path = folder() / "patrol.json"
     robot.save_patrols(path, corridor(directions=4), [walk], [0], 1.5)

@@ -7,6 +7,7 @@ from typing import Any
 
 import lazy_loader  # type: ignore[import-untyped]
 
+from .optional_modules import explained
 from .wide import is_function, wide, widened
 
 
@@ -22,7 +23,10 @@ def attach(
     get, names, every = lazy_loader.attach_stub(package, file)
 
     def get_hosted(name: str) -> Any:
-        return hosted(package, name, get(name), check)
+        try:
+            return hosted(package, name, get(name), check)
+        except ModuleNotFoundError as error:
+            raise explained(error) from None
 
     return get_hosted, names, every
 

@@ -223,7 +223,7 @@ def result_folder(out: Path) -> Iterator[Path]:
         _RUN.reset(token)
         if lock is not None:
             with signals_deferred(), lock:
-                # What an earlier run left is kept until it is complete.
+                # The files of an earlier run are kept until they are complete.
                 if not (earlier and interrupted(out)):
                     shutil.rmtree(hidden, ignore_errors=True)
                 if created:

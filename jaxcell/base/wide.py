@@ -17,6 +17,8 @@ from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any, TypeVar
 
+from .optional_modules import explained
+
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -57,9 +59,14 @@ def wide(function: Callable[..., Any], name: str | None = None) -> Callable[...,
                     f"{name or function.__qualname__} reads the values of its arrays, on the host: "
                     "call it outside jit, vmap and grad"
                 ) from error
+            except ModuleNotFoundError as error:
+                raise explained(error) from None
         args, options = _each(_given, args), _each(_given, options)
-        with jax.enable_x64(True):
-            result = function(*args, **options)
+        try:
+            with jax.enable_x64(True):
+                result = function(*args, **options)
+        except ModuleNotFoundError as error:
+            raise explained(error) from None
         kept = _kept(args[0] if creates else result)
         return None if creates else kept
 

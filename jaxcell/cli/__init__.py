@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 
+from ..base.optional_modules import explained
 from ..base.process import end_by_signals, leave_signals, signals_sent_again
 
 
@@ -12,8 +13,11 @@ def main(args: Sequence[str] | None = None) -> int:
     handled = end_by_signals()
     try:
         with signals_sent_again():
-            from .app import run
-
+            try:
+                from .app import run
+            except ModuleNotFoundError as error:
+                print(f"jaxcell: {explained(error)}", file=sys.stderr)
+                return 2
             return run(sys.argv[1:] if args is None else args)
     except KeyboardInterrupt:
         return 130

@@ -120,7 +120,7 @@ def run(args: Sequence[str]) -> int:
     except ImportError as error:
         text = str(error)
         if text.startswith("No module named"):
-            text += "; this command needs all of jaxcell: pip install jaxcell"
+            text += "; this command needs all of jaxcell: pip install 'jaxcell[app]'"
         elif _UNMAPPED in text:
             text += "; the memory is too little to load it"
         print(f"jaxcell {name or _name(args) or args[0]}: {text}", file=sys.stderr)

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float
 
+from ..base.optional_modules import import_module
 from .constraints import Linear
 from .graph import Graph
 
@@ -31,7 +32,7 @@ def least_resistance(
     durations `t`, `w` are shares of time and the energy is `sum_e t_e |F_e|^2 / w_e`.
     """
     # Imported here because only `--verify` needs cvxpy, which takes a second.
-    import cvxpy
+    cvxpy = import_module("cvxpy")
 
     vertices, edges = graph.vertices, len(graph.edges)
     times = np.ones(edges) if durations is None else durations

@@ -58,6 +58,12 @@ line, `jaxcell.robot.emulation.simulated` runs the driver and this robot on one 
 `jaxcell.robot.physics` moves the body of the robot with a physics engine.
 """
 
+from ..base import optional_modules
+
+
+if not optional_modules.has_module("serial"):
+    raise optional_modules.missing_module("serial")
+
 from .anywhere import (
     AnywhereOutcome as AnywhereOutcome,
     AnywhereSettings as AnywhereSettings,

@@ -17,6 +17,12 @@ FILE.py:CLASS`, and as the task of a sweep.
 The studies do not use the command line or sweeps. Importing this package does not import JAX.
 """
 
+from ..base import optional_modules
+
+
+if not optional_modules.has_module("tyro"):
+    raise optional_modules.missing_module("tyro")
+
 from .bounce.cover import Cover as Cover
 from .bounce.groups import Groups as Groups
 from .bounce.localize import Localize as Localize

@@ -26,8 +26,9 @@ from ...base.documents import (
     refused,
 )
 from ...base.limits import Unknown
+from ...base.optional_modules import explained
 from ...base.paths import replacing
-from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
+from .grid_files import format_ascii, parse_ascii
 
 
 _GRID_SUFFIXES = (".txt", ".map")
@@ -49,6 +50,8 @@ def read_map(path: str | os.PathLike[str], unknown: Unknown = "wall") -> dict[st
         if suffix == ".json":
             fields = parse_json(read_text(path))
         elif suffix in _MAP_SERVER_SUFFIXES:
+            from .map_server import parse_map_server
+
             fields = parse_map_server(read_text(path), path.parent, unknown)
         elif suffix in _GRID_SUFFIXES:
             fields = parse_ascii(read_text(path))
@@ -58,6 +61,8 @@ def read_map(path: str | os.PathLike[str], unknown: Unknown = "wall") -> dict[st
             raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    except ModuleNotFoundError as error:
+        raise explained(error) from None
     return {"name": path.stem, **fields}
 
 
@@ -78,6 +83,8 @@ def write_map(
         elif suffix in _GRID_SUFFIXES:
             files = {path: format_ascii(fields, environment).encode()}
         elif suffix in _MAP_SERVER_SUFFIXES:
+            from .map_server import format_map_server
+
             image = path.with_suffix(".pgm")
             text, pixels = format_map_server(fields, environment, image.name)
             files = {image: pixels, path: text.encode()}
@@ -85,6 +92,8 @@ def write_map(
             raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    except ModuleNotFoundError as error:
+        raise explained(error) from None
     for file, content in files.items():
         with replacing(file) as temporary:
             temporary.write_bytes(content)

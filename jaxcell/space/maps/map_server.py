@@ -1,0 +1,181 @@
+"""Read and write the grid maps of ROS map_server: a YAML file that names an image."""
+
+import json
+import reprlib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import yaml
+from jaxtyping import Bool, Integer
+from PIL import UnidentifiedImageError
+
+from ...base.documents import refused
+from ...base.doubts import Doubt
+from ...base.limits import Unknown
+from .grid_files import grid_fields, grid_of, read_number, read_side
+from .images import read_image
+
+
+# Greys of 8 bits that savers of maps write for unknown: map_saver, and Cartographer and its kin.
+_UNKNOWN_GREYS = (205, 127, 128)
+# Shares of red, green and blue in the luminance of a pixel (Rec. 709), by which nav2 reads colours.
+_LUMINANCE = np.array([0.212656, 0.715158, 0.072186])
+
+
+class _Loader(yaml.BaseLoader):
+    """A YAML loader that refuses aliases, because a few lines of them can exhaust the memory."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"*{self.peek_event().anchor}: expected no aliases")
+        return super().compose_node(parent, index)
+
+
+def parse_map_server(text: str, folder: Path, unknown: Unknown = "wall") -> dict[str, Any]:
+    """Read the YAML file of a ROS map_server map, and its image.
+
+    `image`, `resolution` (m per pixel), `origin` (x, y and yaw of the lower left corner; the yaw
+    must be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may only be
+    trinary; other keys are ignored. Occupied pixels are obstacles, and so are unknown pixels unless
+    `unknown` is `"free"`.
+
+    Pixels are unknown between the thresholds. They are also unknown if they have the grey that the
+    saver of the map wrote for unknown, although `free_thresh` takes it as free; a `Doubt` says how
+    many. A file with `mode` is read as nav2 reads it: the luminance of a colour counts, and pixels
+    that are not opaque are unknown. A file without `mode` is read as in ROS 1: the channels of a
+    pixel, including alpha, are averaged.
+
+    The path of the image is relative to `folder`. Images above Pillow's size limit (about 9 *
+    10^7 pixels) are refused before decoding. Returns keyword arguments of `Workspace`.
+    """
+    try:
+        # All scalars as text, because in YAML 1.1 `5e-2` is no number and `no` is a Boolean.
+        document = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"not valid YAML, or cut short: {' '.join(str(error).split())}") from None
+    if not isinstance(document, dict):
+        raise ValueError("expected a map_server description: image, resolution, origin, ...")
+    required = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+    for field in required:
+        if field not in document:
+            raise ValueError(f"{field}: it is missing; a map_server file has {', '.join(required)}")
+    if (mode := document.get("mode", "trinary")) != "trinary":
+        raise ValueError(f"mode: only trinary maps are read, got {reprlib.repr(mode)}")
+    negate = {"0": False, "false": False, "1": True, "true": True}.get(
+        str(document["negate"]).lower()
+    )
+    if negate is None:
+        raise refused("negate", "0 or 1", document["negate"])
+
+    origin = document["origin"]
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise refused("origin", "[x, y, yaw]", origin)
+    x, y, yaw = (read_number("origin", text) for text in origin)
+    if yaw != 0:
+        raise ValueError(f"origin: only maps that are not rotated are read, got a yaw of {yaw:g}")
+    resolution = read_side("resolution", document["resolution"])
+    occupied = read_number("occupied_thresh", document["occupied_thresh"])
+    free = read_number("free_thresh", document["free_thresh"])
+    thresholds = free, occupied
+    if not 0 <= free <= occupied <= 1:
+        raise ValueError(
+            "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
+            f"got {free:g} and {occupied:g}"
+        )
+
+    if not isinstance(document["image"], str) or not document["image"]:
+        raise refused("image", "the name of a file", document["image"])
+    path = folder / document["image"]
+    try:
+        free_pixels = _free_pixels(path, "mode" in document, negate, thresholds, unknown)
+    except ValueError as error:
+        raise ValueError(f"image: {document['image']}: {error}") from error
+    return grid_fields(~free_pixels[::-1], (x, y), resolution)
+
+
+def format_map_server(
+    fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
+) -> tuple[str, bytes]:
+    """Write a map as YAML text and a PGM image for map_server; `image` is the name of its file."""
+    blocked, (x, y) = grid_of(fields, environment)
+    text = (
+        f"image: {json.dumps(image)}\n"
+        f"resolution: {fields['cell']!r}\n"
+        f"origin: [{x!r}, {y!r}, 0.0]\n"
+        "negate: 0\n"
+        "occupied_thresh: 0.65\n"
+        "free_thresh: 0.196\n"
+    )
+    rows, columns = blocked.shape
+    pixels = np.where(blocked[::-1], 0, 254).astype(np.uint8)
+    return text, f"P5\n{columns} {rows}\n255\n".encode() + pixels.tobytes()
+
+
+def _free_pixels(
+    path: Path, nav2: bool, negate: bool, thresholds: tuple[float, float], unknown: Unknown
+) -> Bool[np.ndarray, "rows columns"]:
+    """Return a mask of the free pixels, with row 0 at the top; see [`parse_map_server`][]."""
+    pixels, full = _pixels(path)
+    colours = pixels[..., :3]
+    clear = (pixels[..., 3:] < full).any(axis=2)
+    if not nav2:
+        shade, parts = pixels.sum(axis=2, dtype=np.int32), pixels.shape[2]
+    elif colours.shape[2] == 3:
+        shade, parts = np.rint(colours @ _LUMINANCE).astype(np.int32), 1
+    else:
+        shade, parts = colours[..., 0], 1
+    # The table has an entry per possible shade, by the arithmetic of map_server.
+    mean = np.arange(full * parts + 1) / parts
+    occupancy = mean / full if negate else (full - mean) / full
+    free, occupied = thresholds
+    if unknown == "free":
+        return (occupancy <= occupied)[shade] | (clear & nav2)
+    mask = (occupancy < free)[shade]
+    if nav2:
+        mask &= ~clear
+    elif count := int((mask & clear).sum()):
+        doubt = (
+            f"{path}: {count:,} pixels that are not opaque are free, as in ROS 1; nav2 takes them "
+            "as unknown: add mode: trinary to the .yaml file for that"
+        )
+        warnings.warn(doubt, Doubt, stacklevel=2)
+    plain = (colours == colours[..., :1]).all(axis=2) & ~clear
+    grey = np.where(plain, colours[..., 0] // (full // 255), 0)
+    counts = np.bincount(grey[mask], minlength=256)
+    for each in _UNKNOWN_GREYS:
+        # A map of many greys, in which this grey means a probability, has its neighbours as well.
+        beside = [near for near in (each - 1, each + 1) if near not in _UNKNOWN_GREYS]
+        if counts[each] > counts[beside].sum():
+            mask &= grey != each
+            doubt = (
+                f"{path}: {counts[each]:,} pixels of grey {each} are walls: free_thresh {free:g} "
+                "takes them as free, but savers of maps write this grey for unknown; to make all "
+                'unknown pixels free, use `unknown="free"`'
+            )
+            warnings.warn(doubt, Doubt, stacklevel=2)
+    return mask
+
+
+def _pixels(path: Path) -> tuple[Integer[np.ndarray, "rows columns channels"], int]:
+    """Read the channels of the pixels of an image, and the value of a white pixel."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(error.strerror or str(error)) from None
+    try:
+        image = read_image(content, ("PPM", "PNG"))
+    except UnidentifiedImageError:
+        raise ValueError("expected a PGM or PNG image") from None
+
+    mode = {"1": "L", "P": "RGB", "LA": "RGBA"}.get(image.mode, image.mode)
+    if mode in ("L", "RGB") and "transparency" in image.info:
+        mode = "RGBA"
+    if mode not in ("L", "RGB", "RGBA", "I", "I;16"):
+        raise ValueError(f"expected grey or colour of 8 bits, or grey of 16; got mode {mode!r}")
+    pixels = np.asarray(image.convert(mode))
+    full = 255 if pixels.dtype == np.uint8 else 65535
+    return pixels.reshape(image.height, image.width, -1), full
