@@ -47,9 +47,9 @@ from .reachability import (
     reachable_by_layer as reachable_by_layer,
 )
 from .regions import Exchange as Exchange, read_regions as read_regions
-from .results.layer import Layer as Layer
+from .results.current_layer import Layer as Layer
 from .results.sea_drift import SeaDrift as SeaDrift
-from .results.sea_voyage import SeaVoyage as SeaVoyage
+from .results.voyage_result import SeaVoyage as SeaVoyage
 from .sea import Sea as Sea
 from .step import METHODS as METHODS, DriftStep as DriftStep
 from .validation.coherent import (

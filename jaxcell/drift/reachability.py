@@ -1,10 +1,12 @@
+import dataclasses
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
+from ..base.quantities import Result, derived
 from ..mapping import Chain
 from ..mapping.classes import reaching
 from ..mapping.traced import like, on_host
@@ -87,3 +89,40 @@ def _at_surface(sea: Sea, start: int) -> int:
             f"start: cell {start} is not at the surface, which has cells 0 to {surface - 1}"
         )
     return start
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ReachedCells(Result):
+    """The cells of all layers that a drifter from the start can reach, after any time."""
+
+    sea: Sea
+    constant_depth: Bool[np.ndarray, "cells"]
+    "The mask of the cells that it reaches if it changes its layer only at the start."
+    any_depth: Bool[np.ndarray, "cells"]
+    "The mask of the cells that it reaches if it changes its layer at any time."
+
+    @derived("layer y x", "can ever be reached from the start, at constant depth", kind="flag")
+    def reached(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.constant_depth, False)
+
+    @derived("layer y x", "can ever be reached from the start, by going up and down", kind="flag")
+    def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.any_depth, False)
+
+    @derived(
+        "layer",
+        "in the long run: cells that can be reached, at constant depth",
+        kind="count",
+        listed=True,
+    )
+    def reached_cells(self) -> Int[np.ndarray, "layers"]:
+        return self.reached.sum(axis=(1, 2))
+
+    @derived(
+        "layer",
+        "in the long run: cells that can be reached, up and down too",
+        kind="count",
+        listed=True,
+    )
+    def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"]:
+        return self.reached_at_any_depth.sum(axis=(1, 2))

@@ -104,6 +104,11 @@ class Sea:
         return self.layer.size
 
     @functools.cached_property
+    def entries(self) -> scipy.sparse.coo_array:
+        """The entries of the transition matrix of the drift."""
+        return self.drift.to_scipy().tocoo()
+
+    @functools.cached_property
     def squares(
         self,
     ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:

@@ -24,7 +24,7 @@ def remarks_on(drift: "SeaDrift") -> tuple[str, ...]:
     if len(remarks) > _MAX_REMARKS:
         more = f"and {len(remarks) - _MAX_REMARKS} more of that kind, at other depths."
         remarks[_MAX_REMARKS:] = [more]
-    groups, known = drift.sensitivity_groups, drift.sensitivity_groups_if_known
+    groups, known = drift.step_sensitivity.groups, drift.step_sensitivity.groups_if_known
     if groups is not None and known is not None and known[1] > groups[1] > 0:
         remarks.append(
             f"At {drift.depths[0]:g} m: by the centres of cells alone there are {known[1]} "

@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -29,89 +29,13 @@ from ..validation.distance import (
 from ..validation.markov_test import MarkovTest
 from ..validation.release import ReleaseDistance, release_distance, typical_cells
 from ..water import Water
-from .ends import Ends, LayerEnds
-
-
-_at_times = functools.partial(derived, "compared", listed=True)
-
-
-class Compared(Ends):
-    """The distance between maps and simulated drifters, for one or more layers."""
-
-    @property
-    def _distances(self) -> list[Distance]:
-        return [layer.compared for layer in self._layers]  # type: ignore[attr-defined]
-
-    @derived("", "time that the answer is about", "h", kind="time")
-    def asked_hours(self) -> float:
-        return float(self.compared_hours[-1])
-
-    @derived("", "in a wrong cell of the map then, released everywhere", kind="share")
-    def distance(self) -> float:
-        return float(self.distance_by_time[-1])
-
-    @derived("", "the same by chance, because drifters are finite", kind="share")
-    def distance_noise(self) -> float:
-        return max(float(distance.noise[-1]) for distance in self._distances)
-
-    @property
-    def _releases(self) -> "list[ReleaseDistance]":
-        layers: Any = self._layers
-        started = [layer for layer in layers if layer.release is not None]
-        return [layer.by_release for layer in started or layers]
-
-    @derived("", "the same, released in one cell (start, or median of nine)", kind="share")
-    def release_distance(self) -> float:
-        return float(self.release_distance_by_time[-1])
-
-    @derived("", "the same by chance, released in one cell", kind="share")
-    def release_distance_noise(self) -> float:
-        return max(float(np.median(one.noise[:, -1])) for one in self._releases)
-
-    @_at_times(
-        "drifters that the map has in a wrong cell after these times, released in one cell",
-        kind="share",
-    )
-    def release_distance_by_time(self) -> Float[np.ndarray, "times"]:
-        return np.max([np.median(one.total_variation, axis=0) for one in self._releases], axis=0)
-
-    @derived("", "drifters that left the map then", kind="share")
-    def drifters_left(self) -> float:
-        return float(self._mean([distance.drifters_left[-1] for distance in self._distances]))
-
-    @derived("", "drifters that left it then, by the map of cells", kind="share")
-    def map_left(self) -> float:
-        return float(self._mean([distance.map_left[-1] for distance in self._distances]))
-
-    @_at_times("times after which the map is compared with drifters", "h", kind="time")
-    def compared_hours(self) -> Float[np.ndarray, "times"]:
-        return self._distances[0].hours
-
-    @_at_times(
-        "drifters that the map has in a wrong cell after these times, released everywhere",
-        kind="share",
-    )
-    def distance_by_time(self) -> Float[np.ndarray, "times"]:
-        return np.max([distance.total_variation for distance in self._distances], axis=0)
-
-    @derived("", "cells in which the compared drifters began", kind="count")
-    def compared_cells(self) -> int | None:
-        count = sum(distance.cells for distance in self._distances)
-        return count if count < self.cells else None
-
-    @derived("", "diffusivity of drifters, as requested", "m2 s-1")
-    def diffusivity(self) -> float | None:
-        return self._layers[0].by.diffusivity or None  # type: ignore[attr-defined]
-
-    @derived("", "diffusivity that the grid adds", "m2 s-1")
-    def grid_diffusivity(self) -> float:
-        # In a step a drifter gets a random place in its cell, which adds a variance of side^2 / 6.
-        side = np.concatenate([layer.water.sides.ravel() for layer in self._layers])
-        return float((side**2).mean()) / (12 * self._layers[0].behaviour.duration)
+from .distance_results import DistanceTotals
+from .flattened import flattened
+from .layer_ends import LayerEnds
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Layer(LayerEnds, Compared):
+class Layer(LayerEnds):
     """A layer of the sea: its water, its current, and the long-term behaviour of drifters.
 
     The surface of the bundled sea at its first record:
@@ -175,6 +99,10 @@ class Layer(LayerEnds, Compared):
         behaviour = long_term_behaviour(chain, duration)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
+
+    @flattened()
+    def distance_totals(self) -> DistanceTotals:
+        return DistanceTotals((self,))
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "exits states"]:
@@ -261,9 +189,13 @@ class Layer(LayerEnds, Compared):
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
 
-    @_at_times("drifters that the map has in a wrong cell, released everywhere", kind="share")
-    def compared_distance(self) -> Float[np.ndarray, "times"]:
-        return self.compared.total_variation
+    compared_distance = from_part(
+        "compared.total_variation",
+        "compared",
+        "drifters that the map has in a wrong cell, released everywhere",
+        kind="share",
+        listed=True,
+    )
 
     warning = from_part("diagnosis.warning", "", "warning")
 

@@ -129,13 +129,17 @@ def _forever(drift: "SeaDrift") -> str:
     text = f"{_always(drift)}: {count:,} persistent group{'s' * (count != 1)}"
     if surface.transient_hours.size:
         text += f", {in_time(surface.median_hours)} to a group or off the map (median)"
-    duration, groups = drift.sensitivity_duration, drift.sensitivity_groups
-    if duration is not None and groups is not None and drift.sensitivity_median_hours is not None:
+    other_steps = drift.step_sensitivity
+    if other_steps.groups is not None:
+        steps = zip(
+            other_steps.duration.tolist(),
+            other_steps.groups.tolist(),
+            other_steps.median_hours,
+            strict=True,
+        )
         other = [
             f"{group:,} and {in_time(hours)} by a step of {in_time(seconds / 3600)}"
-            for seconds, group, hours in zip(
-                duration.tolist(), groups.tolist(), drift.sensitivity_median_hours, strict=True
-            )
+            for seconds, group, hours in steps
             if not np.isclose(seconds, drift.step)
         ]
         text += f" by a step of {in_time(drift.step / 3600)}; {'; '.join(other)}"

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float, Int
 
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ..sea import Sea
 from ..voyage import Voyage
 
@@ -70,13 +70,12 @@ class SeaVoyage(Result):
     def value_error(self) -> float | None:
         return None if self.policy.value is None else self.policy.certificate.residual
 
-    @derived("", "whether the policy is certified", kind="flag")
-    def policy_certified(self) -> bool:
-        return self.policy.certificate.converged
-
-    @derived("", "whether all times are certified", kind="flag")
-    def times_certified(self) -> bool:
-        return self.policy.arrival.converged
+    policy_certified = from_part(
+        "policy.certificate.converged", "", "whether the policy is certified", kind="flag"
+    )
+    times_certified = from_part(
+        "policy.arrival.converged", "", "whether all times are certified", kind="flag"
+    )
 
     @_squares(
         "action of the drifter",
