@@ -10,10 +10,11 @@ from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..markov import NearlyClosedSets
-from .flow import Flow, crossing_time, steps_in
+from .drift_step import METHODS
+from .flow import Flow, steps_in
 from .maps import drift_map, refined
-from .ranks import basin_ranks
-from .step import METHODS
+from .matched_ranks import basin_ranks
+from .simulated_motion import longest_step
 from .water import Water
 
 
@@ -138,9 +139,7 @@ def coherent_sets(
         (3, True)
     """
     length = 3600 * hours / steps
-    records = length / np.diff(np.asarray(flow.time)).min(initial=np.inf)
-    needed = max(2 * length / crossing_time(water, flow), records)
-    step = refined(METHODS["drifters"], length, needed)
+    step = refined(METHODS["drifters"], length, length / longest_step(water, flow))
     chains = [drift_map(water, flow, step, start=start + k * length) for k in range(steps)]
     window, area, blur = ChainSequence.of(chains), water.sides.prod(axis=0), _blur(water)
 

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,11 @@ from ..mapping import Chain
 from ..mapping.classes import reaching
 from ..mapping.traced import like, on_host
 from ..markov.hitting import cell_mask
-from .sea import Sea
+from .layered_cells import Sea
+
+
+_flag = functools.partial(derived, "layer y x", kind="flag")
+_count = functools.partial(derived, "layer", kind="count", listed=True)
 
 
 def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[Any, "cells"]:
@@ -101,28 +106,18 @@ class ReachedCells(Result):
     any_depth: Bool[np.ndarray, "cells"]
     "The mask of the cells that it reaches if it changes its layer at any time."
 
-    @derived("layer y x", "can ever be reached from the start, at constant depth", kind="flag")
+    @_flag("can ever be reached from the start, at constant depth")
     def reached(self) -> Bool[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(self.constant_depth, False)
 
-    @derived("layer y x", "can ever be reached from the start, by going up and down", kind="flag")
+    @_flag("can ever be reached from the start, by going up and down")
     def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"]:
         return self.sea.on_squares(self.any_depth, False)
 
-    @derived(
-        "layer",
-        "in the long run: cells that can be reached, at constant depth",
-        kind="count",
-        listed=True,
-    )
+    @_count("in the long run: cells that can be reached, at constant depth")
     def reached_cells(self) -> Int[np.ndarray, "layers"]:
         return self.reached.sum(axis=(1, 2))
 
-    @derived(
-        "layer",
-        "in the long run: cells that can be reached, up and down too",
-        kind="count",
-        listed=True,
-    )
+    @_count("in the long run: cells that can be reached, up and down too")
     def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"]:
         return self.reached_at_any_depth.sum(axis=(1, 2))

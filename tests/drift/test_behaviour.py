@@ -5,11 +5,11 @@ from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas, water_and_flow
 
 from jaxcell import markov
-from jaxcell.drift.behaviour import long_term_behaviour
+from jaxcell.drift.drift_step import METHODS, DriftStep
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.long_term import long_term_behaviour
 from jaxcell.drift.maps import drift_map, flow_map
 from jaxcell.drift.results.layer_ends import LayerEnds
-from jaxcell.drift.step import METHODS, DriftStep
 from jaxcell.drift.validation.diagnosis import diagnose, group_counts
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups

@@ -11,9 +11,9 @@ from ...base.quantities import derived, from_part
 from ...mapping import Chain, persistent_groups
 from ...mapping.sequence import push_on_host
 from ...markov import absorption_times, limiting_distribution
-from ..behaviour import long_term_behaviour
 from ..closed_sets import ClosedSets
 from ..flow import steps_in
+from ..long_term import long_term_behaviour
 from ..results.layer_ends import LayerEnds
 from ..results.layered_result import LayeredResult
 from .moves import CountedMoves, Spread, bootstrap

@@ -9,8 +9,8 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, from_part
+from ..layered_cells import Sea
 from ..maps import EXITS
-from ..sea import Sea
 from .current_layer import Layer
 
 

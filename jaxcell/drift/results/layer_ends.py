@@ -16,7 +16,7 @@ from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
 from ...markov.hitting import absorption
 from ...markov.transient import Transient
-from ..behaviour import LongTermBehaviour
+from ..long_term import LongTermBehaviour
 from ..maps import EXITS
 from ..water import Water
 from .flattened import flattened

@@ -9,8 +9,8 @@ import xarray as xr
 from ...base import memory
 from ...mapping import Chain, ChainSequence
 from ...space import estimates
+from ..drift_step import DriftStep
 from ..flow import Flow, crossing_time
-from ..step import DriftStep
 from ..validation.distance import Distance, nearest_maps, whole_days
 from ..water import Water
 from .current_layer import Layer

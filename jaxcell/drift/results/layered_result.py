@@ -8,8 +8,8 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from ...base.quantities import Checks, Result, derived
-from ..ranks import basin_ranks
-from ..sea import Sea
+from ..layered_cells import Sea
+from ..matched_ranks import basin_ranks
 from ..water import Water
 from .flattened import flattened
 from .layer_ends import EndTotals, LayerEnds

@@ -22,17 +22,16 @@ from ..deployment import (
     minimum_deployment,
     visible_deployment,
 )
+from ..drift_step import DriftStep
 from ..flow import Flow, crossing_time
 from ..reachability import ReachedCells, reachable_at_depth, reachable_by_layer
 from ..regions import Exchange
-from ..step import DriftStep
 from ..validation.markov_test import MarkovTest
-from ..voyage import Voyage, discounted_voyage, surest_voyage
+from ..voyage_policies import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
 from .answer_sentences import answer
-from .current_layer import Layer
+from .current_layer import DistancesOfLayers, DistanceTotals, Layer
 from .current_summary import CurrentSummary
-from .distance_results import DistancesOfLayers, DistanceTotals
 from .flattened import flattened
 from .layer_maps import check_size, choose_step, map_layers, notices_on
 from .layered_result import LayeredResult

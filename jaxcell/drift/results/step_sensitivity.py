@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived
-from ..behaviour import long_term_behaviour
+from ..long_term import long_term_behaviour
 from ..maps import drift_maps
 from ..validation.diagnosis import group_counts
 from ..validation.distance import MOST_CELLS

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, from_part, quantity
-from ..sea import Sea
-from ..voyage import Voyage
+from ..layered_cells import Sea
+from ..voyage_policies import Voyage
 
 
 _squares = functools.partial(derived, "layer y x")

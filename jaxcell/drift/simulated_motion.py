@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .advection import advected, in_chunks
-from .flow import Flow, nearest_square
+from .flow import Flow, crossing_time, nearest_square
 from .water import Water, on_grid
 
 
@@ -47,6 +47,15 @@ def drifted(
         return _drifted(flow, grid, x, y, chunk, *times)
 
     return in_chunks(move, x, y)
+
+
+def longest_step(water: Water, flow: Flow) -> float:
+    """Return the longest Runge-Kutta step, in seconds, with which drifters follow a flow.
+
+    It moves drifters by at most half a cell on average, and is at most the time between records.
+    """
+    between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
+    return min(crossing_time(water, flow) / 2, between)
 
 
 @jax.jit

@@ -10,9 +10,9 @@ from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
 from ..currents.sphere import turned
-from ..drifting import drifted
+from ..drift_step import DriftStep
 from ..flow import Flow, nearest_square
-from ..step import DriftStep
+from ..simulated_motion import drifted
 from ..water import Water
 
 

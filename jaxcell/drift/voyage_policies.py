@@ -15,7 +15,7 @@ from ..markov.discounted import Optimum, value_iteration
 from ..markov.hitting import cell_mask
 from ..markov.passage import start_distribution
 from ..markov.shortest_path import ShortestPath, stochastic_shortest_path
-from .sea import Sea
+from .layered_cells import Sea
 
 
 # The actions of Alam 2018, section 5.3.2: drift, up, and down. The first of equally good actions is
