@@ -51,7 +51,6 @@ from .reachability import (
 from .regions import Exchange as Exchange, read_regions as read_regions
 from .results.current_layer import Layer as Layer
 from .results.sea_drift import SeaDrift as SeaDrift
-from .results.voyage_result import SeaVoyage as SeaVoyage
 from .validation.coherent import (
     Agreement as Agreement,
     agreement as agreement,
@@ -84,6 +83,7 @@ from .validation.simulated_drifters import (
     simulate_drifters as simulate_drifters,
 )
 from .voyage_policies import (
+    SeaVoyage as SeaVoyage,
     Tracks as Tracks,
     Voyage as Voyage,
     discounted_voyage as discounted_voyage,

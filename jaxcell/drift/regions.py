@@ -21,9 +21,9 @@ from ..mapping.classes import reaching
 from ..mapping.generalized import leaving_rows
 from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
+from .advection import drifted, longest_step
 from .flow import Flow, steps_in
 from .long_term import LongTermBehaviour
-from .simulated_motion import drifted, longest_step
 from .water import Water
 
 

@@ -45,17 +45,16 @@ def map_layers(
     say: Callable[..., None],
 ) -> tuple[Layer, ...]:
     """Map each layer, or use the maps in `made`; drifters are released in `start` of the first."""
-    layers = []
-    for k, water in enumerate(waters):
-        known = None if made is None else made[k]
-        layer = Layer.of(water, flows[k], step, by=by[k], made=known, say=say)
-        layers.append(dataclasses.replace(layer, release=start if k == 0 else None))
+    layers = [
+        Layer.of(water, flows[k], step, by=by[k], made=made[k] if made else None, say=say)
+        for k, water in enumerate(waters)
+    ]
     if made is None:
         # Layers are compared at the same times.
-        hours = EndTotals(layers).transient_hours
-        asked = whole_days(hours) if until is None else until
+        asked = whole_days(EndTotals(layers).transient_hours) if until is None else until
         layers = [dataclasses.replace(layer, asked=asked) for layer in layers]
-    return tuple(layers)
+    surface, *below = layers
+    return dataclasses.replace(surface, release=start), *below
 
 
 def notices_on(

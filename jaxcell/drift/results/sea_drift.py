@@ -27,17 +27,15 @@ from ..flow import Flow, crossing_time
 from ..reachability import ReachedCells, reachable_at_depth, reachable_by_layer
 from ..regions import Exchange
 from ..validation.markov_test import MarkovTest
-from ..voyage_policies import Voyage, discounted_voyage, surest_voyage
+from ..voyage_policies import SeaVoyage, Voyage, discounted_voyage, surest_voyage
 from ..water import Water
-from .answer_sentences import answer
 from .current_layer import DistancesOfLayers, DistanceTotals, Layer
 from .current_summary import CurrentSummary
 from .flattened import flattened
 from .layer_maps import check_size, choose_step, map_layers, notices_on
 from .layered_result import LayeredResult
-from .remarks import remarks_on
+from .sentences import answer, remarks_on
 from .step_sensitivity import StepSensitivity
-from .voyage_result import SeaVoyage
 
 
 # The longest time in seconds in which parts of a result are computed without a request.
@@ -257,8 +255,8 @@ class SeaDrift(LayeredResult):
         return CurrentSummary(self.currents, self.layers, self.sea)
 
     @flattened("sensitivity_")
-    def step_sensitivity(self) -> StepSensitivity:
-        return StepSensitivity(self.layers[0])
+    def step_sensitivity(self) -> StepSensitivity | None:
+        return StepSensitivity.of(self.layers[0])
 
     @flattened()
     def distances_of_layers(self) -> DistancesOfLayers:

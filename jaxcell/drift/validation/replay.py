@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..advection import drifted, longest_step
 from ..flow import Flow
-from ..simulated_motion import drifted, longest_step
 from ..water import Water
 from .simulated_drifters import total_variation
 
