@@ -269,7 +269,9 @@ class LayerEnds(Result):
 
     depth = from_part("water.depth", "", "depth", "m")
 
-    groups_cells = from_part("begins.groups.size", "group_index", "cells", kind="count")
+    @derived("group_index", "cells", kind="count")
+    def groups_cells(self) -> Int[np.ndarray, "groups"]:
+        return np.asarray(self.begins.groups.size)
 
     @derived("group_index", "other cells that lead there for sure", kind="count")
     def groups_single_domicile_cells(self) -> Int[np.ndarray, "groups"]:
@@ -296,7 +298,9 @@ class LayerEnds(Result):
         homes = self.begins.transient.domiciles
         return np.fromiter(homes, object, len(homes))
 
-    transients_cells = from_part("begins.transient.size", "transient", "cells", kind="count")
+    @derived("transient", "cells", kind="count")
+    def transients_cells(self) -> Int[np.ndarray, "transients"]:
+        return np.asarray(self.begins.transient.size)
 
     @_time("transient", "time to the end, mean")
     def transients_mean_hours(self) -> Float[np.ndarray, "transients"]:

@@ -215,12 +215,13 @@ class SeaDrift(LayeredResult):
         chains = [layer.behaviour.chain for layer in self.layers]
         sets = ClosedSets.of(self.waters, chains, self.step, count, self.asked_hours)
         tests, first = [], 0
-        for layer, labels, of_layer in zip(self.layers, sets.labels, sets.layers, strict=True):
-            tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
-            first += of_layer.count
+        for layer, found in zip(self.layers, sets.layers, strict=True):
+            tests.append(layer.tested(found.begin, first))
+            first += found.count
         test = MarkovTest.joined(tests)
-        with_sets = dataclasses.replace(self, nearly_closed_sets=sets, sets_listed=listed)
-        return dataclasses.replace(with_sets, markov_test=test)
+        return dataclasses.replace(
+            self, nearly_closed_sets=sets, sets_listed=listed, markov_test=test
+        )
 
     @property
     def quiet(self) -> tuple[str, ...]:
