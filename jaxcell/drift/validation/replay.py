@@ -106,11 +106,9 @@ class Replay:
         by_map: Float[np.ndarray, "cells"],
         among: Bool[np.ndarray, "drifters"] | None = None,
     ) -> tuple[float, float]:
-        """Compute the total variation between a map and the drifters at a time.
+        """Compute how far a map is from the drifters, or from those in `among`, at a time.
 
-        **Arguments:** the time; the probability of each cell by the map; and the mask of the
-        drifters to compare, by default all. **Returns:** the total variation, and the value to
-        expect for this number of drifters if the map were exact.
+        **Returns:** the total variation, and the value to expect if the map were exact.
         """
         chosen = np.ones(self.origin.size, bool) if among is None else among
         drifters, *halves = (
