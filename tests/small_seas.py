@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxcell.drift.sea import Sea
+from jaxcell.drift.layered_cells import Sea
 from jaxcell.examples import water
 from jaxcell.mapping import Chain
 

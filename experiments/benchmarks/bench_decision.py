@@ -24,8 +24,8 @@ import scipy.sparse
 from rows import Row, options, write_rows
 from timing import begin, header, line, timed
 
-from jaxcell.drift.sea import Sea
-from jaxcell.drift.voyage import voyage_model
+from jaxcell.drift.layered_cells import Sea
+from jaxcell.drift.voyage_policies import voyage_model
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 from jaxcell.markov.decision import DecisionModel

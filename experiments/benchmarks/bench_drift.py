@@ -21,10 +21,10 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse import linalg
 from timing import begin, header, line, peak_bytes, take_turns
 
-from jaxcell.drift.behaviour import long_term_behaviour
+from jaxcell.drift.drift_step import DriftStep
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.long_term import long_term_behaviour
 from jaxcell.drift.maps import drift_map
-from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 

@@ -1,9 +1,5 @@
 from .advection import advect as advect
 from .beaches import Stranded as Stranded, beaching as beaching, coast as coast
-from .behaviour import (
-    LongTermBehaviour as LongTermBehaviour,
-    long_term_behaviour as long_term_behaviour,
-)
 from .closed_sets import (
     ClosedSets as ClosedSets,
     closed_sets_seconds as closed_sets_seconds,
@@ -21,7 +17,13 @@ from .deployment import (
     minimum_deployment as minimum_deployment,
     visible_deployment as visible_deployment,
 )
+from .drift_step import METHODS as METHODS, DriftStep as DriftStep
 from .flow import Flow as Flow, crossing_time as crossing_time
+from .layered_cells import Sea as Sea
+from .long_term import (
+    LongTermBehaviour as LongTermBehaviour,
+    long_term_behaviour as long_term_behaviour,
+)
 from .maps import (
     drift_map as drift_map,
     drift_maps as drift_maps,
@@ -47,11 +49,8 @@ from .reachability import (
     reachable_by_layer as reachable_by_layer,
 )
 from .regions import Exchange as Exchange, read_regions as read_regions
-from .results.layer import Layer as Layer
+from .results.current_layer import Layer as Layer
 from .results.sea_drift import SeaDrift as SeaDrift
-from .results.sea_voyage import SeaVoyage as SeaVoyage
-from .sea import Sea as Sea
-from .step import METHODS as METHODS, DriftStep as DriftStep
 from .validation.coherent import (
     Agreement as Agreement,
     agreement as agreement,
@@ -70,12 +69,6 @@ from .validation.distance import (
     distances_by_cell as distances_by_cell,
     nearest_step as nearest_step,
 )
-from .validation.drifters import (
-    Comparison as Comparison,
-    Drifters as Drifters,
-    compare as compare,
-    simulate_drifters as simulate_drifters,
-)
 from .validation.markov_test import MarkovTest as MarkovTest
 from .validation.release import (
     ReleaseDistance as ReleaseDistance,
@@ -83,7 +76,14 @@ from .validation.release import (
     typical_cells as typical_cells,
 )
 from .validation.replay import Replay as Replay, Sampling as Sampling
-from .voyage import (
+from .validation.simulated_drifters import (
+    Comparison as Comparison,
+    Drifters as Drifters,
+    compare as compare,
+    simulate_drifters as simulate_drifters,
+)
+from .voyage_policies import (
+    SeaVoyage as SeaVoyage,
     Tracks as Tracks,
     Voyage as Voyage,
     discounted_voyage as discounted_voyage,

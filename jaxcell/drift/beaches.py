@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import as_sequence
-from .behaviour import LongTermBehaviour
 from .flow import steps_in
+from .long_term import LongTermBehaviour
 from .water import NEIGHBORS, Water
 
 

@@ -10,10 +10,11 @@ from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..markov import NearlyClosedSets
-from .flow import Flow, crossing_time, steps_in
+from .advection import longest_step
+from .drift_step import METHODS
+from .flow import Flow, steps_in
 from .maps import drift_map, refined
-from .ranks import basin_ranks
-from .step import METHODS
+from .matched_ranks import basin_ranks
 from .water import Water
 
 
@@ -138,9 +139,7 @@ def coherent_sets(
         (3, True)
     """
     length = 3600 * hours / steps
-    records = length / np.diff(np.asarray(flow.time)).min(initial=np.inf)
-    needed = max(2 * length / crossing_time(water, flow), records)
-    step = refined(METHODS["drifters"], length, needed)
+    step = refined(METHODS["drifters"], length, length / longest_step(water, flow))
     chains = [drift_map(water, flow, step, start=start + k * length) for k in range(steps)]
     window, area, blur = ChainSequence.of(chains), water.sides.prod(axis=0), _blur(water)
 
@@ -253,11 +252,10 @@ class ClosedSets(Result):
 
 def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
     """Find the cell of each set that is nearest to the mean row and column of the set."""
-    begin, cells = sets.begin, np.flatnonzero(sets.begin >= 0)
-    size = np.maximum(np.bincount(begin[cells], minlength=sets.count), 1)
-    away = [
-        place[cells] - (np.bincount(begin[cells], place[cells], sets.count) / size)[begin[cells]]
-        for place in (water.row, water.column)
-    ]
-    nearest = cells[np.lexsort((np.hypot(*away), begin[cells]))]
-    return nearest[np.searchsorted(begin[nearest], np.arange(sets.count))]
+    nearest = []
+    for number in range(sets.count):
+        cells = np.flatnonzero(sets.begin == number)
+        place = np.stack([water.row[cells], water.column[cells]])
+        away = np.hypot(*(place - place.mean(axis=1, keepdims=True)))
+        nearest.append(cells[away.argmin()])
+    return np.array(nearest, int)

@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 from ..mapping import Chain, ChainSequence, PersistentGroups
 from ..mapping.classes import reaching
 from ..optimize import greedy_cover, minimum_cover
-from .behaviour import LongTermBehaviour
+from .long_term import LongTermBehaviour
 from .water import Water
 
 
@@ -159,9 +159,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
         >>> drift.minimum_deployment(chain).tolist()
         [0]
     """
-    label, matrix = _components(chain)
-    _, smallest = np.unique(label, return_index=True)
-    return np.sort(smallest[_sources(matrix)]).astype(np.int32)
+    _, smallest, _, sources = _components(chain)
+    return np.sort(smallest[sources]).astype(np.int32)
 
 
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
@@ -189,8 +188,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         >>> curve.cells.tolist(), curve.covered.tolist()
         ([1, 0], [2, 3])
     """
-    label, matrix = _components(chain)
-    _, smallest = np.unique(label, return_index=True)
+    label, smallest, matrix, sources = _components(chain)
     covered = np.zeros(chain.cells, bool)
     cell = np.arange(label.size) % chain.cells
     inside = scipy.sparse.csr_array(
@@ -203,11 +201,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         return cells[~covered[cells]]
 
     # Gains never grow, so only the largest of the known gains must be computed again.
-    queue = [
-        (-added(source).size, int(smallest[source]), source)
-        for source in _sources(matrix).tolist()
-        if smallest[source] < chain.cells
-    ]
+    queue = [(-added(one).size, int(smallest[one]), one) for one in sources.tolist()]
     heapq.heapify(queue)
     cells, gained = [], []
     while queue:
@@ -236,10 +230,8 @@ def coverage_seconds(chain: Chain | ChainSequence) -> float:
         >>> drift.coverage_seconds(examples.stream()) < 1
         True
     """
-    label, matrix = _components(chain)
-    _, smallest = np.unique(label, return_index=True)
-    searches = np.count_nonzero(smallest[_sources(matrix)] < chain.cells)
-    return float(searches * (matrix.nnz + matrix.shape[0]) / _EDGES)
+    _, _, matrix, sources = _components(chain)
+    return sources.size * (matrix.nnz + matrix.shape[0]) / _EDGES
 
 
 def visible_deployment(
@@ -325,8 +317,18 @@ def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"
 
 def _components(
     chain: Chain | ChainSequence,
-) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
-    """Find the component of each cell at each phase, and the edges between components."""
+) -> tuple[
+    Int[np.ndarray, "states"],
+    Int[np.ndarray, "components"],
+    scipy.sparse.csr_array,
+    Int[np.ndarray, "sources"],
+]:
+    """Find the strongly connected components of a chain.
+
+    **Returns:** the component of each cell at each phase; the first state of each component; the
+    edges between components; and the sources, components with cells at phase 0 to which no other
+    component leads.
+    """
     matrix = chain.to_scipy()
     if isinstance(chain, ChainSequence):
         # Edges from states that no drifter from phase 0 reaches are removed.
@@ -337,10 +339,9 @@ def _components(
     count, label = csgraph.connected_components(matrix, connection="strong")
     source, target = np.repeat(label, np.diff(matrix.indptr)), label[matrix.indices]
     between = source != target
-    return label, scipy.sparse.csr_array(
+    edges = scipy.sparse.csr_array(
         (np.ones(between.sum()), (source[between], target[between])), shape=(count, count)
     )
-
-
-def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
-    return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
+    _, first = np.unique(label, return_index=True)
+    led_to = np.bincount(edges.indices, minlength=count) > 0
+    return label, first, edges, np.flatnonzero(~led_to & (first < chain.cells))

@@ -27,8 +27,8 @@ from .disturbances import (
     turned_ends,
     with_uniform_boundary,
 )
+from .drift_step import DriftStep
 from .flow import Flow, crossing_time
-from .step import DriftStep
 from .water import Water, on_grid, square
 
 

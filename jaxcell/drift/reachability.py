@@ -1,15 +1,22 @@
+import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
+from ..base.quantities import Result, derived
 from ..mapping import Chain
 from ..mapping.classes import reaching
 from ..mapping.traced import like, on_host
 from ..markov.hitting import cell_mask
-from .sea import Sea
+from .layered_cells import Sea
+
+
+_flag = functools.partial(derived, "layer y x", kind="flag")
+_count = functools.partial(derived, "layer", kind="count", listed=True)
 
 
 def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[Any, "cells"]:
@@ -87,3 +94,30 @@ def _at_surface(sea: Sea, start: int) -> int:
             f"start: cell {start} is not at the surface, which has cells 0 to {surface - 1}"
         )
     return start
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ReachedCells(Result):
+    """The cells of all layers that a drifter from the start can reach, after any time."""
+
+    sea: Sea
+    constant_depth: Bool[np.ndarray, "cells"]
+    "The mask of the cells that it reaches if it changes its layer only at the start."
+    any_depth: Bool[np.ndarray, "cells"]
+    "The mask of the cells that it reaches if it changes its layer at any time."
+
+    @_flag("can ever be reached from the start, at constant depth")
+    def reached(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.constant_depth, False)
+
+    @_flag("can ever be reached from the start, by going up and down")
+    def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.any_depth, False)
+
+    @_count("in the long run: cells that can be reached, at constant depth")
+    def reached_cells(self) -> Int[np.ndarray, "layers"]:
+        return self.reached.sum(axis=(1, 2))
+
+    @_count("in the long run: cells that can be reached, up and down too")
+    def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"]:
+        return self.reached_at_any_depth.sum(axis=(1, 2))

@@ -21,9 +21,9 @@ from ..mapping.classes import reaching
 from ..mapping.generalized import leaving_rows
 from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
-from .behaviour import LongTermBehaviour
-from .drifting import drifted
-from .flow import Flow, crossing_time, steps_in
+from .advection import drifted, longest_step
+from .flow import Flow, steps_in
+from .long_term import LongTermBehaviour
 from .water import Water
 
 
@@ -93,10 +93,8 @@ class Exchange(Result):
         )
         off = random.uniform(-0.5, 0.5, (2, origin.size))
         x, y = water.column[origin] + off[0], water.row[origin] + off[1]
-        between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
-        longest = min(crossing_time(water, flow) / 2, between)
         end, key = 3600 * self.after_hours, jax.random.key(seed)
-        x, y = drifted(water, flow, x, y, 0.0, end, longest, key)
+        x, y = drifted(water, flow, x, y, 0.0, end, longest_step(water, flow), key)
         cell = water.landing(x[None], y[None], origin=origin, exits=True)[0]
         # The last column is for drifters that have left.
         within = np.pad(self.inside, ((0, 0), (0, 1)))[:, cell].reshape(len(self.inside), -1, count)

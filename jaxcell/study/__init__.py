@@ -30,7 +30,7 @@ from .bounce.navigate import Navigate as Navigate, Plans as Plans
 from .bounce.rooms import Rooms as Rooms
 from .bounce.team import Team as Team
 from .drift.drift import Drift as Drift
-from .drift.drifters import Drifters as Drifters
+from .drift.observed_drifters import Drifters as Drifters
 from .dynamics import Dynamics as Dynamics
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .morse import Morse as Morse

@@ -5,8 +5,8 @@ import scipy.sparse
 from scipy.sparse import csgraph
 
 from ..drift import SeaDrift, SeaVoyage
-from ..drift.results.ends import LayerEnds
-from ..drift.results.sea_layers import SeaLayers
+from ..drift.results.layer_ends import LayerEnds
+from ..drift.results.layered_result import LayeredResult
 from .comparison import Comparison, solve_transient
 
 
@@ -17,7 +17,7 @@ _MAX_NODES = 20_000
 _MAX_PROGRAM = 5000
 
 
-def compare_drift(drift: SeaLayers) -> list[Comparison]:
+def compare_drift(drift: LayeredResult) -> list[Comparison]:
     """Compare persistent groups, the drifters that end in them, and voyages with other solvers."""
     compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):

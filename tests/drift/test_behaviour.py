@@ -5,11 +5,11 @@ from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas, water_and_flow
 
 from jaxcell import markov
-from jaxcell.drift.behaviour import long_term_behaviour
+from jaxcell.drift.drift_step import METHODS, DriftStep
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.long_term import long_term_behaviour
 from jaxcell.drift.maps import drift_map, flow_map
-from jaxcell.drift.results.ends import LayerEnds
-from jaxcell.drift.step import METHODS, DriftStep
+from jaxcell.drift.results.layer_ends import LayerEnds
 from jaxcell.drift.validation.diagnosis import diagnose, group_counts
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
@@ -200,7 +200,7 @@ def test_sure_leaving_is_known_without_a_solve(monkeypatch):
     # A layer knows it even if a table of all ends would be too large.
     water = Water.of(sea(*np.zeros((2, 1, 5))))
     np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_TABLE", -1)
+    monkeypatch.setattr("jaxcell.drift.results.layer_ends.LARGEST_TABLE", -1)
     np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
 
 

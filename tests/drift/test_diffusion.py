@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
-from jaxcell.drift.drifting import diffuse
+from jaxcell.drift.advection import diffuse
 
 
 SIDE, STEP = 31, 3600.0

@@ -9,9 +9,9 @@ from seas import sea
 
 from jaxcell import examples
 from jaxcell.drift.advection import advect, carried
+from jaxcell.drift.drift_step import DriftStep
 from jaxcell.drift.flow import Flow, between, crossing_time, in_squares
 from jaxcell.drift.maps import flow_map
-from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
 
 

@@ -9,8 +9,8 @@ from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
 from small_seas import random_layers, random_sea
 
+from jaxcell.drift.layered_cells import Sea
 from jaxcell.drift.reachability import reachable, reachable_at_depth, reachable_by_layer
-from jaxcell.drift.sea import Sea
 from jaxcell.examples import water
 from jaxcell.mapping import Chain, ChainSequence
 

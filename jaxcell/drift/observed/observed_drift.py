@@ -11,11 +11,11 @@ from ...base.quantities import derived, from_part
 from ...mapping import Chain, persistent_groups
 from ...mapping.sequence import push_on_host
 from ...markov import absorption_times, limiting_distribution
-from ..behaviour import long_term_behaviour
 from ..closed_sets import ClosedSets
 from ..flow import steps_in
-from ..results.ends import LayerEnds
-from ..results.sea_layers import SeaLayers
+from ..long_term import long_term_behaviour
+from ..results.layer_ends import LayerEnds
+from ..results.layered_result import LayeredResult
 from .moves import CountedMoves, Spread, bootstrap
 from .trajectories import Trajectories
 
@@ -35,7 +35,7 @@ def _of_all(name: str, meaning: str) -> Any:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ObservedDrift(SeaLayers):
+class ObservedDrift(LayeredResult):
     """The long-term behaviour of observed drifters, from the chain of their moves.
 
     A hundred drifters begin in one cell; 60 leave it in a day, so the mean stay is 40 ± 4 hours:

@@ -8,10 +8,8 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Int
 
-from ...base import memory
 from ...base.quantities import derived, from_part
 from ...mapping import Chain
-from ...space import estimates
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
 from ..deployment import (
@@ -24,31 +22,45 @@ from ..deployment import (
     minimum_deployment,
     visible_deployment,
 )
+from ..drift_step import DriftStep
 from ..flow import Flow, crossing_time
-from ..reachability import reachable_at_depth, reachable_by_layer
+from ..reachability import ReachedCells, reachable_at_depth, reachable_by_layer
 from ..regions import Exchange
-from ..step import DriftStep
-from ..validation.distance import nearest_maps, whole_days
 from ..validation.markov_test import MarkovTest
-from ..voyage import Voyage, discounted_voyage, surest_voyage
+from ..voyage_policies import SeaVoyage, Voyage, discounted_voyage, surest_voyage
 from ..water import Water
-from .answer import answer
-from .layer import Layer
-from .remarks import remarks_on
-from .sea_currents import SeaCurrents
-from .sea_layers import positions
-from .sea_voyage import SeaVoyage
+from .current_layer import DistancesOfLayers, DistanceTotals, Layer
+from .current_summary import CurrentSummary
+from .flattened import flattened
+from .layer_maps import check_size, choose_step, map_layers, notices_on
+from .layered_result import LayeredResult
+from .sentences import answer, remarks_on
+from .step_sensitivity import StepSensitivity
 
 
 # The longest time in seconds in which parts of a result are computed without a request.
 LONGEST = 60.0
-_SQUARES = "layer y x"
 _index = functools.partial(from_part, kind="index")
 _count = functools.partial(from_part, kind="count")
 
 
+def positions(cells: str, dim: str) -> tuple[Any, Any]:
+    """Build two properties: the longitude and the latitude of each cell in the property `cells`."""
+
+    def along(axis: int) -> Callable[[Any], Any]:
+        def value(drift: Any) -> Any:
+            numbers = getattr(drift, cells)
+            return None if numbers is None else drift._lon_lat(numbers)[axis]
+
+        return value
+
+    lon = derived(dim, "longitude", "degrees_east", standard_name="longitude")
+    lat = derived(dim, "latitude", "degrees_north", standard_name="latitude")
+    return lon(along(0)), lat(along(1))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeaDrift(SeaCurrents):
+class SeaDrift(LayeredResult):
     """The long-term behaviour of drifters in layers of the sea, with deployments and voyages.
 
     The surface of the bundled sea at its first record:
@@ -77,6 +89,9 @@ class SeaDrift(SeaCurrents):
     largest: ClassVar[int] = 2_500_000
     "The number of cells times phases above which solves would take minutes."
 
+    layers: tuple[Layer, ...]
+    currents: xr.Dataset
+    "The currents, a dataset of [`jaxcell.drift.open_currents`][]."
     start: int | None = None
     "The cell of the surface where a drifter is dropped; `None` if there is no start."
     reach: float | None = None
@@ -106,7 +121,9 @@ class SeaDrift(SeaCurrents):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        surface = self.waters[0].cells
+        layers, surface = self.currents.sizes["layer"], self.waters[0].cells
+        if len(self.layers) != layers:
+            raise ValueError(f"layers: expected {layers}, got {len(self.layers)}")
         if self.start is not None and not 0 <= self.start < surface:
             raise ValueError(f"start: expected a cell of the surface, 0 to {surface - 1}")
         for name, voyage in (("voyage", self.voyage), ("surest", self.surest)):
@@ -163,54 +180,19 @@ class SeaDrift(SeaCurrents):
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k, coast) for k in count]
         flows = [Flow.of(currents, k, diffusivity=diffusivity, coast=coast) for k in count]
-        notices = []
-        if backward:
-            flows = [flow.reversed() for flow in flows]
-            notices.append(
-                "Time runs backward from the last record: drifters end where the drifters that are "
-                "in their cells at the last record came from."
-            )
-        flows = [flow.repeated() for flow in flows]
-        means = [flow.mean() for flow in flows]
-        by = means if mean else flows
+        flows = [(flow.reversed() if backward else flow).repeated() for flow in flows]
+        by = [flow.mean() for flow in flows] if mean else flows
         step.check_duration(max(map(crossing_time, waters, flows)))
-
-        def planned() -> tuple[DriftStep, Any]:
-            """Choose the step's duration; return the step, and any maps made for the choice."""
-            if step.duration is not None:
-                return step.lasting(by[0].fitted(step.duration)), None
-            if step.spread != "sampled":
-                return step.lasting(by[0].fitted(max(map(crossing_time, waters, by)))), None
-            say("choosing the duration of a step")
-            return nearest_maps(waters, flows, by, step, until)
-
-        if (records := currents.attrs.get("mean_of", 1)) > 1:
-            notices.append(
-                f"Maps and simulated drifters are for the mean of {records} records: a steady "
-                "current, which is not any of them."
-            )
-        chosen, made = planned()
-        phases = by[0].phases(chosen.duration or 0)
+        chosen, made = choose_step(waters, flows, by, step, until, say)
         if not mean:
+            phases = by[0].phases(chosen.duration or 0)
             check_size(waters, phases, None if mean is False else cls.largest)
-        if step.duration is not None and not np.isclose(chosen.duration or 0, step.duration):
-            notices.append(
-                f"A step takes {chosen.duration:g} s in place of {step.duration:g} s, to fit the "
-                f"{float(by[0].period or 0) / 3600:g} h after which the current repeats."
-            )
-        layers = []
-        for k, water in enumerate(waters):
-            known = None if made is None else made[k]
-            released = start if k == 0 else None
-            own = Layer.of(water, flows[k], chosen, by=by[k], made=known, say=say)
-            layers.append(dataclasses.replace(own, release=released))
-        if made is None:
-            # Layers are compared at the same times.
-            ends = np.concatenate([layer.transient_hours for layer in layers])
-            asked = whole_days(ends) if until is None else until
-            layers = [dataclasses.replace(layer, asked=asked) for layer in layers]
-        drift = cls(tuple(layers), currents, start, reach, seconds)
-        return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
+        layers = map_layers(waters, flows, by, chosen, made, start, until, say)
+        notices = notices_on(currents, by[0], step, chosen, backward)
+        return cls(
+            layers, currents, start, reach, seconds,
+            until=until, backward=backward, notices=notices,
+        )  # fmt: skip
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """Add two voyages to a goal: one with a `discount` per step, one with the surest policy."""
@@ -233,12 +215,13 @@ class SeaDrift(SeaCurrents):
         chains = [layer.behaviour.chain for layer in self.layers]
         sets = ClosedSets.of(self.waters, chains, self.step, count, self.asked_hours)
         tests, first = [], 0
-        for layer, labels, of_layer in zip(self.layers, sets.labels, sets.layers, strict=True):
-            tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
-            first += of_layer.count
+        for layer, found in zip(self.layers, sets.layers, strict=True):
+            tests.append(layer.tested(found.begin, first))
+            first += found.count
         test = MarkovTest.joined(tests)
-        with_sets = dataclasses.replace(self, nearly_closed_sets=sets, sets_listed=listed)
-        return dataclasses.replace(with_sets, markov_test=test)
+        return dataclasses.replace(
+            self, nearly_closed_sets=sets, sets_listed=listed, markov_test=test
+        )
 
     @property
     def quiet(self) -> tuple[str, ...]:
@@ -263,6 +246,26 @@ class SeaDrift(SeaCurrents):
             "Conventions": "CF-1.8",
             "source": f"jaxcell; definitions of Alam 2018, chapter 5; currents of {source}",
         }
+
+    @flattened()
+    def distance_totals(self) -> DistanceTotals:
+        return DistanceTotals(self.layers)
+
+    @flattened()
+    def current_summary(self) -> CurrentSummary:
+        return CurrentSummary(self.currents, self.layers, self.sea)
+
+    @flattened("sensitivity_")
+    def step_sensitivity(self) -> StepSensitivity | None:
+        return StepSensitivity.of(self.layers[0])
+
+    @flattened()
+    def distances_of_layers(self) -> DistancesOfLayers:
+        return DistancesOfLayers(self.layers, self.sea)
+
+    @flattened()
+    def reached_from_start(self) -> ReachedCells | None:
+        return None if self.reachable is None else ReachedCells(self.sea, *self.reachable)
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
@@ -350,52 +353,8 @@ class SeaDrift(SeaCurrents):
     views_least = _count("views.least", "", "lower bound of the number of views")
     start_cell = _index("start", "", "cell where the drifter is dropped")
 
-    @derived(_SQUARES, "can ever be reached from the start, at constant depth", kind="flag")
-    def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
-        return None if self.reachable is None else self.sea.on_squares(self.reachable[0], False)
-
-    @derived(_SQUARES, "can ever be reached from the start, by going up and down", kind="flag")
-    def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"] | None:
-        return None if self.reachable is None else self.sea.on_squares(self.reachable[1], False)
-
-    @derived(
-        "layer",
-        "in the long run: cells that can be reached, at constant depth",
-        kind="count",
-        listed=True,
-    )
-    def reached_cells(self) -> Int[np.ndarray, "layers"] | None:
-        return None if self.reached is None else self.reached.sum(axis=(1, 2))
-
-    @derived(
-        "layer",
-        "in the long run: cells that can be reached, up and down too",
-        kind="count",
-        listed=True,
-    )
-    def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"] | None:
-        if self.reached_at_any_depth is None:
-            return None
-        return self.reached_at_any_depth.sum(axis=(1, 2))
-
     @derived("goals", "cells of the goal", kind="index")
     def goal(self) -> Int[np.ndarray, "goals"] | None:
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
-
-
-def check_size(waters: list[Water], phases: int, most: int | None) -> None:
-    """Refuse maps of all phases that exceed the free memory, or `most` cells times phases."""
-    cells = [phases * water.cells for water in waters]
-    doing = f"the current has {sum(cells):,} cells at its {phases} phases"
-    less = (
-        "choose smaller bounds or fewer depths, or map the mean of the records (--current mean, "
-        "mean=True)"
-    )
-    memory.check(estimates.drift(cells), f"{doing}; that", less)
-    if most is not None and sum(cells) > most:
-        raise ValueError(
-            f"{doing}, and above {most:,} they take minutes to hours; {less}, or "
-            "ask for the changing current all the same (--current changing, mean=False)"
-        )

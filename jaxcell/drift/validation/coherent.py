@@ -6,8 +6,8 @@ import scipy.ndimage
 from jaxtyping import Array, Bool, Float, Int
 
 from ..advection import carried
+from ..drift_step import DriftStep
 from ..flow import Flow, nearest_square
-from ..step import DriftStep
 from ..water import Water
 
 

@@ -6,9 +6,9 @@ from jaxtyping import Int
 
 from ...mapping import PersistentGroups, persistent_groups
 from ..advection import carried
+from ..drift_step import DriftStep
 from ..flow import Flow
 from ..maps import drift_maps, flow_map
-from ..step import DriftStep
 from ..water import Water, square
 
 

@@ -10,12 +10,11 @@ from jaxtyping import Float
 
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
-from ..behaviour import long_term_behaviour
+from ..drift_step import DriftStep
 from ..flow import Flow, crossing_time, steps_in
+from ..long_term import long_term_behaviour
 from ..maps import diffused_cells, drift_maps
-from ..step import DriftStep
 from ..water import Water
-from .drifters import total_variation
 from .replay import SAMPLING, Replay, Sampling
 
 
@@ -112,16 +111,10 @@ def distances(
         at = np.array(steps) * seconds / 3600
         later = as_sequence(chain).pushed(begin, steps[-1])
         mapped = [cells for count, cells in enumerate(later) if count in steps]
-        share = [replay.share(hour, water.cells) for hour in at]
-        halves = [
-            [replay.share(hour, water.cells, half) for half in (replay.half, ~replay.half)]
-            for hour in at
-        ]
-        left, map_left = (1 - np.array([one.sum() for one in of]) for of in (share, mapped))
-        variation = np.array([*map(total_variation, mapped, share)])
-        # The variance of each half is twice the variance of all drifters.
-        noise = np.array([total_variation(*pair) for pair in halves]) / 2
-        results.append(Distance(at, variation, noise, left, map_left.clip(0, 1), replay))
+        variation, noise = np.transpose([*map(replay.variation, at, mapped)])
+        left = np.array([1 - replay.share(hour, water.cells).sum() for hour in at])
+        map_left = np.array([1 - cells.sum() for cells in mapped]).clip(0, 1)
+        results.append(Distance(at, variation, noise, left, map_left, replay))
     return tuple(results)
 
 

@@ -10,7 +10,6 @@ from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ..flow import Flow, steps_in
 from ..water import Water
-from .drifters import total_variation
 from .replay import Replay, Sampling
 
 
@@ -85,12 +84,8 @@ def release_distance(
     for number, cell in enumerate(cells.tolist()):
         among = replay.origin == cell
         for time, hour in enumerate(at.tolist()):
-            share, *halves = (
-                replay.share(hour, water.cells, among & part)
-                for part in (np.ones_like(among), replay.half, ~replay.half)
-            )
-            variation[number, time] = total_variation(mapped[time][:, number], share)
-            noise[number, time] = total_variation(*halves) / 2
+            one = replay.variation(hour, mapped[time][:, number], among)
+            variation[number, time], noise[number, time] = one
     return ReleaseDistance(cells, at, variation, noise)
 
 

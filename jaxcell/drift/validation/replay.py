@@ -8,9 +8,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..drifting import drifted
-from ..flow import Flow, crossing_time
+from ..advection import drifted, longest_step
+from ..flow import Flow
 from ..water import Water
+from .simulated_drifters import total_variation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,9 +69,7 @@ class Replay:
         - `cells`: the only cells in which drifters begin.
         """
         times = np.unique(np.asarray(hours, float)) * 3600
-        # A substep is at most half a cell long, and not longer than the time between two records.
-        between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
-        longest = min(crossing_time(water, flow) / 2, between)
+        longest = longest_step(water, flow)
         most = min(sampling.drifters, int(sampling.moves / max(1.0, times[-1] / longest)))
         if cells is None:
             cells = np.flatnonzero(_sampled(water, dataclasses.replace(sampling, drifters=most)))
@@ -100,6 +99,24 @@ class Replay:
         """Compute the share of the drifters, or of those in `among`, in each cell at a time."""
         cell = self.at(hours) if among is None else self.at(hours)[among]
         return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
+
+    def variation(
+        self,
+        hours: float,
+        by_map: Float[np.ndarray, "cells"],
+        among: Bool[np.ndarray, "drifters"] | None = None,
+    ) -> tuple[float, float]:
+        """Compute how far a map is from the drifters, or from those in `among`, at a time.
+
+        **Returns:** the total variation, and the value to expect if the map were exact.
+        """
+        chosen = np.ones(self.origin.size, bool) if among is None else among
+        drifters, *halves = (
+            self.share(hours, by_map.size, chosen & part)
+            for part in (chosen, self.half, ~self.half)
+        )
+        # The variance of each half is twice the variance of all drifters.
+        return total_variation(by_map, drifters), total_variation(*halves) / 2
 
     def begin(self, cells: int) -> Float[np.ndarray, "cells"]:
         """Compute the share of the drifters that begin in each cell."""

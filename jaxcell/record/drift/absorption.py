@@ -4,7 +4,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
-from ...drift.results.ends import ALMOST_FOREVER, LayerEnds
+from ...drift.results.layer_ends import ALMOST_FOREVER, LayerEnds
 from ..canvas.palette import FREE, PLAIN, mix
 from ..canvas.prose import described
 from ..canvas.scale import Scale

@@ -6,7 +6,7 @@ from jaxtyping import Int, UInt8
 
 from ...base.formatting import in_time
 from ...drift import Layer, SeaDrift
-from ...drift.results.ends import LayerEnds
+from ...drift.results.layer_ends import LayerEnds
 from ..canvas.marks import log_labels
 from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
 from ..canvas.prose import Spec, counted, described, made_with

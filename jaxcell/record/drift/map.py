@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
 from ...drift import Flow, SeaDrift
-from ...drift.results.sea_layers import SeaLayers
+from ...drift.results.layered_result import LayeredResult
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
 from ..canvas.page import Legend, log_tab
@@ -49,7 +49,7 @@ class Clock:
     enough to show all times of the currents.
     """
 
-    def __init__(self, drift: SeaLayers) -> None:
+    def __init__(self, drift: LayeredResult) -> None:
         total, start = _MIN_STEPS * drift.step, None
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
@@ -79,10 +79,10 @@ class SeaMap:
 
     dry: ClassVar[str] = "land"
     "The text in legends for the squares that are not cells."
-    drift: SeaLayers
+    drift: LayeredResult
 
     def __init__(
-        self, stream: rr.RecordingStream, drift: SeaLayers, clock: Clock, number: int
+        self, stream: rr.RecordingStream, drift: LayeredResult, clock: Clock, number: int
     ) -> None:
         self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
         self.water = drift.waters[number]
@@ -205,7 +205,7 @@ class CurrentMap(SeaMap):
         log_labels(self.stream, "map/key/speed", [(f"{speed:g} m/s", middle, float(foot[1]))])
 
 
-def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
+def log_maps(stream: rr.RecordingStream, drift: LayeredResult, kind: type[M]) -> list[M]:
     """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)
     count = min(len(drift.layers), _MAX_MAPS)

@@ -229,7 +229,7 @@ def test_the_probabilities_of_the_ways_out_solve_the_equations_of_the_chain(coas
 
 
 def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_large(monkeypatch):
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_TABLE", 1)
+    monkeypatch.setattr("jaxcell.drift.results.layer_ends.LARGEST_TABLE", 1)
     water, flow = strait()
     still = np.asarray(flow.rate).copy()
     still[:, :, :, :2] = 0  # groups in the West
@@ -238,8 +238,8 @@ def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_l
     assert layer.persistent_groups > 0
     assert layer.ends is None
     assert 0 < layer.mean_leaving < 1
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGE", 1)
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_SOLVE", 1)
+    monkeypatch.setattr("jaxcell.drift.results.layer_ends.LARGE", 1)
+    monkeypatch.setattr("jaxcell.drift.results.layer_ends.LARGEST_SOLVE", 1)
     large = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
     assert np.isnan(large.leaving_by_way).any()
     np.testing.assert_allclose(large.leaving, layer.leaving, atol=1e-9)

@@ -23,7 +23,7 @@ def basin_ranks(
     layer, which has a third group, too:
 
         >>> import numpy as np
-        >>> from jaxcell.drift.ranks import basin_ranks
+        >>> from jaxcell.drift.matched_ranks import basin_ranks
         >>> top, below = np.array([[0, 0, 0, 1, 1, -1]]), np.array([[1, 1, 2, 0, 0, -1]])
         >>> [rank.tolist() for rank in basin_ranks([top, below])]
         [[0, 1], [1, 0, 2]]

@@ -1,6 +1,6 @@
 import numpy as np
 
-from jaxcell.drift.ranks import basin_ranks
+from jaxcell.drift.matched_ranks import basin_ranks
 
 
 def test_a_colour_is_of_one_place_in_all_layers():

@@ -4,10 +4,10 @@ import pytest
 from scipy.stats import wasserstein_distance
 from seas import double_gyre, sea, water_and_flow
 
+from jaxcell.drift.drift_step import DriftStep
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.maps import drift_map
-from jaxcell.drift.step import DriftStep
-from jaxcell.drift.validation.drifters import compare, simulate_drifters
+from jaxcell.drift.validation.simulated_drifters import compare, simulate_drifters
 from jaxcell.drift.water import Water
 
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings, strategies as st
 from small_seas import random_sea
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.drift.sea import Sea
-from jaxcell.drift.voyage import (
+from jaxcell.drift.layered_cells import Sea
+from jaxcell.drift.voyage_policies import (
     ACTIONS,
     discounted_voyage,
     simulate_voyages,

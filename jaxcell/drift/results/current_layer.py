@@ -7,13 +7,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.formatting import in_time
-from ...base.quantities import derived, from_part
+from ...base.quantities import Result, derived, from_part
 from ...mapping import Chain, ChainSequence
-from ..behaviour import long_term_behaviour
 from ..currents.holes import MOST, holes
+from ..drift_step import METHODS, DriftStep
 from ..flow import Flow
+from ..layered_cells import Sea
+from ..long_term import long_term_behaviour
 from ..maps import drift_maps, exit_shares
-from ..step import METHODS, DriftStep
 from ..validation.diagnosis import Diagnosis, diagnose
 from ..validation.distance import (
     FAR,
@@ -29,18 +30,25 @@ from ..validation.distance import (
 from ..validation.markov_test import MarkovTest
 from ..validation.release import ReleaseDistance, release_distance, typical_cells
 from ..water import Water
-from .ends import Ends, LayerEnds
+from .flattened import flattened
+from .layer_ends import LayerEnds, mean_over_cells
 
 
 _at_times = functools.partial(derived, "compared", listed=True)
+_of_cells = functools.partial(
+    derived, "layer y x", units="1", kind="share", padding="NaN: no water, or not known"
+)
 
 
-class Compared(Ends):
-    """The distance between maps and simulated drifters, for one or more layers."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class DistanceTotals(Result):
+    """The largest distances of one or more layers between maps and simulated drifters."""
+
+    layers: "Sequence[Layer]"
 
     @property
     def _distances(self) -> list[Distance]:
-        return [layer.compared for layer in self._layers]  # type: ignore[attr-defined]
+        return [layer.compared for layer in self.layers]
 
     @derived("", "time that the answer is about", "h", kind="time")
     def asked_hours(self) -> float:
@@ -55,10 +63,9 @@ class Compared(Ends):
         return max(float(distance.noise[-1]) for distance in self._distances)
 
     @property
-    def _releases(self) -> "list[ReleaseDistance]":
-        layers: Any = self._layers
-        started = [layer for layer in layers if layer.release is not None]
-        return [layer.by_release for layer in started or layers]
+    def _releases(self) -> list[ReleaseDistance]:
+        started = [layer for layer in self.layers if layer.release is not None]
+        return [layer.by_release for layer in started or self.layers]
 
     @derived("", "the same, released in one cell (start, or median of nine)", kind="share")
     def release_distance(self) -> float:
@@ -77,11 +84,13 @@ class Compared(Ends):
 
     @derived("", "drifters that left the map then", kind="share")
     def drifters_left(self) -> float:
-        return float(self._mean([distance.drifters_left[-1] for distance in self._distances]))
+        left = [distance.drifters_left[-1] for distance in self._distances]
+        return float(mean_over_cells(self.layers, left))
 
     @derived("", "drifters that left it then, by the map of cells", kind="share")
     def map_left(self) -> float:
-        return float(self._mean([distance.map_left[-1] for distance in self._distances]))
+        left = [distance.map_left[-1] for distance in self._distances]
+        return float(mean_over_cells(self.layers, left))
 
     @_at_times("times after which the map is compared with drifters", "h", kind="time")
     def compared_hours(self) -> Float[np.ndarray, "times"]:
@@ -97,21 +106,57 @@ class Compared(Ends):
     @derived("", "cells in which the compared drifters began", kind="count")
     def compared_cells(self) -> int | None:
         count = sum(distance.cells for distance in self._distances)
-        return count if count < self.cells else None
+        return count if count < sum(layer.water.cells for layer in self.layers) else None
 
     @derived("", "diffusivity of drifters, as requested", "m2 s-1")
     def diffusivity(self) -> float | None:
-        return self._layers[0].by.diffusivity or None  # type: ignore[attr-defined]
+        return self.layers[0].by.diffusivity or None
 
     @derived("", "diffusivity that the grid adds", "m2 s-1")
     def grid_diffusivity(self) -> float:
         # In a step a drifter gets a random place in its cell, which adds a variance of side^2 / 6.
-        side = np.concatenate([layer.water.sides.ravel() for layer in self._layers])
-        return float((side**2).mean()) / (12 * self._layers[0].behaviour.duration)
+        side = np.concatenate([layer.water.sides.ravel() for layer in self.layers])
+        return float((side**2).mean()) / (12 * self.layers[0].behaviour.duration)
+
+
+def _by_time(name: str, meaning: str) -> Any:
+    """Build a property, described by `meaning`: the array `name` of each layer's [`Distance`][]."""
+    return derived("layer compared", meaning, "1", kind="share")(
+        lambda part: np.stack([getattr(layer.compared, name) for layer in part.layers])
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Layer(LayerEnds, Compared):
+class DistancesOfLayers(Result):
+    """The distances between maps and simulated drifters, layer by layer and cell by cell."""
+
+    layers: "Sequence[Layer]"
+    sea: Sea
+
+    @_of_cells("drifters from the cell that the map has in a wrong part of 36 at the time asked")
+    def distance_by_cell(self) -> Float[np.ndarray, "layers rows columns"] | None:
+        return self._by_cell(0)
+
+    @_of_cells("the same by chance, because drifters are finite")
+    def distance_by_cell_noise(self) -> Float[np.ndarray, "layers rows columns"] | None:
+        return self._by_cell(1)
+
+    def _by_cell(self, number: int) -> Float[np.ndarray, "layers rows columns"] | None:
+        known = [layer.by_cell[number] for layer in self.layers if layer.by_cell is not None]
+        if len(known) < len(self.layers):
+            return None
+        return self.sea.on_squares(np.concatenate(known))
+
+    compared_distance = _by_time(
+        "total_variation", "drifters that the map has in a wrong cell, released everywhere"
+    )
+    compared_noise = _by_time("noise", "the same by chance, because drifters are finite")
+    compared_drifters_left = _by_time("drifters_left", "drifters that left the map")
+    compared_map_left = _by_time("map_left", "drifters that left, by the map of cells")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Layer(LayerEnds):
     """A layer of the sea: its water, its current, and the long-term behaviour of drifters.
 
     The surface of the bundled sea at its first record:
@@ -175,6 +220,10 @@ class Layer(LayerEnds, Compared):
         behaviour = long_term_behaviour(chain, duration)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
+
+    @flattened()
+    def distance_totals(self) -> DistanceTotals:
+        return DistanceTotals((self,))
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "exits states"]:
@@ -261,9 +310,13 @@ class Layer(LayerEnds, Compared):
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
 
-    @_at_times("drifters that the map has in a wrong cell, released everywhere", kind="share")
-    def compared_distance(self) -> Float[np.ndarray, "times"]:
-        return self.compared.total_variation
+    compared_distance = from_part(
+        "compared.total_variation",
+        "compared",
+        "drifters that the map has in a wrong cell, released everywhere",
+        kind="share",
+        listed=True,
+    )
 
     warning = from_part("diagnosis.warning", "", "warning")
 

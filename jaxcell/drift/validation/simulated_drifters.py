@@ -9,10 +9,10 @@ from jaxtyping import Array, Float, Int
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
+from ..advection import drifted
 from ..currents.sphere import turned
-from ..drifting import drifted
+from ..drift_step import DriftStep
 from ..flow import Flow, nearest_square
-from ..step import DriftStep
 from ..water import Water
 
 

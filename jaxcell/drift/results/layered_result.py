@@ -1,17 +1,18 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float, Int
 
-from ...base.quantities import Checks, derived
-from ..ranks import basin_ranks
-from ..sea import Sea
+from ...base.quantities import Checks, Result, derived
+from ..layered_cells import Sea
+from ..matched_ranks import basin_ranks
 from ..water import Water
-from .ends import Ends, LayerEnds
+from .flattened import flattened
+from .layer_ends import EndTotals, LayerEnds
 
 
 _SQUARES = "layer y x"
@@ -20,23 +21,8 @@ _PADDING = "NaN: no such group, no water, or not known"
 _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
-def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Build two properties: the longitude and the latitude of each cell in the property `cells`."""
-
-    def along(axis: int) -> Callable[[Any], Any]:
-        def value(drift: Any) -> Any:
-            numbers = getattr(drift, cells)
-            return None if numbers is None else drift._lon_lat(numbers)[axis]
-
-        return value
-
-    lon = derived(dim, "longitude", "degrees_east", standard_name="longitude")
-    lat = derived(dim, "latitude", "degrees_north", standard_name="latitude")
-    return lon(along(0)), lat(along(1))
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeaLayers(Ends):
+class LayeredResult(Result):
     """The long-term behaviour of drifters in layers of the sea, on the squares of the grid."""
 
     picture: ClassVar[str] = "basin"
@@ -49,9 +35,14 @@ class SeaLayers(Ends):
         if len(durations) > 1:
             raise ValueError(f"layers: expected steps of one duration, got {sorted(durations)}")
 
-    @property
-    def _layers(self) -> tuple[LayerEnds, ...]:
-        return self.layers
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Return a quantity of a part, which [`flattened`][] makes an attribute."""
+
+    @flattened()
+    def end_totals(self) -> EndTotals:
+        return EndTotals(self.layers)
 
     @property
     def waters(self) -> tuple[Water, ...]:
@@ -169,12 +160,12 @@ class SeaLayers(Ends):
 
     @derived("transient", "layer of a transient group", kind="index")
     def transient_layer(self) -> Int[np.ndarray, "transients"]:
-        counts = [one.transient_groups for one in self.layers]
+        counts = [one.begins.transient.count for one in self.layers]
         return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
 
     @derived("transient", "number of the group in transient_group", kind="index")
     def transient_number(self) -> Int[np.ndarray, "transients"]:
-        counts = [one.transient_groups for one in self.layers]
+        counts = [one.begins.transient.count for one in self.layers]
         return np.concatenate([np.arange(count, dtype=np.int32) for count in counts])
 
     @derived("transient_bound", "first entry of a transient group in domicile", kind="index")
@@ -192,19 +183,15 @@ class SeaLayers(Ends):
 
     @derived("entry", "cell", kind="index")
     def from_cell(self) -> Int[np.ndarray, "entries"]:
-        return (self._entries.row % self.cells).astype(np.int32)
+        return (self.sea.entries.row % self.cells).astype(np.int32)
 
     @derived("entry", "cell one step later", kind="index")
     def to_cell(self) -> Int[np.ndarray, "entries"]:
-        return (self._entries.col % self.cells).astype(np.int32)
+        return (self.sea.entries.col % self.cells).astype(np.int32)
 
     @derived("entry", "probability; the rest to 1 leaves the map", "1", kind="share")
     def transition(self) -> Float[np.ndarray, "entries"]:
-        return self._entries.data
-
-    @functools.cached_property
-    def _entries(self) -> Any:
-        return self.sea.drift.to_scipy().tocoo()
+        return self.sea.entries.data
 
     def checks(self) -> Checks:
         """Return the worst value of each check over the layers."""

@@ -2,8 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
 from ...markov.hitting import absorption
 from ...markov.transient import Transient
-from ..behaviour import LongTermBehaviour
+from ..long_term import LongTermBehaviour
 from ..maps import EXITS
 from ..water import Water
+from .flattened import flattened
 
 
 ALMOST_FOREVER = 10_000
@@ -34,27 +35,24 @@ _probability = functools.partial(derived, kind="share", padding="NaN: not known"
 _time = functools.partial(derived, units="h", kind="time")
 
 
-class Ends(Result):
+@dataclasses.dataclass(frozen=True, eq=False)
+class EndTotals(Result):
     """Totals over one or more layers: groups, transient cells, and absorption times."""
 
-    @property
-    def _layers(self) -> "tuple[LayerEnds, ...]":
-        raise NotImplementedError
+    layers: "Sequence[LayerEnds]"
 
     @functools.cached_property
     def transient_hours(self) -> Float[np.ndarray, "transient"]:
         """The absorption times of the transient cells, in hours."""
-        return np.concatenate(
-            [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
-        )
+        return np.concatenate([layer.transient_hours for layer in self.layers])
 
     @derived("", "cells of water", kind="count")
     def cells(self) -> int:
-        return sum(layer.water.cells for layer in self._layers)
+        return sum(layer.water.cells for layer in self.layers)
 
     @derived("", "persistent groups", kind="count")
     def persistent_groups(self) -> int:
-        return sum(layer.behaviour.groups.count for layer in self._layers)
+        return sum(layer.behaviour.groups.count for layer in self.layers)
 
     @derived("", "cells of persistent groups", kind="count")
     def persistent_cells(self) -> int:
@@ -62,11 +60,11 @@ class Ends(Result):
 
     @derived("", "transient groups", kind="count")
     def transient_groups(self) -> int:
-        return sum(layer.begins.transient.count for layer in self._layers)
+        return sum(layer.begins.transient.count for layer in self.layers)
 
     @derived("", "transient cells with one end", kind="count")
     def single_domicile_cells(self) -> int:
-        parts = [layer.begins.transient for layer in self._layers]
+        parts = [layer.begins.transient for layer in self.layers]
         return sum(int(np.asarray(part.size)[part.single].sum()) for part in parts)
 
     @derived("", "transient cells with several ends", kind="count")
@@ -87,16 +85,17 @@ class Ends(Result):
 
     @derived("", "whether these times are certified", kind="flag")
     def times_certified(self) -> bool:
-        solves = [layer.behaviour.absorption.certificate for layer in self._layers]
+        solves = [layer.behaviour.absorption.certificate for layer in self.layers]
         return all(solve.converged for solve in solves)
 
     @derived("", "cells that take almost forever", kind="count")
     def almost_for_ever_cells(self) -> int:
-        return sum(int(layer.almost_forever.sum()) for layer in self._layers)
+        return sum(int(layer.almost_forever.sum()) for layer in self.layers)
 
     @_probability("", "in the long run: share that leaves the map")
     def mean_leaving(self) -> float:
-        return float(self._mean([layer.mean_by_way.sum() for layer in self._layers]))
+        leaving = [layer.mean_by_way.sum() for layer in self.layers]
+        return float(mean_over_cells(self.layers, leaving))
 
     @_probability("", "in the long run: share that leaves into sea without data")
     def mean_leaving_into_gaps(self) -> float | None:
@@ -108,40 +107,41 @@ class Ends(Result):
 
     @_probability("", "in the long run: share that strands on land")
     def mean_stranding(self) -> float | None:
-        strand = any(layer.water.coast == "strand" for layer in self._layers)
+        strand = any(layer.water.coast == "strand" for layer in self.layers)
         return self._left_by(1) if strand else None
 
     @_probability("exit", "share that ever leaves by it", listed=True)
     def mean_leaving_by_way(self) -> Float[np.ndarray, "exits"] | None:
-        by_way = [layer.mean_by_way for layer in self._layers]
-        return self._mean(by_way) if self._knows_exits else None
+        by_way = [layer.mean_by_way for layer in self.layers]
+        return mean_over_cells(self.layers, by_way) if self._knows_exits else None
 
     @derived("", "squares of land or sea bed", kind="count")
     def land_squares(self) -> int | None:
-        count = sum(int(layer.water.land.sum()) for layer in self._layers)
+        count = sum(int(layer.water.land.sum()) for layer in self.layers)
         return count if self._knows_exits else None
 
     @derived("", "squares of sea without data", kind="count")
     def gap_squares(self) -> int | None:
-        count = sum(int(layer.water.gaps.sum()) for layer in self._layers)
+        count = sum(int(layer.water.gaps.sum()) for layer in self.layers)
         return count if self._knows_exits else None
 
     @property
     def _knows_exits(self) -> bool:
         """True if the probability of leaving is known for each exit, and not only in total."""
-        return all(len(layer.exits) == len(EXITS) for layer in self._layers)
+        return all(len(layer.exits) == len(EXITS) for layer in self.layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
         by_way = self.mean_leaving_by_way
         return None if by_way is None else float(by_way[ways].sum())
 
-    def _mean(self, of_layers: npt.ArrayLike) -> Any:
-        """Average the values `of_layers`, each weighted by the number of cells of its layer."""
-        return np.average(np.asarray(of_layers), 0, [layer.water.cells for layer in self._layers])
+
+def mean_over_cells(layers: "Sequence[LayerEnds]", values: npt.ArrayLike) -> Any:
+    """Average values of layers, each weighted by the number of cells of its layer."""
+    return np.average(np.asarray(values), 0, [layer.water.cells for layer in layers])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LayerEnds(Ends):
+class LayerEnds(Result):
     """The groups or exits in which drifters of one layer end, with probabilities and times."""
 
     brief: ClassVar[tuple[str, ...]] = ("cells", "persistent_groups")
@@ -150,9 +150,14 @@ class LayerEnds(Ends):
     water: Water
     behaviour: LongTermBehaviour
 
-    @property
-    def _layers(self) -> "tuple[LayerEnds, ...]":
-        return (self,)
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Return a quantity of a part, which [`flattened`][] makes an attribute."""
+
+    @flattened()
+    def end_totals(self) -> EndTotals:
+        return EndTotals((self,))
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "cells"]:
@@ -168,6 +173,11 @@ class LayerEnds(Ends):
     def transient(self) -> Bool[np.ndarray, "cells"]:
         """The mask of the cells that belong to no persistent group."""
         return self.group < 0
+
+    @functools.cached_property
+    def transient_hours(self) -> Float[np.ndarray, "transient"]:
+        """The absorption times of the transient cells, in hours."""
+        return np.asarray(self.begins.hours)[self.transient]
 
     @functools.cached_property
     def ends(self) -> Absorption | None:
