@@ -10,9 +10,9 @@ from ...optimize import Graph
 from ..team.idleness import RobotShares, idleness_over_vertices, long_run, steps_between_visits
 from ..team.rounds import evenly_spaced_round
 from ..team.times import names_of
-from .arrival import blind_capture, captured_by_any, states_at, walk_capture_probabilities
+from .arrival import blind_capture, states_at, watched_capture
 from .optimal.bound import capture_bound
-from .optimal.capture import maximin_capture
+from .optimal.maximin import maximin_capture
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,13 +119,11 @@ def memory_patrol(
         options = {"memory": sizes[-1], "known": walks[-1], "throw": False, **given}
         found = maximin_capture(graph, attack_time, robots=len(matrices), **options)
         walks.append(found.matrices)
-    patrols, captured = [f"memory {size}" for size in sizes], []
-    for walk in walks:
-        times = attack_time, travel_times
-        each = np.stack([walk_capture_probabilities(graph, robot, *times) for robot in walk])
-        # States that do not occur in the long run do not count.
-        worst = captured_by_any(np.where(long_run(walk)[..., None] > 0, each, 1.0))
-        captured.append((worst, blind_capture(graph, walk, *times)))
+    patrols, times = [f"memory {size}" for size in sizes], (attack_time, travel_times)
+    captured = [
+        (watched_capture(graph, walk, long_run(walk), *times), blind_capture(graph, walk, *times))
+        for walk in walks
+    ]
     least = [float(worst.min()) for worst, _ in captured]
     best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
     on_tour = evenly_spaced_round(graph, len(matrices), attack_time, travel_times=travel_times)
