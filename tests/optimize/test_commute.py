@@ -9,7 +9,7 @@ from walks import times_by_solves, walk_on
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Linear, conductance, conic
-from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize.commute import minimum_commute
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.resistance import Emphasis, Laplacian, interior_point
 from jaxcell.optimize.tour import on_walk, shortest_tour
