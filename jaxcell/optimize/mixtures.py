@@ -11,7 +11,7 @@ from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.traced import implicit, like, on_host
-from .checked import finite
+from .validation import finite
 
 
 # Tolerance relative to the largest squared distance of a column from the target.

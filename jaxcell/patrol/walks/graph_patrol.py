@@ -12,7 +12,7 @@ from ...base.secondary import Secondary
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
-from ...optimize.checked import check_count
+from ...optimize.validation import check_count
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
@@ -194,8 +194,7 @@ class GraphPatrol(Measures):
         graph, vertices = self.graph, self.stationary.size
         if vertices != graph.vertices:
             raise ValueError(f"chain: expected {graph.vertices} vertices, got {vertices}")
-        if len(self.names) != vertices:
-            raise ValueError(f"names: expected {vertices}, one per vertex, got {len(self.names)}")
+        names_of(vertices, self.names)
         wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))
         if len(wrong):
             raise ValueError(

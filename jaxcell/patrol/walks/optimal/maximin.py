@@ -14,7 +14,7 @@ from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
-from ....optimize.checked import check_count
+from ....optimize.validation import check_count
 from ...team.division import part_of_graph, walk_in_part
 from ..arrival import (
     captured_by_any,
