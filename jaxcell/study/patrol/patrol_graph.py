@@ -144,17 +144,11 @@ class PatrolGraph(Study):
         beside = Secondary()
         patrolled = patrol.GraphPatrol.of(
             graph,
-            walk.chain,
+            **vars(walk),
             names=names,
             robots=self.robots,
             attack_time=self.attack(names) if self.guards else None,
             travel_times=self.times(graph),
-            team=walk.team,
-            goal=walk.goal,
-            value=walk.value,
-            certificate=walk.certificate,
-            local=walk.local,
-            bounds=walk.bounds,
             division=division,
             game=self._game(graph, names, beside, say),
             by_steps=self.speed is not None and self.strategy in _BY_STEPS,
