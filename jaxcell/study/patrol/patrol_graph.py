@@ -41,37 +41,6 @@ class PatrolGraph(Study):
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
     patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
     positions, all edges have the same length."""
-    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
-    """Duration of an attack in steps, or in seconds with --speed."""
-    robots: AtLeastOne = 1
-    """Number of patrollers, which walk independently."""
-    division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
-    """Division of the graph among several robots: all patrol the whole graph (shared), or each
-    patrols a part of it (partition). The result compares both. By default all patrol the whole
-    graph, and nothing is compared."""
-    speed: _Positive | None = None
-    """Speed in metres per second, which determines the travel time of each edge. By default an edge
-    takes one step."""
-    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
-    """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
-    durations of attacks down, so that the walk captures at least what is computed. A smaller unit
-    takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
-    1/24, for which times are rounded least."""
-    base: str | None = None
-    """Base station: a vertex where robots report news. The result contains the age of the news at
-    the base."""
-    charger: Annotated[str | None, Only(speed=False)] = None
-    """Vertex to which each robot must return within --every steps. The walk is changed to meet this
-    condition; with --attack-time, a new walk is optimized under this condition instead."""
-    every: Annotated[int | None, Needed(charger=True)] = None
-    """Largest number of steps between two visits to the charger."""
-    baselines: bool = False
-    """Simulate the times between visits to a vertex: for this walk, for robots on a tour, for
-    robots that choose a neighbour uniformly, and for robots that choose the neighbour whose last
-    visit is longest ago."""
-    seed: int = 0
-    """Seed of the recorded walk, and of simulations."""
-
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -111,6 +80,36 @@ class PatrolGraph(Study):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
+    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
+    """Duration of an attack in steps, or in seconds with --speed."""
+    robots: AtLeastOne = 1
+    """Number of patrollers, which walk independently."""
+    division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
+    """Division of the graph among several robots: all patrol the whole graph (shared), or each
+    patrols a part of it (partition). The result compares both. By default all patrol the whole
+    graph, and nothing is compared."""
+    speed: _Positive | None = None
+    """Speed in metres per second, which determines the travel time of each edge. By default an edge
+    takes one step."""
+    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
+    """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
+    durations of attacks down, so that the walk captures at least what is computed. A smaller unit
+    takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
+    1/24, for which times are rounded least."""
+    base: str | None = None
+    """Base station: a vertex where robots report news. The result contains the age of the news at
+    the base."""
+    charger: Annotated[str | None, Only(speed=False)] = None
+    """Vertex to which each robot must return within --every steps. The walk is changed to meet this
+    condition; with --attack-time, a new walk is optimized under this condition instead."""
+    every: Annotated[int | None, Needed(charger=True)] = None
+    """Largest number of steps between two visits to the charger."""
+    baselines: bool = False
+    """Simulate the times between visits to a vertex: for this walk, for robots on a tour, for
+    robots that choose a neighbour uniformly, and for robots that choose the neighbour whose last
+    visit is longest ago."""
+    seed: int = 0
+    """Seed of the recorded walk, and of simulations."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
